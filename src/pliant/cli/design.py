@@ -33,22 +33,22 @@ def design(
 
     highest = None if max_kpa is None else max_kpa * 1e3
     with progress_lines() as notify:
-        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
+        plan = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
     if json:
-        say(json_format.dumps(found.to_dict(), indent=2))
+        say(json_format.dumps(plan.to_dict(), indent=2))
         return
-    print_design(found)
+    print_design(plan)
 
 
-def print_design(found: Design) -> None:
+def print_design(plan: Design) -> None:
     """Print the proposals as a table of expected standard errors after one more recording."""
     from pliant.cli.output import aligned
 
     say(
-        f"Least certain: {', '.join(found.direction)}, standard error {100 * found.now.weakest:.3g} % along the worst "
-        f"combination; mean over all combinations {100 * found.now.volume:.3g} %."
+        f"Least certain: {', '.join(plan.direction)}, standard error {100 * plan.now.weakest:.3g} % along the worst "
+        f"combination; mean over all combinations {100 * plan.now.volume:.3g} %."
     )
-    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
+    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
     say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
-    for line in found.refused:
+    for line in plan.refused:
         say(f"  not proposed: {line}")

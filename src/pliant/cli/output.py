@@ -60,9 +60,9 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
     base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
     with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the video"):
-        made = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
-        body_film(made, time, base, tips, pressure)
-        draft.write_bytes(made.read_bytes())
+        video = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
+        body_film(video, time, base, tips, pressure)
+        draft.write_bytes(video.read_bytes())
     mention(f"wrote {path}")
 
 

@@ -45,7 +45,7 @@ def shape(
     from pliant.study.schema import Fibre
 
     raw = read_with_mapping(file, mapping)
-    found, status = quality(raw).summary(), ""
+    summary, status = quality(raw).summary(), ""
     cap = cap_curvature is not None and cap_length is not None
     if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
         if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
@@ -61,17 +61,17 @@ def shape(
         with busy("aligning"):
             clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
-    print_result(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
+    print_result(summary.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
 
 
-def print_result(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
+def print_result(summary: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
     """Print the quality of the raw recording, how the tip was found, the processing steps and the file written."""
     if as_json:
         import json
 
-        say(json.dumps({"quality": found, "tip": status or None, "history": history, "recording": str(output)}))
+        say(json.dumps({"quality": summary, "tip": status or None, "history": history, "recording": str(output)}))
         return
-    say("\n".join([*found, *([status] if status else []), *history, f"wrote {output}"]))
+    say("\n".join([*summary, *([status] if status else []), *history, f"wrote {output}"]))
 
 
 def direction(text: str) -> str | list[float]:

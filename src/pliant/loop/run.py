@@ -264,8 +264,8 @@ class ControlLoop:
             numbers |= {"late": stream.late} if name == "pressures" else {}
             counted |= {f"{name}_{what}": count for what, count in numbers.items() if count}
         if self.log is not None and (self.log.fault or self.log.dropped):
-            said = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
-            counted |= {"log_fault": said, "log_rows_missing": self.log.dropped}
+            problem = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
+            counted |= {"log_fault": problem, "log_rows_missing": self.log.dropped}
         if self.pressures_left_out:
             counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
         if self.watchdog.controller_faults:

@@ -49,7 +49,7 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
     first, *_ = recordings
     stations = recordings[first].body.station.values.tolist()
     goal = rest_place(first, recordings[first].body)
-    made = {}
+    shifted = {}
     for name, one in recordings.items():
         if one.body.station.values.tolist() != stations:
             raise InputError(f"recording {name} has other stations than {first}: common_rest needs the same ones")
@@ -57,8 +57,8 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
         far = 1e3 * float(np.linalg.norm(move, axis=1).max())
         moved = f"shifted by up to {far:.3g} mm, station by station, to the rest position of {first}"
         body = one.body.assign(position=one.body["position"] + move)
-        made[name] = one._replace(body=body, findings=(*one.findings, moved)) if name != first else one
-    return made
+        shifted[name] = one._replace(body=body, findings=(*one.findings, moved)) if name != first else one
+    return shifted
 
 
 def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) -> xr.Dataset:
@@ -90,8 +90,8 @@ def on_one_clock(
         finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
         return shift_pressure(recording, wanted), None, (finding,)
     try:
-        found = sync(recording, drift=True)
+        offset = sync(recording, drift=True)
     except InputError as error:
         raise InputError(f"recording {name}: {error}") from None
-    moved = shift_pressure(recording, found.delay_s, found.drift)
-    return moved, Clocks.of(recording, found), (found.summary(),)
+    moved = shift_pressure(recording, offset.delay_s, offset.drift)
+    return moved, Clocks.of(recording, offset), (offset.summary(),)

@@ -82,7 +82,7 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
 
     A chamber at 90 degrees bends the body about +x, as a chamber of a planar body does.
     """
-    made = []
+    chambers = []
     for entry in entries:
         turned = joints_of(entry, joints)
         if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
@@ -97,9 +97,9 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
         azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)
         turns = {"joint_gain": np.sin(azimuth) * gain, "cross_gain": -np.cos(azimuth) * gain} if space else {
             "joint_gain": gain}  # fmt: skip
-        made.append(Chamber(torque=np.array(entry.torque), axial_gain=np.atleast_1d(entry.axial_gain), name=entry.name,
-                            **turns))  # fmt: skip
-    return tuple(made)
+        axial_gain = np.atleast_1d(entry.axial_gain)
+        chambers.append(Chamber(torque=np.array(entry.torque), axial_gain=axial_gain, name=entry.name, **turns))
+    return tuple(chambers)
 
 
 def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
@@ -208,12 +208,12 @@ def tapered_extensions(
     """Return the extensible segments with the axial stiffness of the tapered body: length / integral of 1 / (E A)."""
     s, thin = slices(length, joints)
     axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
-    made = []
+    tapered = []
     for e in segments:
         inside = (s > e.start) & (s < e.end(length))
         soft = float(np.sum(thin / axial[inside]))
-        made.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
-    return tuple(made)
+        tapered.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
+    return tuple(tapered)
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
@@ -229,14 +229,14 @@ def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
 def stations_of(entries: Sequence[StationTable], length: float, link_length: Array) -> tuple[Station, ...]:
     """Return the observed points of a body, each on the link that contains its position along the body."""
     joints = length - np.cumsum(link_length[::-1])[::-1]
-    made = []
+    stations = []
     for entry in entries:
         if not 0 <= entry.at <= length * (1 + 1e-9):
             raise InputError(f"station {entry.name}: at must be between 0 and the length of the body ({length:g} m)")
         link = int(np.searchsorted(joints, entry.at, side="right")) - 1
         before = 0.0 if link < 0 else float(joints[link])
-        made.append(Station(entry.name, link, entry.at + entry.along - before, entry.across, entry.aside))
-    return tuple(made)
+        stations.append(Station(entry.name, link, entry.at + entry.along - before, entry.across, entry.aside))
+    return tuple(stations)
 
 
 def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
@@ -305,15 +305,15 @@ def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
     inputs, moves = [], []
     for exp in experiments:
         tip = exp.last_station[:, :2]
-        seen = np.isfinite(tip).all(axis=1)
+        measured = np.isfinite(tip).all(axis=1)
         drawn = np.stack([exp.drives[n](exp.time) if n in exp.drives else 0.0 * exp.time for n in names], axis=1)
-        inputs.append(drawn[seen] - drawn[seen].mean(axis=0))
-        moves.append(tip[seen] - tip[seen].mean(axis=0))
+        inputs.append(drawn[measured] - drawn[measured].mean(axis=0))
+        moves.append(tip[measured] - tip[measured].mean(axis=0))
     drawn = np.concatenate(inputs) if inputs else np.zeros((0, len(names)))
-    found, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
+    gains, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
     if rank < len(names):
         raise InputError(
             f"the azimuths of the tendons {', '.join(names)} cannot be estimated, since no training recordings pull "
             "each of them separately: state azimuth_deg of each"
         )
-    return np.asarray(found)
+    return np.asarray(gains)

@@ -60,19 +60,20 @@ def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
     A warning about a recording begins with its name. A warning about the body is taken from the first recording that
     shows it. Warnings from comparisons between recordings come last.
     """
-    said: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     for name, one in aligned.items():
         for check, sentence in one.doubts.items():
-            own = check in OF_RECORDINGS
-            said.setdefault(f"{name} {check}" if own else check, f"{name}: {sentence}" if own else sentence)
-    lines = [*said.values(), *beside({name: one.body for name, one in aligned.items()})]
+            of_recording = check in OF_RECORDINGS
+            key, line = (f"{name} {check}", f"{name}: {sentence}") if of_recording else (check, sentence)
+            warnings.setdefault(key, line)
+    lines = [*warnings.values(), *beside({name: one.body for name, one in aligned.items()})]
     return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in lines)
 
 
 def model_warnings(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
     """Return warnings about implausible fitted models; each begins with the title of its fit."""
-    said: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     for title, model in models:
         for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():
-            said.setdefault(check, f"{title}: {sentence}.")
-    return tuple(said.values())
+            warnings.setdefault(check, f"{title}: {sentence}.")
+    return tuple(warnings.values())

@@ -173,11 +173,11 @@ def inspect_all(
 def space_entry(out: Lines, trials: Sequence[Trial]) -> None:
     """Write whether the body moves in space, with the out-of-plane fraction of the motion as the reason."""
     share = 100 * max(trial.out_of_plane for trial in trials)
-    shown = f"{share:.0f} % of the motion is out of its best-fit plane"
+    reason = f"{share:.0f} % of the motion is out of its best-fit plane"
     if spatial_study(trials):
-        out.put("space", True, f"{shown}; remove this line to model the motion in that plane alone")
+        out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
     elif 0.01 * share > NEARLY_PLANAR and not trials[0].angles_only:
-        out.say(f"space = true  ({shown} and ignored: remove the # for a study in space)")
+        out.say(f"space = true  ({reason} and ignored: remove the # for a study in space)")
 
 
 def spatial_study(trials: Sequence[Trial]) -> bool:
@@ -188,12 +188,13 @@ def spatial_study(trials: Sequence[Trial]) -> bool:
 
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
     """Return the warnings about the recordings and the body, without duplicates."""
-    said: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     for trial in trials:
-        said |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in trial.quality.doubts.items()}
+        doubts = trial.quality.doubts
+        warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
         for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
-            said.setdefault(check, line)
-    return (*said.values(), *beside({trial.name: trial.aligned for trial in trials if trial.aligned is not None}))
+            warnings.setdefault(check, line)
+    return (*warnings.values(), *beside({trial.name: trial.aligned for trial in trials if trial.aligned is not None}))
 
 
 def camera(out: Lines, trials: Sequence[Trial]) -> None:
@@ -264,8 +265,8 @@ def down(trials: Sequence[Trial]) -> list[float]:
     """
     if trials[0].angles_only:
         return [0.0, 9.81]
-    seen = [trial.aligned for trial in trials if trial.aligned is not None and "alignment" in trial.aligned.attrs]
-    tangent = np.array(alignment_of(seen[0]).base_tangent if seen else [0.0, 0.0, -1.0])
+    aligned = [trial.aligned for trial in trials if trial.aligned is not None and "alignment" in trial.aligned.attrs]
+    tangent = np.array(alignment_of(aligned[0]).base_tangent if aligned else [0.0, 0.0, -1.0])
     nearest = int(np.argmax(np.abs(tangent)))
     return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
 
@@ -342,9 +343,10 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
                 + (f" ({when})" if when else ""))
         if kind == "step":
             out.put("excitation", "step", "the body does not return, so the end of the pulse was not recorded")
-        value, said = (level, "as you stated") if level is not None else (trial.highest_pa, "from the name of the file")
+        stated = level is not None
+        value, origin = (level, "as you stated") if stated else (trial.highest_pa, "from the name of the file")
         out.ask("nominal_pressure", f"kPa gauge, the pressure level of the {kind} in {trial.path.name}",
-                None if value is None else value / 1e3, said)
+                None if value is None else value / 1e3, origin)
         out.put("pressure_unit", "kPa")
 
 

@@ -44,14 +44,14 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
                     "gain = -1.0  (for a chamber on the other side)")
             continue
         side, begin, end = chamber_span(trial.aligned, name)
-        shown, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
+        evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
         passed = [k for k in joints_up_to(end, body_length(trial)) if k not in joints_up_to(begin, body_length(trial))]
         if trial.dense:
-            out.say(f"joints = [...]  (the joints {part}, {shown}; default: all)")
+            out.say(f"joints = [...]  (the joints {part}, {evidence}; default: all)")
         elif len(passed) < LINKS:
-            out.put("joints", passed, f"the joints that it bends: the body bends {part}, {shown}")
+            out.put("joints", passed, f"the joints that it bends: the body bends {part}, {evidence}")
         if side < 0:
-            out.put("gain", -1.0, f"it bends the body to the other side, {shown}")
+            out.put("gain", -1.0, f"it bends the body to the other side, {evidence}")
 
 
 def relative_range(trial: Trial, name: str) -> float:
@@ -63,26 +63,26 @@ def chambers(out: Lines, trial: Trial) -> None:
     """Write the chambers of a body in space, each with the azimuth that the recording shows."""
     if not trial.chambers:
         return
-    shown = [] if trial.aligned is None else azimuths(trial.aligned)
+    degrees = [] if trial.aligned is None else azimuths(trial.aligned)
     for k, name in enumerate(trial.chambers):  # pressures come before other inputs
         out.text += ["", "[[actuator.chambers]]"]
         out.put("name", name)
         out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
-        azimuth_of(out, round(shown[k]) if shown else None, "as the last station moves")
+        azimuth_of(out, round(degrees[k]) if degrees else None, "as the last station moves")
 
 
 def tendons(out: Lines, trial: Trial) -> None:
     """Write the tendons of a body in space, with the azimuth and the joints that the recording shows for each."""
     if not trial.tendon_inputs:
         return
-    shown = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
+    ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
         out.text += ["", "[[actuator.tendons]]"]
         out.put("name", one.name)
         out.put("driven_by", one.kind, "as the mapping states")
-        azimuth_of(out, round(shown[k][0]) if shown else None, "as the stations move")
-        if shown and len(passed := joints_up_to(shown[k][1], body_length(trial))) < LINKS:
-            out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * shown[k][1]:.0f} mm")
+        azimuth_of(out, round(ends[k][0]) if ends else None, "as the stations move")
+        if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
+            out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
@@ -99,8 +99,8 @@ def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
 
 def pair_entry(out: Lines, one: RecordedInput) -> None:
     """Write `pair = true` if the input of a tendon takes both signs: its motor pulls two opposite tendons."""
-    seen = one.values[np.isfinite(one.values)]
-    if seen.min(initial=0.0) < -EITHER_WAY * seen.max(initial=0.0):
+    values = one.values[np.isfinite(one.values)]
+    if values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0):
         out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
 
 

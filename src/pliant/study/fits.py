@@ -153,36 +153,36 @@ def records_of(
     records = []
     for exp in train:
         followed = partial(outcome_of, exp, "train", result, result.values, step)
-        if (made := failures.attempt("prediction", exp.name, followed, "train")) is not None:
-            records.append(made)
-            warn_of_step(made, result, result.values, step, failures)
+        if (record := failures.attempt("prediction", exp.name, followed, "train")) is not None:
+            records.append(record)
+            warn_of_step(record, result, result.values, step, failures)
     for exp in held_out:
         predicted = failures.attempt("prediction", exp.name, partial(predicted_outcome, exp, result, step), "held_out")
         if predicted is None:
             continue
-        made, own = predicted
-        warn_of_step(made, own, own.values, step, failures)
+        record, refit = predicted
+        warn_of_step(record, refit, refit.values, step, failures)
         if result.covariance is not None:
-            banded = partial(band_of, train, result, made, own, step, weighting)
+            banded = partial(band_of, train, result, record, refit, step, weighting)
             if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
                 held = 100 * band.holds(exp.compared)
-                made = replace(made, metrics={**made.metrics, "within_band_percent": held}, band=band)
-        records.append(made)
+                record = replace(record, metrics={**record.metrics, "within_band_percent": held}, band=band)
+        records.append(record)
     return tuple(records)
 
 
 def warn_of_step(
-    made: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
+    record: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
 ) -> None:
     """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length."""
-    model, exp = result.model, made.experiment
+    model, exp = result.model, record.experiment
     if exp.poses:  # equilibria, computed without time steps
         return
 
     def tips(h: float) -> Array:
         return predict_body(model, exp, values, h)[:, -1] / model.length
 
-    given = tips(step) if made.body is None else made.body[:, -1] / model.length
+    given = tips(step) if record.body is None else record.body[:, -1] / model.length
     error = tip_error(lambda factor: (given, tips(factor * step)))
     if error > LIMIT and failures.warn is not None:
         size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
@@ -194,20 +194,21 @@ def warn_of_step(
 
 def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
     """Return the outcome of a held-out recording, and the fit of its edge times."""
-    _, own = predict_held_out(exp, result, step=step)
-    made = outcome_of(exp, "held_out", own, own.values, step)
-    edges = {p.name.removeprefix(f"{exp.name}."): own.values[p.name] for p in own.parameters if p.free}
-    return replace(made, metrics={**made.metrics, **({"fitted_edges_s": edges} if edges else {})}), own
+    _, refit = predict_held_out(exp, result, step=step)
+    record = outcome_of(exp, "held_out", refit, refit.values, step)
+    edges = {p.name.removeprefix(f"{exp.name}."): refit.values[p.name] for p in refit.parameters if p.free}
+    return replace(record, metrics={**record.metrics, **({"fitted_edges_s": edges} if edges else {})}), refit
 
 
 def band_of(
-    train: Sequence[Experiment], result: FitResult, made: RecordOutcome, own: FitResult, step: float, weighting: str,
+    train: Sequence[Experiment], result: FitResult, record: RecordOutcome, refit: FitResult, step: float,
+    weighting: str,
 ) -> Band:
     """Return the 95 % band of a prediction, from the parameters' uncertainty and the noise of the training
     residuals.
     """
-    exp = made.experiment
-    noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
-    band = prediction_band(exp, result, step=step, noise=noise, own=own, training=train)
+    exp = record.experiment
+    noise = residual_noise(train, result, exp, record.modelled, step=step, weighting=weighting)
+    band = prediction_band(exp, result, step=step, noise=noise, own=refit, training=train)
     finite(band.std, "the width of the band")
     return band

@@ -85,15 +85,15 @@ def all_aligned(study: Study) -> dict[str, Aligned]:
     Aligned separately, each recording would be turned so that its own pressure bends it to the same side, and opposite
     chambers would look alike.
     """
-    made: dict[str, Aligned] = {}
+    recordings: dict[str, Aligned] = {}
     normal, shared = None, len(study.actuator.chambers) > 1 or bool(study.actuator.space)
     for name in study.recordings:
-        made[name] = aligned_recording(study, name, normal)
-        attributes = made[name].body.attrs
+        recordings[name] = aligned_recording(study, name, normal)
+        attributes = recordings[name].body.attrs
         if normal is None and shared and "alignment" in attributes:
-            normal = np.array(alignment_of(made[name].body).normal)
-    made = on_one_side(study, made)
-    return at_common_rest(made) if study.alignment.common_rest else made
+            normal = np.array(alignment_of(recordings[name].body).normal)
+    recordings = on_one_side(study, recordings)
+    return at_common_rest(recordings) if study.alignment.common_rest else recordings
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
@@ -111,8 +111,8 @@ def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Al
         return done
     for name in planar:
         body = half_turn(done[name].body)
-        said = str(body.attrs["history"]).splitlines()[-1]
-        done[name] = done[name]._replace(body=body, findings=(*done[name].findings, said))
+        last_step = str(body.attrs["history"]).splitlines()[-1]
+        done[name] = done[name]._replace(body=body, findings=(*done[name].findings, last_step))
     return done
 
 
@@ -135,13 +135,13 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = lines_between_changes(raw)
     with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    found = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
+    lines = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
-        found.append(tip)
+        lines.append(tip)
     elif body is not raw or alignment.swaps:
-        found += str(body.attrs.get("history", "")).splitlines()[before:]
+        lines += str(body.attrs.get("history", "")).splitlines()[before:]
     doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
-    return Aligned(body, tuple(found), tip, clocks, doubts)
+    return Aligned(body, tuple(lines), tip, clocks, doubts)
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
@@ -320,5 +320,5 @@ def inputs_in_words(entry: Recording, recording: xr.Dataset, name: str) -> list[
     listed = {kind: [f"{one.name} drives {to}" for to, one in driven.items() if one.kind == kind] for kind in MEANT}
     if not driven:
         listed = {kind: [one.name or "a single input" for one in inputs if one.kind == kind] for kind in MEANT}
-    said = "; ".join(f"{', '.join(names)} ({MEANT[kind]})" for kind, names in listed.items() if names)
-    return [f"inputs, {entry.signal or 'not stated whether measured or commanded'}: {said}"]
+    listing = "; ".join(f"{', '.join(names)} ({MEANT[kind]})" for kind, names in listed.items() if names)
+    return [f"inputs, {entry.signal or 'not stated whether measured or commanded'}: {listing}"]

@@ -379,9 +379,9 @@ def check_reduction(study: Study, path: Path) -> None:
         listed = ", ".join(study.recordings)
         raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of {listed}")
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
-        own = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
-        raise InputError(f"study {path}: fit {placed[0]} states {own}, but [reduction] places the joints: state it in "
-                         "[reduction]")  # fmt: skip
+        entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
+        raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "
+                         "in [reduction]")  # fmt: skip
 
 
 def check_chambers(study: Study, path: Path) -> None:

@@ -61,20 +61,20 @@ def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, T
     if "select" in shared:
         raise InputError(f"study {path}: [recordings.{DEFAULTS}] has select: state it in a single recording instead")
     groups = {name: trials(name, entry["select"], path) for name, entry in listed.items() if "select" in entry}
-    own = {trial for names in groups.values() for trial in names}
-    found: dict[str, Table] = {}
+    selected = {trial for names in groups.values() for trial in names}
+    expanded_entries: dict[str, Table] = {}
     for name, entry in listed.items():
-        if name == DEFAULTS or name in own:
+        if name == DEFAULTS or name in selected:
             continue
         if name not in groups:
-            found[name] = merged(shared, entry)
+            expanded_entries[name] = merged(shared, entry)
             continue
         column, values = entry["select"]["column"], entry["select"]["values"]
         rest = {key: value for key, value in entry.items() if key != "select"}
         for trial, value in zip(groups[name], values, strict=True):
             picked = merged(merged(shared, rest), {"mapping": {"select": {"column": column, "value": value}}})
-            found[trial] = merged(picked, listed.get(trial, {}))
-    return found, groups
+            expanded_entries[trial] = merged(picked, listed.get(trial, {}))
+    return expanded_entries, groups
 
 
 def trials(name: str, select: Any, path: Path) -> list[str]:
@@ -139,9 +139,9 @@ def open_entries(content: Any, where: str = "") -> Iterator[str]:
 
 def refuse_open(content: Mapping[str, Any], path: Path) -> None:
     """Raise InputError with the names of all open questions, if the study file `path` has any."""
-    if found := list(open_entries(content)):
-        many = f"{len(found)} open questions" if len(found) > 1 else "one open question"
-        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(found)} with values')
+    if names := list(open_entries(content)):
+        many = f"{len(names)} open questions" if len(names) > 1 else "one open question"
+        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(names)} with values')
 
 
 def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:

@@ -199,18 +199,18 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
             else "pressure alone: a study needs the shape too"
         )
         raise InputError(f"{path.name} holds {held}")
-    found = quality(recording)
-    trial = Trial(path, recording := leave_out_frozen(recording), found, kept, assumed=assumed)
+    assessed = quality(recording)
+    trial = Trial(path, recording := leave_out_frozen(recording), assessed, kept, assumed=assumed)
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
         return replace(trial, aligned=recording)
     trial = replace(trial, stations=rigid_clusters(recording))
-    trial = replace(trial, options=directions(recording, found, trial.stations, dense=trial.dense))
+    trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
     if trial.capped:
         return trial
     try:
-        with unit_warning_first(found.doubts):
+        with unit_warning_first(assessed.doubts):
             return replace(trial, aligned=align(trial.grouped, **trial.options))
     except InputError as error:
         return replace(trial, problem=str(error))
@@ -355,7 +355,7 @@ def moved(trial: Trial) -> str:
     stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)
     recording = trial.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
     try:
-        found = edges(experiment(trial.name, recording, stations=stations, excitation=excitation(trial)))
+        edge_times = edges(experiment(trial.name, recording, stations=stations, excitation=excitation(trial)))
     except InputError:
         return ""
-    return ", ".join(f"{what} near {time:.2f} s" for what, time in found.items())
+    return ", ".join(f"{what} near {time:.2f} s" for what, time in edge_times.items())

@@ -67,7 +67,7 @@ def placement_sentences(outcome: StudyOutcome) -> list[str]:
     """Return a sentence that compares fits with different joint placements or numbers of links; empty if
     all are alike.
     """
-    shown: dict[tuple[str, int], str] = {}
+    lines: dict[tuple[str, int], str] = {}
     numbers = {fit.result.model.n for fit in outcome.fits}
     for fit in outcome.fits:
         role = "held_out" if any(r.role == "held_out" for r in fit.records) else "train"
@@ -77,11 +77,11 @@ def placement_sentences(outcome: StudyOutcome) -> list[str]:
         error = "" if worst is None else f", {how} {worst:.1f} % of the peak displacement"
         links = fit.result.model.n
         count = f"{links} link{'s' * (links > 1)}, " if len(numbers) > 1 else ""
-        shown.setdefault((where, links), f"{fit.title}, {count}{PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
-    if len(shown) < 2:
+        lines.setdefault((where, links), f"{fit.title}, {count}{PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
+    if len(lines) < 2:
         return []
     number = " and their number" if len(numbers) > 1 else ""
-    return [f"Stiffness depends on the assumed positions of the joints{number}. {'; '.join(shown.values())}."]
+    return [f"Stiffness depends on the assumed positions of the joints{number}. {'; '.join(lines.values())}."]
 
 
 def forecast_sentence(forecast: Forecast) -> str:
@@ -169,10 +169,10 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]
     lost = [m for m in fit.missing if m.role == "held_out"]
-    shown = [] if lost and not held else held or list(fit.records)
-    verdicts = [judged(r.metrics, targets) for r in shown]
-    own = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in shown for w in record_warnings(r))]
-    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *own]))
+    records = [] if lost and not held else held or list(fit.records)
+    verdicts = [judged(r.metrics, targets) for r in records]
+    notes = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in records for w in record_warnings(r))]
+    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
     elif warnings:
@@ -180,9 +180,9 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     else:
         state = "good" if any(verdicts) else "open"
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
-    said = [sentence(shown, held=bool(held)) + largest_shortfall(shown)] if shown else []
-    said += [lost_sentence(lost)] if lost else []
-    return Headline(state, " ".join([*said, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
+    sentences = [sentence(records, held=bool(held)) + largest_shortfall(records)] if records else []
+    sentences += [lost_sentence(lost)] if lost else []
+    return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
 
 
 def lost_sentence(lost: Sequence[NotComputed]) -> str:
@@ -216,10 +216,10 @@ def target_sentence(verdicts: Sequence[str]) -> str:
     """Return a sentence that says how many of the recordings meet the study's targets."""
     if not any(verdicts):
         return "The study states no target."
-    met = sum(bool(v) and "missed" not in v for v in verdicts)
-    if met == len(verdicts):
+    count = sum(bool(v) and "missed" not in v for v in verdicts)
+    if count == len(verdicts):
         return "The targets are met." if len(verdicts) > 1 else "The target is met."
-    return f"The targets are met by {met} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
+    return f"The targets are met by {count} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
 
 
 def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
@@ -240,8 +240,8 @@ def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
     """Return a sentence on the largest deviation relative to its warning limit; "" if none exceeds half of
     its limit.
     """
-    found = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
-    return f" Largest deviation: {max(found)[1]}" if found else ""
+    large = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
+    return f" Largest deviation: {max(large)[1]}" if large else ""
 
 
 def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:

@@ -65,21 +65,21 @@ def compare_wirings(
     if study.wiring is None:
         return None
     name = study.wiring.fit or next(iter(study.fits))
-    found: dict[str, tuple[Follows, float]] = {}
+    fits: dict[str, tuple[Follows, float]] = {}
     failed: dict[str, str] = {}
     for label, drive in candidates(study).items():
         try:
-            found[label] = fit_statistics(study, name, wired_experiments(study, recordings, name, drive), model)
-            notify(f"wiring {label}: training error {found[label][1]:.2f} % of the peak displacement")
+            fits[label] = fit_statistics(study, name, wired_experiments(study, recordings, name, drive), model)
+            notify(f"wiring {label}: training error {fits[label][1]:.2f} % of the peak displacement")
         except FAILED as error:
             failed[label] = str(error)
             notify(f"wiring {label}: {error}")
-    if not found:
+    if not fits:
         raise FitError(f"no wiring can be fitted: {next(iter(failed.values()))}")
-    order = sorted(found, key=lambda label: found[label][0].mean_square)
-    best = found[order[0]][0]
+    order = sorted(fits, key=lambda label: fits[label][0].mean_square)
+    best = fits[order[0]][0]
     rows = [
-        WiringRow(label, found[label][1], best.numbers * float(np.log(found[label][0].mean_square / best.mean_square)))
+        WiringRow(label, fits[label][1], best.numbers * float(np.log(fits[label][0].mean_square / best.mean_square)))
         for label in order
     ]
     return Wirings(name, (*rows, *(WiringRow(label, None, None, reason) for label, reason in failed.items())))

@@ -146,9 +146,9 @@ def main() -> None:
 
     for number, name in enumerate(COMMANDS):
         motion = simulate_in_space(name)
-        seen = marker_recording(motion, SEED + number, name=name)
-        rounded = seen["position"].copy(data=np.round(seen["position"].to_numpy() / QUANTUM) * QUANTUM)
-        kept = append_history(seen.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
+        recording = marker_recording(motion, SEED + number, name=name)
+        rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
+        kept = append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
         write_netcdf(kept, FOLDER / f"space_{name}.nc", float32=True, compress=True)
         if name == FIBRE:
             half = motion._replace(**{field: getattr(motion, field)[::2] for field in motion._fields})

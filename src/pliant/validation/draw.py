@@ -78,8 +78,8 @@ def draw_figures(
     taken: set[str] = set()
     failures = Failures("", warn)
     with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
-        shown = replace(outcome, fits=drawn)
-        for name, draw in figures_of(shown, records or known, only=bool(records)):
+        selected = replace(outcome, fits=drawn)
+        for name, draw in figures_of(selected, records or known, only=bool(records)):
             if (figure := failures.attempt(f"figure {name}", "", draw)) is not None:
                 if letters:
                     letter_panels(figure)

@@ -126,24 +126,24 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     """
     unit, factor = exp.shown_in
     distance = np.linalg.norm(modelled - exp.compared, axis=-1)
-    seen = np.isfinite(distance)
-    rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
+    valid = np.isfinite(distance)
+    rmse = float(np.sqrt(np.mean(distance[valid] ** 2)))
     variation = exp.compared - np.nanmean(exp.compared, axis=0)
     spread = float(np.nansum(variation**2))
-    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[seen] ** 2) / spread)) if spread > 0 else None  # for a single pose
+    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[valid] ** 2) / spread)) if spread > 0 else None  # for a single pose
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
         "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
     return {
         f"rmse_{unit}": factor * rmse,
-        f"max_{unit}": factor * float(distance[seen].max()),
+        f"max_{unit}": factor * float(distance[valid].max()),
         "rmse_percent_of_travel": 100 * rmse / exp.travel,
         "fit_percent": fit,
         **{name: {who: traits[who][name] for who in traits} for name in next(iter(traits.values()))},
         f"steady_state_error_{unit}": None if ends is None or begins is None else ends - begins,
         "frames": int(exp.time.size),
-        "points_not_seen": int((~seen).sum()),
+        "points_not_seen": int((~valid).sum()),
         f"travel_{unit}": factor * exp.travel,
         **own,
         **swing_metrics(exp, modelled, on_window(exp, exp.time)),
@@ -155,8 +155,8 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
     (T, 1) [rad].
     """
     unit, factor = exp.shown_in
-    seen = np.isfinite(path).all(axis=1)
-    t, p = exp.time[seen], path[seen]
+    measured = np.isfinite(path).all(axis=1)
+    t, p = exp.time[measured], path[measured]
     u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
     late = t > last_edge(exp) + 0.03
     ring = None
@@ -198,12 +198,12 @@ def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
 
     `modelled` is (T, S, 2) [m].
     """
-    seen = np.isfinite(exp.position).all(axis=(1, 2))
-    measured = growth(exp.position[seen], NAMES)
+    complete = np.isfinite(exp.position).all(axis=(1, 2))
+    measured = growth(exp.position[complete], NAMES)
     if measured[NAMES[0]] is None:
         return {**measured, **dict.fromkeys(MODELLED)}
-    frames = extreme_frames(arc_lengths(exp.position[seen]))
-    return {**measured, **change(arc_lengths(modelled[seen]), frames, MODELLED)}
+    frames = extreme_frames(arc_lengths(exp.position[complete]))
+    return {**measured, **change(arc_lengths(modelled[complete]), frames, MODELLED)}
 
 
 def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
@@ -251,16 +251,16 @@ def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
     """
     unit, factor = exp.shown_in
     late = (exp.time > last_edge(exp)) & np.isfinite(path).all(axis=1) & (exp.excitation != "step")
-    found: dict[str, float | None] = {}
+    traits: dict[str, float | None] = {}
     p = path[late]
     along = p[:, 0]
     if len(p) >= 2:
         along = p @ np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
     for size, of in zip(SIZES, swings(exp.time[late], along), strict=True):
-        found[f"swing_{size}_{unit}"] = None if of.amplitude is None else factor * of.amplitude
-        found[f"frequency_{size}_hz"] = of.frequency
-        found[f"damping_ratio_{size}"] = of.damping_ratio
-    return found
+        traits[f"swing_{size}_{unit}"] = None if of.amplitude is None else factor * of.amplitude
+        traits[f"frequency_{size}_hz"] = of.frequency
+        traits[f"damping_ratio_{size}"] = of.damping_ratio
+    return traits
 
 
 def chord_angles(position: Array) -> Array:
@@ -285,9 +285,9 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
         return {"joint_rmse_mrad": None, "joint_steady_error_mrad": None}
     away = 1e3 * (chord_angles(modelled) - chord_angles(exp.position))
     away = np.linalg.norm(away, axis=2) if away.ndim == 3 else away
-    seen = np.isfinite(away).all(axis=1)
-    rms = np.sqrt(np.mean(away[seen] ** 2, axis=0))
-    late = seen & settled
+    complete = np.isfinite(away).all(axis=1)
+    rms = np.sqrt(np.mean(away[complete] ** 2, axis=0))
+    late = complete & settled
     return {
         "joint_rmse_mrad": rms.tolist(),
         "joint_steady_error_mrad": np.median(away[late], axis=0).tolist() if late.any() else None,

@@ -244,8 +244,8 @@ class StudyOutcome(Shown):
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
             rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", "", ""] for m in f.missing]
         head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
-        said = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
-        return Card(self.title, said, head, rows)
+        sentences = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
+        return Card(self.title, sentences, head, rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of metrics.json: every recording under the first fit that computes it, and all fits."""

@@ -60,28 +60,28 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
         along = np.linspace(links.node_arc_length[0], links.node_arc_length[-1], 100)
         splines = spline_shape(tips[frames], links.node_arc_length, along, boundary=shape.order.boundary,
                                base=0 * upright[-1], base_tangent=upright[-1])  # fmt: skip
-    shown = whole[frames] - links.base, joints, splines
+    curves = whole[frames] - links.base, joints, splines
     if len(upright) == 2:
-        return shown
+        return curves
     side = np.linalg.eigh(np.cov(tips[:, -1, :2].T))[1][:, -1]
-    first, second, third = (np.stack([a[..., :2] @ side, a[..., 2]], axis=-1) for a in shown)
+    first, second, third = (np.stack([a[..., :2] @ side, a[..., 2]], axis=-1) for a in curves)
     return first, second, third
 
 
 def selection_figure(selection: ModelSelection) -> Any:
     """Draw the errors of every stage on training and held-out recordings; on a wide page also the computation times."""
     steps = [s for s in selection.steps if s.result]
-    at = np.arange(len(steps))
+    rows = np.arange(len(steps))
     narrow = WIDTH.get() < NARROW
     with drawing():
         height = 0.9 + 0.32 * len(steps)
         figure, axes = side_by_side(1 if narrow else 3, (1,) if narrow else (2, 1, 1), height, sharey=True)
         axes = np.atleast_1d(axes)
-        draw_errors(axes[0], selection, at)
+        draw_errors(axes[0], selection, rows)
         for ax, (cost, what) in zip(axes[1:], (
             ([s.seconds for s in steps], "time of the fits (s)"), ([s.step_ns for s in steps], "simulated step (ns)"),
         ), strict=False):
-            bars = ax.barh(at, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
+            bars = ax.barh(rows, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
             ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
             ax.set(xlabel=what, xlim=(0, 1.3 * max(cost)))
             ax.grid(visible=False, axis="y")

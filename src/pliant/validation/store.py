@@ -77,9 +77,9 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 
 def of_inputs(units: Sequence[str]) -> dict[str, str]:
     """Return the attributes of a variable whose columns are inputs: their common unit, or the unit of each."""
-    shown = units if len(set(units)) > 1 else units[:1]
+    listed = units if len(set(units)) > 1 else units[:1]
     kind = input_words(units)[0].replace("pressure", "gauge pressure")
-    return {"units": ", ".join(shown), "long_name": f"measured {kind}"}
+    return {"units": ", ".join(listed), "long_name": f"measured {kind}"}
 
 
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
@@ -108,13 +108,13 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     """Return the motion under every fit; NaN if a fit does not use the recording or has no band."""
     rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
-    found: dict[str, Any] = {"fit": [f.name for f in fits]}
+    variables: dict[str, Any] = {"fit": [f.name for f in fits]}
 
     def stack(name: str, dims: tuple[str, ...], units: str, values: list[Array | None]) -> None:
         shape = next((v.shape for v in values if v is not None), None)
         if shape is not None:
             whole = np.stack([np.full(shape, np.nan) if v is None else v for v in values])
-            found[name] = (("fit", *dims), whole, {"units": units})
+            variables[name] = (("fit", *dims), whole, {"units": units})
 
     unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
@@ -123,20 +123,20 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
-    found["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
-    return found
+    variables["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
+    return variables
 
 
 def shaped(shape: Shape) -> dict[str, xr.Dataset]:
     """Return the dense shape, its orders and its links, each as a group of the file."""
-    own = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
+    profile = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
            "position": in_metres(("frame", "place", "axis"), shape.position),
            "curvature": (("whole_frame", "place"), shape.curvature, {"units": "1/m"}),
            "rest_curvature": ("place", shape.rest_curvature, {"units": "1/m"})}
     order = {"time": ("time", shape.order.time, {"units": "s"}),
              **{k: in_metres(("order", "time"), getattr(shape.order, k)) for k in ("max_error", "mean_error")}}
     return {
-        "/shape": xr.Dataset(own, attrs={"name": shape.name, "tip_status": shape.tip_status}),
+        "/shape": xr.Dataset(profile, attrs={"name": shape.name, "tip_status": shape.tip_status}),
         "/shape_order": xr.Dataset(order, attrs={"json": plain(shape.order, set(order))}),
         "/shape_links": xr.Dataset(
             {f.name: ([f"{f.name}_{k}" for k in range(v.ndim)], v) for f in fields(shape.links)
@@ -146,13 +146,13 @@ def shaped(shape: Shape) -> dict[str, xr.Dataset]:
 
 def plain(result: Any, but: set[str]) -> str:
     """Return the fields of a dataclass that are not arrays, as JSON; tuples of arrays become lists."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for f in fields(result):
         value = getattr(result, f.name)
         if f.name not in but and not isinstance(value, np.ndarray):
-            found[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
+            values[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
                 value, tuple) else value
-    return json.dumps(found)
+    return json.dumps(values)
 
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
@@ -253,22 +253,22 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
     elif "pressure" in recording:
         trace = Trace(recording["pressure_time"].values, recording["pressure"].values)
     stations = tuple(str(s) for s in recording["station"].values)
-    seen: dict[str, Any] = {}
+    angles: dict[str, Any] = {}
     if "angle" in recording:
-        seen = {
+        angles = {
             "angle": recording["angle"].values,
             "angle_reference": recording["angle"].attrs["reference"],
             "angles_alone": True,
         }
-    place = (
+    position = (
         recording["position"].values
         if "position" in recording
         else np.full((recording.sizes["time"], len(stations), 2), np.nan)
     )
     return Experiment(
-        str(recording.attrs["name"]), recording["time"].values, place, stations, recording.attrs["excitation"], trace,
-        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
-        poses=bool(recording.attrs["poses"]), **seen,
+        str(recording.attrs["name"]), recording["time"].values, position, stations, recording.attrs["excitation"],
+        trace, float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
+        poses=bool(recording.attrs["poses"]), **angles,
     )
 
 
@@ -282,11 +282,11 @@ def fit_of(
         if set(numbers) <= {"role", "not_computed"}:
             continue  # its motion could not be computed
         exp, recording = recordings[record]
-        own = recording.isel(fit=i)
+        under_fit = recording.isel(fit=i)
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
-        body = own["body"].values if "body" in own and own["body"].notnull().any() else None
-        records.append(RecordOutcome(record, numbers["role"], exp, own["modelled"].values,
-                                     own["modelled_pressure"].values, metrics, band_of(own, exp), body,
+        body = under_fit["body"].values if "body" in under_fit and under_fit["body"].notnull().any() else None
+        records.append(RecordOutcome(record, numbers["role"], exp, under_fit["modelled"].values,
+                                     under_fit["modelled_pressure"].values, metrics, band_of(under_fit, exp), body,
                                      dict(zip(actuation.names, actuation.units, strict=True))))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
 
@@ -327,7 +327,7 @@ def shape_of(groups: Groups) -> Shape | None:
     """Return the dense shape that determined the chain; None if there is none."""
     if "/shape" not in groups:
         return None
-    own, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
+    body, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
     facts: dict[str, Any] = json.loads(order.attrs["json"])
     facts |= {k: tuple(facts[k]) for k in ("orders", "stations_between", "notes")}
     facts["node_arc_length"] = tuple(np.array(nodes) for nodes in facts["node_arc_length"])
@@ -335,9 +335,9 @@ def shape_of(groups: Groups) -> Shape | None:
     chain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(
         links.attrs["json"]).items()}
     chain |= {str(k): v.values for k, v in links.data_vars.items()}
-    arc, position, curvature, rest = (own[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
-    return Shape(str(own.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), LinkPlacement(**chain),
-                 str(own.attrs["tip_status"]))
+    arc, position, curvature, rest = (body[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
+    return Shape(str(body.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), LinkPlacement(**chain),
+                 str(body.attrs["tip_status"]))
 
 
 def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:

@@ -106,7 +106,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
     factor = exp.shown_in[1]
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     lag, correlation = zip(*(autocorrelation(exp.time, r) for r in residual.T), strict=True)
-    seen = np.isfinite(residual[:, 0]).sum()
+    count = np.isfinite(residual[:, 0]).sum()
     scales = [shown_in(unit)[0] for unit in record.units]
     body = record.body if record.body is not None else np.concatenate(
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
@@ -117,7 +117,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,
         "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
-        "white": float(1.96 / np.sqrt(max(seen, 1))),
+        "white": float(1.96 / np.sqrt(max(count, 1))),
     }
 
 
@@ -186,11 +186,11 @@ class Pack:
     def add(self, values: Any) -> dict[str, Any]:
         """Add an array of any shape and return its description: position in the data, shape and scale."""
         array = np.asarray(values, dtype=float)
-        seen = np.isfinite(array)
-        low, high = (float(f(array[seen])) if seen.any() else 0.0 for f in (np.min, np.max))
+        finite = np.isfinite(array)
+        low, high = (float(f(array[finite])) if finite.any() else 0.0 for f in (np.min, np.max))
         scale = (high - low) / LEVELS or 1.0
         levels = np.full(array.shape, GAP, dtype=np.int64)
-        levels[seen] = np.rint((array[seen] - low) / scale) - LEVELS // 2
+        levels[finite] = np.rint((array[finite] - low) / scale) - LEVELS // 2
         steps = np.diff(levels, axis=0, prepend=0).astype(np.uint16)  # differences may overflow, which their sum undoes
         note = {"at": self.used, "shape": list(array.shape), "low": low, "scale": scale}
         self.put(steps.astype("<u2").tobytes())

@@ -147,10 +147,10 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 def worst_record(outcome: StudyOutcome) -> str:
     """Return a sentence on what to look at first: the first fit's worst held-out record, or its worst record."""
     records = outcome.fits[0].records
-    shown = [r for r in records if r.role == "held_out"] or list(records)
-    if not shown:
+    candidates = [r for r in records if r.role == "held_out"] or list(records)
+    if not candidates:
         return ""
-    worst = max(shown, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
+    worst = max(candidates, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
     which = "held-out record" if worst.role == "held_out" else "record"
     return f"Look first at {worst.name}, the {which} with the largest error: click its cell in the table, then Play."
 

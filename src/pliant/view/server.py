@@ -59,8 +59,8 @@ def chamber_names(model: Model, count: int) -> list[str]:
 
 def highest(content: PageContent) -> float:
     """Return the upper end of the pressure sliders [kPa]: 25 % above the highest recorded pressure."""
-    seen = [e.peak for e in content.records.values()]
-    return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
+    peaks = [e.peak for e in content.records.values()]
+    return 1.25e-3 * max(peaks) if peaks and max(peaks) > 0 else BARE_KPA
 
 
 def ranges(content: PageContent, count: int) -> dict[str, list[Any]]:
@@ -106,9 +106,9 @@ def application(content: PageContent, token: str, host: str) -> Any:
         await ws.accept()
         await converse(ws, running(content), one_build)
 
-    made = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
-    made.router.redirect_slashes = False
-    return made
+    app = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
+    app.router.redirect_slashes = False
+    return app
 
 
 async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> None:
