@@ -143,10 +143,9 @@ def draft_study(
     else:
         chambers_in_plane(out, trials)
     tendons(out, first_aligned(trials))
-    names = driven(trials)
     for trial in trials:
         recording(out, trial, Path(study).parent, level)
-        channels(out, trial, names)
+        channels(out, trial, driven(trials))
     fit(out, trials)
     selection(out, trials)
     out.table("targets")
