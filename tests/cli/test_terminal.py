@@ -116,7 +116,7 @@ def test_run_prints_nothing_raw(tmp_path, text):
 def test_a_fault_of_the_log_is_logged_as_one_line(caplog):
     loop = SimpleNamespace(log=SimpleNamespace(fault="no space\n\x1b[2J"), _log_told=False, _log_needed=False)
     with caplog.at_level(logging.ERROR):
-        ControlLoop._look_at_log(loop, 0)
+        ControlLoop._check_log(loop, 0)
     assert caplog.messages == [r"no space\u000a\u001b[2J"]
 
 
