@@ -17,8 +17,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "pliant"
 ERRORS = ("InputError", "PliantError", "FitError", "SimulationError", "Refused")
-CALLS = {"tell": "progress", "mention": "progress", "warn": "warning", "say": "output"}
-VERDICT = ("study/verdict.py", "study/headline.py", "failures.py")
+CALLS = {"notify": "progress", "mention": "progress", "warn": "warning", "say": "output"}
+VERDICT = ("study/verdict.py", "failures.py")
 SHORTEST = 25  # characters of a sentence
 CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|\A---\n.*?^---$|^\$\$.*?\$\$[^\n]*$|<!--.*?-->",
                   re.MULTILINE | re.DOTALL)  # also the head of a page, formulas and remarks  # fmt: skip
