@@ -17,7 +17,7 @@ from command_line import invoke, program
 from small_study import HEADER, body, changed, table, write_recording, write_study
 
 from pliant.cli import app
-from pliant.cli.progress import QUIET
+from pliant.cli.terminal import QUIET
 from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import make_recording, read, write
@@ -300,18 +300,18 @@ def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -
 
 
 def test_work_in_a_pipe_tells_quarters_once_it_has_lasted_and_nothing_if_quiet(capsys, monkeypatch) -> None:
-    from pliant.cli import progress
+    from pliant.cli import terminal
 
     def run(seconds: float) -> str:
         clock = iter(np.arange(100) * seconds)
-        monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
-        with progress.counting("samples") as count:
+        monkeypatch.setattr(terminal, "monotonic", lambda: next(clock))
+        with terminal.counting("samples") as count:
             for done in (0.1, 0.3, 0.3, 0.8, 1.0):
                 count(done)
         return capsys.readouterr().err
 
     assert run(2.0).splitlines() == ["samples: 25 %", "samples: 75 %", "samples: 100 %"]
     assert run(0.01) == ""
-    token = progress.QUIET.set(True)
+    token = terminal.QUIET.set(True)
     assert run(2.0) == ""
-    progress.QUIET.reset(token)
+    terminal.QUIET.reset(token)

@@ -17,7 +17,7 @@ from pliant.equations.symbols import Slopes
 from pliant.estimation import kalman_loops
 from pliant.identification import follow_loops
 from pliant.simulation import march_loops
-from pliant.testbed.stepping import stepping_loops
+from pliant.testbed import stepping_loops
 
 
 def arrays(rng, n):

@@ -18,7 +18,7 @@ from pliant.compiler.twin import fingerprint, reached, stable
 from pliant.equations import extension_linearised, linearised, motion
 from pliant.estimation import kalman_loops
 from pliant.simulation import march_loops
-from pliant.testbed.stepping import stepping_loops
+from pliant.testbed import stepping_loops
 
 SOURCE = Path(pliant.__file__).parent
 PROBE = """

@@ -245,6 +245,6 @@ def test_a_loop_takes_shapes_of_its_own_space_alone():
     flat, whole = np.zeros((5, 2)), np.zeros((5, 3))
     for axes, good, bad in ((2, flat, whole), (3, whole, flat)):
         shapes, _ = streams(0, 0, axes)
-        assert shapes.take(sample("shape", bad, 1), 1) is None
-        assert shapes.take(sample("shape", good, 1), 1) is not None
+        assert shapes.accept(sample("shape", bad, 1), 1) is None
+        assert shapes.accept(sample("shape", good, 1), 1) is not None
         assert shapes.rejected == 1

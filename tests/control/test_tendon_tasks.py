@@ -21,7 +21,7 @@ from pliant.loop.task import check_units
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, chain_model, save_model
 from pliant.simulation import Trace, equilibrium, simulate
-from pliant.study.prepare import study_model
+from pliant.study.body import study_model
 from pliant.study.schema import ActuatorEntry
 from pliant.validation.use_figures import control_figure
 
@@ -105,8 +105,8 @@ def test_what_the_loop_says_has_the_unit_of_the_input():
     with pytest.raises(InputError, match="unit is one of Pa, N, m, rad"):
         Bounds(1.0, unit="kg")
     _, tensions = streams(0, 0, 3, "N")
-    assert tensions.take(sample("pressure", [2.0], 1, "N"), 1) == pytest.approx([2.0])
-    assert tensions.take(sample("pressure", [2.0], 2, "kPa"), 2) is None
+    assert tensions.accept(sample("pressure", [2.0], 1, "N"), 1) == pytest.approx([2.0])
+    assert tensions.accept(sample("pressure", [2.0], 2, "kPa"), 2) is None
 
 
 def test_a_virtual_arm_reads_in_its_unit_with_a_noise_of_its_size():

@@ -19,7 +19,7 @@ from pliant.study.prepare import all_aligned
 from pliant.testbed.bundle import LOGGED, angle_log, bundled_log
 from pliant.validation.draw import figures_of
 from pliant.validation.metrics_file import MetricsFile
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 STARTS = "[fits.first]\nstarts = 1"  # the others end where the first does
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
@@ -116,8 +116,8 @@ def test_places_and_angles_are_not_mixed_in_a_study(tmp_path):
 
 
 def test_a_body_that_hardly_turns_is_dropped(ran):
-    from pliant.study.prepare import hardly_moved
+    from pliant.study.prepare import without_motion
 
     record = ran[2].fits[0].records[0].experiment
     still = replace(record, angle=1e-3 * record.angle)
-    assert "its angle moves by" in hardly_moved({"still": still}, 0.17)["still"]
+    assert "its angle moves by" in without_motion({"still": still}, 0.17)["still"]

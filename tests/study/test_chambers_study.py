@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Station, chain_model, load_model
 from pliant.simulation import Trace, simulate
 from pliant.study import load_study, run_study
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 LAWS = {"left": 6e-7, "right": 4e-7}
 LEVELS = {"l": (90.0, 0.0), "r": (0.0, 110.0), "both": (80.0, 60.0)}  # kPa, of the left and the right chamber
@@ -158,7 +158,7 @@ def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
 
 
 def test_a_rigid_part_lies_before_the_first_segment() -> None:
-    from pliant.study.prepare import study_model
+    from pliant.study.body import study_model
     from pliant.study.schema import ActuatorEntry
 
     entry = ActuatorEntry(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment")

@@ -9,7 +9,7 @@ from small_study import AXES, LEVELS_KPA, TORQUE, changed, table, write_recordin
 from pliant.errors import InputError
 from pliant.study import load_study, run_study
 from pliant.study.draft import draft_study
-from pliant.study.new import look_at
+from pliant.study.trial import inspect_trial
 
 HANGS = (9.81 * AXES[:, 1]).tolist()  # along the base tangent
 
@@ -185,9 +185,9 @@ def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise InputError("the base moves by 3 m")
 
-    monkeypatch.setattr("pliant.study.new.align", refuse)
+    monkeypatch.setattr("pliant.study.trial.align", refuse)
     columns = table(60.0).copy()
     in_millimetres(columns)
-    look = look_at(write_recording(tmp_path / "a.csv", columns))
-    assert look.problem == ("all positions are within 123 m, implausible for a soft body: check the unit of length. "
-                            "Then: the base moves by 3 m")
+    trial = inspect_trial(write_recording(tmp_path / "a.csv", columns))
+    assert trial.problem == ("all positions are within 123 m, implausible for a soft body: check the unit of length. "
+                             "Then: the base moves by 3 m")

@@ -21,7 +21,7 @@ from pliant.files import DRAFTS, output_folder, replaced_together, writable
 from pliant.study import load_study, run_study
 from pliant.study.run import WRITTEN, write_outcome
 from pliant.validation.outcome import StudyOutcome
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording, write
 from pliant.simulation import Trace, simulate
 from pliant.study import run_study
+from pliant.study.body import study_model
 from pliant.study.draft import draft_study
-from pliant.study.new import azimuths
-from pliant.study.prepare import study_model
+from pliant.study.draft_inputs import azimuths
 from pliant.study.schema import load_study
 
 TIME = np.arange(0, 1.6, 0.02)

@@ -13,9 +13,10 @@ from pliant.model import Tendon, chain_model
 from pliant.numerics.curve import spatial_curve
 from pliant.preprocessing.align import align
 from pliant.recording import make_recording, write
+from pliant.study.body import study_model
 from pliant.study.draft import draft_study
-from pliant.study.new import tendon_ends
-from pliant.study.prepare import aligned_recording, all_aligned, study_model
+from pliant.study.draft_inputs import tendon_ends
+from pliant.study.prepare import aligned_recording, all_aligned
 from pliant.study.schema import load_study
 
 TIME = np.arange(0, 4, 0.02)

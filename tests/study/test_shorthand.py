@@ -122,11 +122,11 @@ weighting = "metre"
 
 
 def test_what_is_written_out_changes_nothing_that_was_given(tmp_path: Path) -> None:
-    from pliant.study.shorthand import written_out
+    from pliant.study.shorthand import expanded
 
     content = tomllib.loads(SHORT)
     before = json.dumps(content)
-    written_out(content, tmp_path)
+    expanded(content, tmp_path)
     assert json.dumps(content) == before
 
 

@@ -13,8 +13,9 @@ from pliant.numerics.curve import spatial_curve
 from pliant.preprocessing.align import align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.recording import make_recording, write
+from pliant.study.body import in_base_frame, study_model
 from pliant.study.dense import body_of_fibre, shape_of
-from pliant.study.prepare import aligned_recording, all_aligned, in_base_frame, in_frame, study_model
+from pliant.study.prepare import aligned_recording, all_aligned, in_frame
 from pliant.study.schema import ActuatorEntry, Fibre, Reduction, Study, TendonTable, check_chambers
 
 TURN, SHIFT = Rotation.random(rng=8), np.array([0.2, 0.5, -0.1])

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import read
 from pliant.study import Study, load_study
-from pliant.study.prepare import hardly_moved, without
+from pliant.study.prepare import without, without_motion
 from pliant.units import metre_per
 
 TOML = """
@@ -191,7 +191,7 @@ def test_a_recording_that_hardly_moves_leaves_its_fits_and_a_fit_of_nothing_else
     with pytest.raises(InputError, match=f"fit {name} has no usable training recording"):
         without(two, [still, "other"])
     moves = [SimpleNamespace(travel=t, without_positions=False, shown_in=("mm", 1e3)) for t in (1e-2, 1e-4)]
-    said = hardly_moved(dict(zip(("a", "b"), moves, strict=True)), 0.1)
+    said = without_motion(dict(zip(("a", "b"), moves, strict=True)), 0.1)
     assert list(said) == ["b"]
     assert "0.1 mm" in said["b"]
 

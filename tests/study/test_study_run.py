@@ -27,9 +27,8 @@ from small_study import (
 from pliant.errors import FitError, InputError, PliantError
 from pliant.model import load_model
 from pliant.study import load_study, run_study
-from pliant.study.headline import largest_shortfall, record_warnings
 from pliant.study.schema import Targets
-from pliant.study.verdict import judged
+from pliant.study.verdict import judged, largest_shortfall, record_warnings
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 

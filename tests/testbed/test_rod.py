@@ -11,8 +11,7 @@ from scipy.linalg import eigh
 
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.laboratory import Laboratory, run_rod
-from pliant.testbed.rod import RodParameters, actuator, build_body
-from pliant.testbed.rod.body import material_fields
+from pliant.testbed.rod import RodParameters, actuator, build_body, material_fields
 from pliant.testbed.scenarios import SCENARIOS
 from pliant.testbed.stepping import settle, simulate
 
@@ -125,7 +124,7 @@ def test_hessian_is_the_derivative_of_the_gradient(rng):
 
 
 def test_pressure_forces_are_the_gradient_of_the_volume(rng):
-    from pliant.testbed.stepping.stepping_loops import curvatures, volume
+    from pliant.testbed.stepping_loops import curvatures, volume
 
     p = replace(actuator("b"), elements=20)
     body, x = build_body(p), settle(p, (1e5, 0.0, 0.0, 0.0)).x

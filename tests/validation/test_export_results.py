@@ -250,7 +250,7 @@ def test_angles_go_to_lerobot_and_not_to_a_viewer_of_bodies(tmp_path):
 
 def test_the_command_exports_a_run_with_its_options(outcome, tmp_path, monkeypatch):
     pytest.importorskip("pyarrow")
-    monkeypatch.setattr("pliant.validation.stored.load_outcome", lambda _: outcome)
+    monkeypatch.setattr("pliant.validation.store.load_outcome", lambda _: outcome)
     export = ("export", tmp_path, "--to", "lerobot", "-o", tmp_path / "set")
     done = invoke(*export, "--set", "records=first", "--set", "fps=25", "--json")
     assert (done.exit_code, json.loads(done.stdout)["records"]) == (0, ["first"])

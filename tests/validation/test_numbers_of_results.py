@@ -15,14 +15,40 @@ from pliant.preprocessing.sync import Delay
 from pliant.recording import make_recording
 from pliant.reduction import links_of
 from pliant.simulation import Trace
-from pliant.validation import curves, details, draw
-from pliant.validation.axes import in_recorded_axes, turned_band, turned_forecast, turned_record, turned_shape
-from pliant.validation.extension import change, extension, extreme_frames, growth
-from pliant.validation.metrics import compare, definitions, on_window, response
-from pliant.validation.outcome import Clocks, WiringRow, Wirings
-from pliant.validation.shape_figures import chain_through
-from pliant.validation.store import forecast_dataset, plain, recorded, save_results, shaped
-from pliant.validation.stored import experiment_of, forecast_of, groups_of, selection_of, shape_of
+from pliant.validation import curves, draw, metrics
+from pliant.validation.metrics import (
+    change,
+    compare,
+    definitions,
+    extension,
+    extreme_frames,
+    growth,
+    on_window,
+    response,
+)
+from pliant.validation.outcome import (
+    Clocks,
+    WiringRow,
+    Wirings,
+    in_recorded_axes,
+    turned_band,
+    turned_forecast,
+    turned_record,
+    turned_shape,
+)
+from pliant.validation.selection_figures import chain_through
+from pliant.validation.store import (
+    experiment_of,
+    forecast_dataset,
+    forecast_of,
+    groups_of,
+    plain,
+    recorded,
+    save_results,
+    selection_of,
+    shape_of,
+    shaped,
+)
 from pliant.validation.wording import clip, digits, metric_label, readable, sized
 
 T = np.arange(0.0, 4.0, 0.01)
@@ -289,23 +315,23 @@ def test_joint_errors_at_the_end_and_swings_of_steps():
 
     exp = Experiment("p", T, chain(lean), ("mid", "tip"), "pulse", level=1e4)
     on = (T > 1.0) & (T < 3.0)
-    made = details.details(exp, chain(off), on)
+    made = metrics.swing_metrics(exp, chain(off), on)
     assert made["joint_steady_error_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)  # at the end of the plateau
-    made = details.details(exp, chain(off), None)
+    made = metrics.swing_metrics(exp, chain(off), None)
     assert made["joint_steady_error_mrad"] == pytest.approx([20.0, 0.0], abs=1e-9)  # at that of the record
     assert (
-        details.details(exp, chain(off), np.zeros(T.size, bool))["joint_steady_error_mrad"]
+        metrics.swing_metrics(exp, chain(off), np.zeros(T.size, bool))["joint_steady_error_mrad"]
         == made["joint_steady_error_mrad"]
     )
     gone = exp.position.copy()
     gone[T > 3.7] = np.nan
     lost = Experiment("p", T, gone, ("mid", "tip"), "pulse", level=1e4)
-    assert details.details(lost, chain(off), None)["joint_steady_error_mrad"] is None
-    assert details.details(lost, chain(off), None)["joint_rmse_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)
+    assert metrics.swing_metrics(lost, chain(off), None)["joint_steady_error_mrad"] is None
+    assert metrics.swing_metrics(lost, chain(off), None)["joint_rmse_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)
     wound = chain(np.array([[3.0, -3.0]]))
-    np.testing.assert_allclose(details.turns(wound), [[3.0, 2 * np.pi - 6.0]])
+    np.testing.assert_allclose(metrics.chord_angles(wound), [[3.0, 2 * np.pi - 6.0]])
     step = Experiment("p", T, chain(lean), ("mid", "tip"), "step", level=1e4)
-    swings = details.two_amplitudes(step, step.last_station)
+    swings = metrics.two_amplitudes(step, step.last_station)
     assert set(swings.values()) == {None}
 
 

@@ -16,10 +16,9 @@ from pliant.exporters.provenance import standard_errors
 from pliant.exporters.randomisation import uncertainty_of
 from pliant.identification import Experiment
 from pliant.simulation import Trace
-from pliant.validation import stored
+from pliant.validation import store
 from pliant.validation.outcome import RecordOutcome
-from pliant.validation.store import recorded, save_results
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome, recorded, save_results
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +86,8 @@ def entries(content, path=()):
 def test_any_entry_of_the_metrics_may_be_of_another_kind(kept, tmp_path, monkeypatch):
     """Whoever reads metrics.json takes it or refuses it in one sentence, such as `"parameters": null`."""
     whole, folder = kept
-    groups = stored.groups_of(folder)
-    monkeypatch.setattr(stored, "groups_of", lambda _: groups)
+    groups = store.groups_of(folder)
+    monkeypatch.setattr(store, "groups_of", lambda _: groups)
     content = json.loads((folder / "metrics.json").read_text())
     paths, refused = list(entries(content)), 0
     assert len([p for p in paths if p[-1] == "parameters"]) >= 2

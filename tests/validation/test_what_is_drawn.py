@@ -12,8 +12,7 @@ from pliant.errors import InputError
 from pliant.plotting import page
 from pliant.validation import figures
 from pliant.validation.motion import body_film
-from pliant.validation.selection_figure import selection_figure
-from pliant.validation.shape_figures import shape_figure
+from pliant.validation.selection_figures import selection_figure, shape_figure
 
 
 def legend(figure):

@@ -35,11 +35,11 @@ def library() -> Any:
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "floor.so"
+        binary = Path(folder) / "floor.so"
         done = subprocess.run(  # noqa: S603  a compiler of this machine, on a file of this package
-            [compiler, *FLAGS, str(SOURCE), "-o", str(made), "-lm"], capture_output=True, check=False
+            [compiler, *FLAGS, str(SOURCE), "-o", str(binary), "-lm"], capture_output=True, check=False
         )
-        return ctypes.CDLL(str(made)) if done.returncode == 0 else None
+        return ctypes.CDLL(str(binary)) if done.returncode == 0 else None
 
 
 def constants(model: Model) -> Array:

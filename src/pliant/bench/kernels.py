@@ -40,11 +40,11 @@ def kernels(links: int = 5) -> dict[str, float]:
         "rhs_ns": lambda: accelerate(CALLS, *at(), torque, parts, out.a),
         "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), torque, parts, out),
     }
-    found = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
-    found = {"step_ns": step_ns(model), **found}
+    times = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
+    times = {"step_ns": step_ns(model), **times}
     under = floor(model, CALLS, STEP, torque)
-    ratios = {f"{name.removesuffix('_ns')}_over_c": ns / under[f"c_{name}"] for name, ns in found.items() if under}
-    return {**found, **under, **ratios}
+    ratios = {f"{name.removesuffix('_ns')}_over_c": ns / under[f"c_{name}"] for name, ns in times.items() if under}
+    return {**times, **under, **ratios}
 
 
 def step_ns(model: Model) -> float:

@@ -1,22 +1,68 @@
-"""The parts of `pliant bench` by name, and output of their results as text or JSON."""
+"""The parts of `pliant bench`: compiled kernels and start-up times, and output of their results as text or JSON."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pliant.bench import kernels, startup
-from pliant.bench.meaning import MEANING
+from pliant.bench.kernels import kernels
 from pliant.bench.timing import machine
 from pliant.errors import InputError
 from pliant.files import write_text
 from pliant.version import __version__
 
 Part = Callable[[], dict[str, Any]]
-PARTS: dict[str, Part] = {"kernels": kernels.kernels, "startup": startup.startup}
+FIRST = (
+    "from pliant.actuators import chen2018; import pliant; "
+    "pliant.simulate(chen2018.model(), pliant.Pulse(119e3, 0.12, 2.76), duration=4.0)"
+)
+MEANING = {
+    "step_ns": "one implicit step of five links in a simulation, with energies",
+    "rhs_ns": "one evaluation of the accelerations",
+    "rhs_jacobian_ns": "one evaluation of the accelerations and their exact Jacobian",
+    "c_step_ns": "one step in plain C, compiled on this machine, without energies",
+    "c_rhs_ns": "one evaluation of the accelerations in plain C",
+    "c_rhs_jacobian_ns": "one evaluation of the accelerations and their Jacobian in plain C",
+    "step_over_c": "step_ns divided by the time of plain C", "rhs_over_c": "rhs_ns divided by the time of plain C",
+    "rhs_jacobian_over_c": "rhs_jacobian_ns divided by the time of plain C",
+    "help_s": "pliant --help in a fresh process", "first_simulation_s": "import and one simulation in a fresh process",
+    "first_simulation_cold_s": "import and one simulation in a fresh process, with an empty cache of compiled code",
+}
+
+
+def startup() -> dict[str, float]:
+    """Return wall times [s] of fresh processes: `pliant --help`, and a first simulation with a full and an
+    empty cache.
+    """
+    simulation = [sys.executable, "-c", FIRST]
+    fresh(simulation)  # fills the cache
+    with tempfile.TemporaryDirectory() as empty:
+        cold = fresh(simulation, cache=empty)
+    return {
+        "help_s": min(fresh([sys.executable, "-m", "pliant", "--help"]) for _ in range(5)),
+        "first_simulation_s": min(fresh(simulation) for _ in range(3)), "first_simulation_cold_s": cold,
+    }
+
+
+def fresh(command: list[str], cache: str | None = None) -> float:
+    """Return the wall time [s] of a command in a new process; `cache` is the folder of Numba's cache."""
+    environment = {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {})}
+    start = perf_counter()
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
+    seconds = perf_counter() - start
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)[:80]} failed: {done.stderr[-500:]}")
+    return seconds
+
+
+PARTS: dict[str, Part] = {"kernels": kernels, "startup": startup}
 
 
 def measure(

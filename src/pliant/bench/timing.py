@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -29,20 +29,6 @@ def best(
         job()
         times.append(clock() - start)
     return min(times)
-
-
-def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
-    """Return the shortest wall time [s] of each job, running them in turn so that disturbances affect all alike."""
-    for job in jobs:
-        job()
-    times: list[list[float]] = [[] for _ in jobs]
-    began = perf_counter()
-    while perf_counter() - began < seconds or len(times[0]) < 5:
-        for job, own in zip(jobs, times, strict=True):
-            start = perf_counter()
-            job()
-            own.append(perf_counter() - start)
-    return [min(own) for own in times]
 
 
 def machine() -> dict[str, Any]:
@@ -70,12 +56,3 @@ def processor() -> str:
         return platform.processor()
     named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return named[0] if named else platform.processor()
-
-
-def processor_flags() -> set[str]:
-    """Return the features of the processor, as Linux names them; empty on other systems."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return set()
-    return set(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())

@@ -23,13 +23,12 @@ from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
-from pliant.cli.progress import ExampleCommand, can_be_quiet
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.sync import sync
-from pliant.cli.terminal import say
+from pliant.cli.terminal import ExampleCommand, can_be_quiet, say
 from pliant.cli.testbed import run_testbed
 from pliant.cli.track import track
 from pliant.cli.view import view
@@ -86,7 +85,7 @@ COMMANDS = {name: command for panel in JOURNEY.values() for name, command in pan
 @cache
 def app_of(*names: str) -> typer.Typer:
     """Return the command line with the commands of these names."""
-    made = typer.Typer(
+    app = typer.Typer(
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,
         help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
@@ -94,10 +93,10 @@ def app_of(*names: str) -> typer.Typer:
         "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or "
         "bad input.",
     )
-    made.callback()(common)
+    app.callback()(common)
     for name in names:
-        made.command(name, cls=ExampleCommand)(can_be_quiet(COMMANDS[name]))
-    return made
+        app.command(name, cls=ExampleCommand)(can_be_quiet(COMMANDS[name]))
+    return app
 
 
 def __getattr__(name: str) -> Any:

@@ -23,7 +23,7 @@ def bench(
     import json as jsonlib
 
     from pliant.bench.run import chosen, measure, write
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
 
     results: dict[str, Any] = {}
     for name, job in chosen(part).items():

@@ -44,8 +44,8 @@ def contact(
     Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model
 
@@ -53,36 +53,36 @@ def contact(
     quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
-        found = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]
+        results = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]
     if output is not None:
-        save_trajectory(found[0], output)
+        save_trajectory(results[0], output)
     if figure is not None:
         from pliant.validation.use_figures import contact_overview
 
-        write_figure(contact_overview(found[0]), figure)
+        write_figure(contact_overview(results[0]), figure)
     if chart is not None:
         from pliant.contact.map_file import save_map
 
-        save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
-    for path, one in zip(recordings, found, strict=True):
+        save_map(map_contacts(results, half_width=half_width_mm * 1e-3), chart)
+    for path, one in zip(recordings, results, strict=True):
         numbers = report(one) if not json else {"recording": str(path), **report(one)}
         print_numbers(numbers, as_json=json, title=str(path), meaning=MEANING)
 
 
-def report(found: xr.Dataset) -> dict[str, float | int | str]:
+def report(result: xr.Dataset) -> dict[str, float | int | str]:
     """Return the summary of a contact result: numbers and sentences by name."""
-    a = found.attrs
+    a = result.attrs
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
-    made: dict[str, float | int | str] = {
-        "contacts": len(a["alarm_s"]), "frames_in_contact": int(found["in_contact"].sum()),
-        "highest_statistic": float(found["statistic"].max()) / a["threshold"],
+    numbers: dict[str, float | int | str] = {
+        "contacts": len(a["alarm_s"]), "frames_in_contact": int(result["in_contact"].sum()),
+        "highest_statistic": float(result["statistic"].max()) / a["threshold"],
         "threshold_from": f"{a['free_motion_s']:.3g} s of free motion, {a['false_alarms_per_hour']:g} alarm/h {said}",
     }
     if not a["alarm_s"]:
-        return made
-    touching = found.where(found["in_contact"], drop=True)
-    hidden = float(found["hidden_tangential"].values[found["in_contact"].values].mean())
-    return made | {
+        return numbers
+    touching = result.where(result["in_contact"], drop=True)
+    hidden = float(result["hidden_tangential"].values[result["in_contact"].values].mean())
+    return numbers | {
         "first_onset_s": a["onset_s"][0], "first_alarm_s": a["alarm_s"][0],
         "place_mm": 1e3 * float(touching["contact_arc_length"].median()),
         "place_95_width_mm": 1e3 * float((touching["arc_high"] - touching["arc_low"]).median()),

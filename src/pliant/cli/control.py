@@ -11,7 +11,7 @@ from pliant.cli.terminal import say
 from pliant.units import KIND_OF, quantity, shown_in
 
 if TYPE_CHECKING:
-    from pliant.loop.task import Done
+    from pliant.loop.task import TaskResult
 
 NO_VALVE = "The model has no valve, so these margins ignore its lag: identify a valve before relying on them."
 MEANING = {
@@ -69,7 +69,7 @@ def control(
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
     from pliant.cli.output import print_numbers, write_figure
-    from pliant.cli.progress import telling
+    from pliant.cli.terminal import progress_lines
     from pliant.control.task import read_task
     from pliant.files import output_folder, write_text
     from pliant.loop.task import make_plant, run_task
@@ -78,9 +78,9 @@ def control(
 
     wanted = read_task(task)
     with output_folder(output):
-        with telling() as tell:
+        with progress_lines() as notify:
             done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
-                            real_time=real_time, progress=tell)
+                            real_time=real_time, progress=notify)
         write_text(output / "report.md", report(plant, done))
         target, error, command, pressure = (
             columns(done.log, name) for name in ("target", "error", "command", KIND_OF[done.unit]))
@@ -107,7 +107,7 @@ def columns(log: Any, name: str) -> Any:
     return log[[c for c in log.columns if c.startswith(f"{name}_")]]
 
 
-def reached_by_several(done: Done) -> dict[str, Any]:
+def reached_by_several(done: TaskResult) -> dict[str, Any]:
     """Return the tracking errors of each output, the highest commands and the counters of the loop."""
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
@@ -126,12 +126,12 @@ def reached_by_several(done: Done) -> dict[str, Any]:
     return numbers | counters(done)
 
 
-def counters(done: Done) -> dict[str, Any]:
+def counters(done: TaskResult) -> dict[str, Any]:
     """Return the fault of a run and the counters and sentences of its loop."""
     return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
-def reached(done: Done) -> dict[str, Any]:
+def reached(done: TaskResult) -> dict[str, Any]:
     """Return the settling times, the errors, the activity of the command and the counters of the loop."""
     import numpy as np
 
@@ -154,7 +154,7 @@ def reached(done: Done) -> dict[str, Any]:
     }
 
 
-def settling(done: Done) -> list[float | None]:
+def settling(done: TaskResult) -> list[float | None]:
     """Return the settling time [s] of the estimated tip for each set-point; None if it does not settle."""
     from pliant.control.activity import settling_times
 
@@ -164,13 +164,13 @@ def settling(done: Done) -> list[float | None]:
     return settling_times(time, wanted + error, done.setpoints)
 
 
-def unmodelled(done: Done) -> list[str]:
+def unmodelled(done: TaskResult) -> list[str]:
     """Return a warning that the model has no valve, in a list; empty if it has one."""
     valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 
 
-def report(plant: str, done: Done) -> str:
+def report(plant: str, done: TaskResult) -> str:
     """Return the summary of a run as Markdown."""
     lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
     lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pliant.cli.progress import busy
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 
 
 def data(

@@ -36,7 +36,7 @@ def filmed(output: Path) -> Path:
     """Track the body in the bundled video, write the result into `output`, and return the path of a study
     that uses it.
     """
-    from pliant.cli.progress import counting
+    from pliant.cli.terminal import counting
     from pliant.files import output_folder, read_entries, write_text
     from pliant.recording import write
     from pliant.study import camera_study

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import progress_lines, say
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -33,23 +32,23 @@ def design(
     from pliant.study.design import design_study
 
     highest = None if max_kpa is None else max_kpa * 1e3
-    with telling() as tell:
-        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=tell)
+    with progress_lines() as notify:
+        plan = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
     if json:
-        say(json_format.dumps(found.to_dict(), indent=2))
+        say(json_format.dumps(plan.to_dict(), indent=2))
         return
-    print_design(found)
+    print_design(plan)
 
 
-def print_design(found: Design) -> None:
+def print_design(plan: Design) -> None:
     """Print the proposals as a table of expected standard errors after one more recording."""
     from pliant.cli.output import aligned
 
     say(
-        f"Least certain: {', '.join(found.direction)}, standard error {100 * found.now.weakest:.3g} % along the worst "
-        f"combination; mean over all combinations {100 * found.now.volume:.3g} %."
+        f"Least certain: {', '.join(plan.direction)}, standard error {100 * plan.now.weakest:.3g} % along the worst "
+        f"combination; mean over all combinations {100 * plan.now.volume:.3g} %."
     )
-    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
+    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
     say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
-    for line in found.refused:
+    for line in plan.refused:
         say(f"  not proposed: {line}")

@@ -53,8 +53,8 @@ def estimate(
     Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.estimation import estimate as filter_recording
     from pliant.model import load_model
     from pliant.simulation import Pulse
@@ -64,20 +64,20 @@ def estimate(
     if level_kpa is not None:
         pressure = [Pulse(level, start, width) for level in levels(body, level_kpa)]
     with busy("estimating"):
-        found = filter_recording(
+        estimated = filter_recording(
             recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag,
             drive=drives(drive),
         )
     if output is not None:
-        save_trajectory(found, output)
+        save_trajectory(estimated, output)
     if figure is not None:
         from pliant.validation.use_figures import estimate_overview
 
-        write_figure(estimate_overview(found), figure)
-    print_numbers(report(found), as_json=json, title=str(recording), meaning=MEANING)
+        write_figure(estimate_overview(estimated), figure)
+    print_numbers(report(estimated), as_json=json, title=str(recording), meaning=MEANING)
 
 
-def of_joints(found: xr.Dataset, name: str, end: str = "") -> np.ndarray:
+def of_joints(estimated: xr.Dataset, name: str, end: str = "") -> np.ndarray:
     """Return a variable of all joints (T, N).
 
     In space, N counts all joints about one axis, then all joints about the next.
@@ -86,15 +86,15 @@ def of_joints(found: xr.Dataset, name: str, end: str = "") -> np.ndarray:
 
     from pliant.simulation.result import ENDINGS
 
-    parts = [found[f"{name}{axis}{end}"] for axis in ENDINGS if f"{name}{axis}{end}" in found]
-    return np.concatenate([part.values for part in parts], axis=1) if parts else np.zeros((found.sizes["time"], 0))
+    parts = [estimated[f"{name}{axis}{end}"] for axis in ENDINGS if f"{name}{axis}{end}" in estimated]
+    return np.concatenate([part.values for part in parts], axis=1) if parts else np.zeros((estimated.sizes["time"], 0))
 
 
-def report(found: xr.Dataset) -> dict[str, float | int | str]:
+def report(estimated: xr.Dataset) -> dict[str, float | int | str]:
     """Return the summary of an estimate: numbers and sentences by name."""
     import numpy as np
 
-    a = found.attrs
+    a = estimated.attrs
     low, high = a["nis_bounds"]
     ratio, correlation, bound = a["nis_ratio"], a["innovation_correlation"], a["innovation_correlation_bound"]
     consistent = "as large as predicted"
@@ -102,21 +102,21 @@ def report(found: xr.Dataset) -> dict[str, float | int | str]:
         said, noise = ("larger", "low") if ratio > high else ("smaller", "high")
         consistent = f"{said} than predicted (assumed noise too {noise})"
     white = "white" if abs(correlation) <= bound else "not white: the model's errors are correlated from frame to frame"
-    made: dict[str, float | int | str] = {
+    numbers: dict[str, float | int | str] = {
         "frames": a["frames"], "frames_skipped": a["frames_skipped"], "frames_in_part": a["frames_in_part"],
         "normalised_innovation": ratio, "normalised_innovation_95_low": low, "normalised_innovation_95_high": high,
         "innovation_correlation": correlation, "innovations_are": f"{consistent}; {white}",
-        "largest_rate_rad_s": float(np.abs(of_joints(found, "smooth_joint_rate")).max()),
-        "typical_rate_sd_rad_s": float(np.median(of_joints(found, "joint_rate", "_sd"))),
+        "largest_rate_rad_s": float(np.abs(of_joints(estimated, "smooth_joint_rate")).max()),
+        "typical_rate_sd_rad_s": float(np.median(of_joints(estimated, "joint_rate", "_sd"))),
     }
     if a["orientations_flipped"]:
-        made["orientations_flipped"] = a["orientations_flipped"]
-    if (torque := of_joints(found, "disturbance")).size:
-        made["largest_disturbance_mn_m"] = 1e3 * float(np.abs(torque).max())
-        made["typical_disturbance_sd_mn_m"] = 1e3 * float(np.median(of_joints(found, "disturbance", "_sd")))
-    if "axial_strain" in found:
-        made["largest_axial_strain_percent"] = 100.0 * float(abs(found["smooth_axial_strain"]).max())
-        made["typical_axial_strain_sd_percent"] = 100.0 * float(found["axial_strain_sd"].median())
-    if "axial_disturbance" in found:
-        made["largest_axial_disturbance_n"] = float(abs(found["axial_disturbance"]).max())
-    return made
+        numbers["orientations_flipped"] = a["orientations_flipped"]
+    if (torque := of_joints(estimated, "disturbance")).size:
+        numbers["largest_disturbance_mn_m"] = 1e3 * float(np.abs(torque).max())
+        numbers["typical_disturbance_sd_mn_m"] = 1e3 * float(np.median(of_joints(estimated, "disturbance", "_sd")))
+    if "axial_strain" in estimated:
+        numbers["largest_axial_strain_percent"] = 100.0 * float(abs(estimated["smooth_axial_strain"]).max())
+        numbers["typical_axial_strain_sd_percent"] = 100.0 * float(estimated["axial_strain_sd"].median())
+    if "axial_disturbance" in estimated:
+        numbers["largest_axial_disturbance_n"] = float(abs(estimated["axial_disturbance"]).max())
+    return numbers

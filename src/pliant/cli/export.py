@@ -36,7 +36,7 @@ def export(
     """
     import json as jsonlib
 
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
     from pliant.validation.export_results import TARGETS
 
     chosen = {}

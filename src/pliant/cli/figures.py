@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import busy, mention
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, mention, say
 
 
 def figures(
@@ -33,7 +32,7 @@ def figures(
     Example: pliant figures results/demo --format pdf,svg --width-mm 88 --records pulse_119
     """
     from pliant.validation.draw import draw_figures
-    from pliant.validation.stored import load_outcome
+    from pliant.validation.store import load_outcome
 
     with busy("drawing"):
         files = list(draw_figures(

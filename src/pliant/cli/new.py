@@ -38,8 +38,8 @@ def new(
 
     Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import load_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.study.draft import draft_study
 
@@ -59,7 +59,7 @@ def new(
             out.write(draft.text)
     except OSError as error:
         raise InputError(f"cannot write {study}: {error.strerror or error}") from None
-    tell(study, draft, as_json=json)
+    print_draft(study, draft, as_json=json)
 
 
 def vector(text: str | None) -> list[float] | None:
@@ -75,7 +75,7 @@ def vector(text: str | None) -> list[float] | None:
     return [x, y, z]
 
 
-def tell(study: Path, draft: Draft, *, as_json: bool) -> None:
+def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
     """Print the file written, the warnings, the open questions and the next command."""
     if as_json:
         import json

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pliant.cli.output import aligned
-from pliant.cli.progress import busy
 from pliant.cli.reading import read_with_mapping
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 from pliant.errors import InputError
 
 if TYPE_CHECKING:

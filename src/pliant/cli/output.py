@@ -9,8 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy, mention
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, mention, say
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity
@@ -61,9 +60,9 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
     base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
     with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the video"):
-        made = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
-        body_film(made, time, base, tips, pressure)
-        draft.write_bytes(made.read_bytes())
+        video = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
+        body_film(video, time, base, tips, pressure)
+        draft.write_bytes(video.read_bytes())
     mention(f"wrote {path}")
 
 

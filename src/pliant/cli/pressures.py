@@ -21,13 +21,13 @@ def levels(model: Model, text: str) -> list[float]:
         if strange := [name for name in given if name not in names]:
             raise InputError(f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}")
         return [1e3 * number(given.get(name, "0")) for name in names]
-    found = [1e3 * number(part) for part in text.split(",")]
-    if len(found) != len(names):
+    pressures = [1e3 * number(part) for part in text.split(",")]
+    if len(pressures) != len(names):
         raise InputError(
-            f"--level-kpa gives {len(found)} pressure(s), but the model has {len(names)} chamber(s), "
+            f"--level-kpa gives {len(pressures)} pressure(s), but the model has {len(names)} chamber(s), "
             f"{', '.join(names)}: give one for each, as {','.join(['30'] * len(names))}, or by name, as {names[0]}=30"
         )
-    return found
+    return pressures
 
 
 def number(text: str) -> float:
@@ -41,10 +41,10 @@ def number(text: str) -> float:
 def pairs(option: str, text: str) -> dict[str, str]:
     """Return the pairs of ``name=word,name=word`` as a dictionary."""
     parts = [part.partition("=") for part in text.split(",")]
-    found = {name.strip(): word.strip() for name, _, word in parts}
-    if not all(found) or not all(found.values()) or len(found) != len(parts):
+    entries = {name.strip(): word.strip() for name, _, word in parts}
+    if not all(entries) or not all(entries.values()) or len(entries) != len(parts):
         raise InputError(f"{option} must be pairs as left=p1,right=p2, each chamber once, got {text!r:.80}")
-    return found
+    return entries
 
 
 def drives(text: str) -> dict[str, str | int] | None:

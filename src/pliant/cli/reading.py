@@ -6,8 +6,7 @@ import json as jsonlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 from pliant.files import read_entries
 from pliant.text import escaped
 
@@ -36,18 +35,18 @@ def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None
     from pliant.preprocessing.quality import quality
 
     with busy("checking the recording"):
-        found = quality(recording)
+        assessed = quality(recording)
     if as_json:
         content = {"file": str(path), "format": recording.attrs.get("source_format"), "sizes": dict(recording.sizes)}
         content["station_names"] = [str(s) for s in recording["station"].values] if "station" in recording else []
         content["history"] = history_of(recording)
-        say(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
+        say(jsonlib.dumps({**content, "quality": plain(assessed.to_dict())}))
         return
     say(escaped(f"{path} ({recording.attrs.get('source_format', 'unknown format')})", "line"))
     if "station" in recording:
         names = [str(s) for s in recording["station"].values]
         say(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
-    say(found.summary())
+    say(assessed.summary())
     for line in history_of(recording):
         say(f"  {line}")
 

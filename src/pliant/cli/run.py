@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import progress_lines, say
 
 
 def run(
@@ -33,8 +32,8 @@ def run(
     from pliant.study import load_study, run_study
 
     output = output or Path("results") / study.stem
-    with telling() as tell:
-        outcome = run_study(load_study(study), output, progress=tell, workers=workers)
+    with progress_lines() as notify:
+        outcome = run_study(load_study(study), output, progress=notify, workers=workers)
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))
     else:

@@ -35,8 +35,8 @@ def shape(
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.preprocessing.align import align
     from pliant.preprocessing.quality import quality
@@ -45,7 +45,7 @@ def shape(
     from pliant.study.schema import Fibre
 
     raw = read_with_mapping(file, mapping)
-    found, status = quality(raw).summary(), ""
+    summary, status = quality(raw).summary(), ""
     cap = cap_curvature is not None and cap_length is not None
     if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
         if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
@@ -61,17 +61,17 @@ def shape(
         with busy("aligning"):
             clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
-    tell(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
+    print_result(summary.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
 
 
-def tell(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
+def print_result(summary: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
     """Print the quality of the raw recording, how the tip was found, the processing steps and the file written."""
     if as_json:
         import json
 
-        say(json.dumps({"quality": found, "tip": status or None, "history": history, "recording": str(output)}))
+        say(json.dumps({"quality": summary, "tip": status or None, "history": history, "recording": str(output)}))
         return
-    say("\n".join([*found, *([status] if status else []), *history, f"wrote {output}"]))
+    say("\n".join([*summary, *([status] if status else []), *history, f"wrote {output}"]))
 
 
 def direction(text: str) -> str | list[float]:

@@ -53,7 +53,7 @@ def simulate(
     Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, summary, write_figure, write_film
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
     from pliant.model import load_model
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve

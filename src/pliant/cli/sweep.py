@@ -35,7 +35,7 @@ def sweep(
     import json as jsonlib
 
     from pliant.cli.output import aligned, write_figure
-    from pliant.cli.progress import busy, counting, mention
+    from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
 
     with busy("preparing the model"):
@@ -84,7 +84,7 @@ def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Mo
 
 def body_of(study: Study) -> Model:
     """Return the model of the study's body; recordings are read only if its links or its gravity depend on them."""
-    from pliant.study.prepare import study_model
+    from pliant.study.body import study_model
     from pliant.study.run import prepare_all
 
     if study.reduction is None and study.actuator.gravity is None:

@@ -31,32 +31,32 @@ def sync(
     Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
     """
     from pliant.cli.output import write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.preprocessing.sync import shift_pressure
     from pliant.preprocessing.sync import sync as find
     from pliant.recording import write
-    from pliant.study.clocks import with_pressure
+    from pliant.study.aligned import with_pressure
 
     recording = read_with_mapping(shape, mapping)
     if pressure is not None:
         recording = with_pressure(recording, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
     with busy("comparing the clocks"):
-        found = find(recording, largest_s=largest_s, drift=True)
+        offset = find(recording, largest_s=largest_s, drift=True)
     if figure is not None:
         from pliant.plotting import clock_figure
         from pliant.validation.outcome import Clocks
 
-        c = Clocks.of(recording, found)
-        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * found.uncertainty_s:.1f} ms"
+        c = Clocks.of(recording, offset)
+        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * offset.uncertainty_s:.1f} ms"
         write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
     if output is not None:
-        write(shift_pressure(recording, found.delay_s, found.drift), output)
+        write(shift_pressure(recording, offset.delay_s, offset.drift), output)
     if json:
         from dataclasses import asdict
         from json import dumps
 
-        say(dumps(asdict(found)))
+        say(dumps(asdict(offset)))
         return
-    say(found.summary())
-    say(f'in a study: clock = {found.delay_s:.4f}, or clock = "align"')
+    say(offset.summary())
+    say(f'in a study: clock = {offset.delay_s:.4f}, or clock = "align"')

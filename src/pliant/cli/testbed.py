@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import counting
-from pliant.cli.terminal import say
+from pliant.cli.terminal import counting, say
 
 
 def run_testbed(

@@ -34,10 +34,10 @@ def view(
     """
     import webbrowser
 
-    from pliant.view.played import played_from
+    from pliant.view.live import page_content
     from pliant.view.server import Server
 
-    server = Server(played_from(source, loop, 1e-3 * touch_mn_m), port)
+    server = Server(page_content(source, loop, 1e-3 * touch_mn_m), port)
     say(dumps({"address": server.address}) if json else server.address)
     if browser:
         webbrowser.open(server.address)

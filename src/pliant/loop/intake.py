@@ -44,7 +44,7 @@ class Stream:
         self.stamp = self.arrival = now
         self.repeats = self.rejected = self.ahead = self.late = 0
 
-    def take(self, arrived: Sample, now: int) -> Array | None:
+    def accept(self, arrived: Sample, now: int) -> Array | None:
         """Return the reading in SI units, or None if it fails a check; `now` [ns] is its arrival time."""
         factor = self._units.get(arrived.unit.lower())
         array = arrived.array
@@ -64,12 +64,12 @@ class Stream:
             self._points = len(array)
         return array if factor == 1.0 else array * factor
 
-    def whole(self, now: int) -> None:
+    def mark_complete(self, now: int) -> None:
         """Mark the last accepted reading as complete (all values finite); `now` [ns] is its arrival time."""
         self.stamp, self.arrival = self._newest, now
 
     @property
-    def seen(self) -> int:
+    def reference_time(self) -> int:
         """Time [ns] from which the newest complete reading's age counts: the earlier of its stamp and its arrival."""
         return min(self.stamp, self.arrival)
 

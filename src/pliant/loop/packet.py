@@ -46,14 +46,14 @@ def unpack(data: bytes, sender: Sender | None = None) -> Sample:
     try:
         head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
         magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
-        at = head.size
-        name, unit = data[at : at + a].decode(), data[at + a : at + a + b].decode()
-        at += a + b
-        shape = struct.unpack_from(f"<{ndim}I", data, at)
-        at += 4 * ndim
+        offset = head.size
+        name, unit = data[offset : offset + a].decode(), data[offset + a : offset + a + b].decode()
+        offset += a + b
+        shape = struct.unpack_from(f"<{ndim}I", data, offset)
+        offset += 4 * ndim
     except (struct.error, UnicodeDecodeError) as error:
         raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}") from None
-    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - at != 8 * math.prod(shape):
+    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
         raise InputError(f"a packet of {len(data)} bytes is not a sample: wrong mark, dimensions or length")
-    values = np.frombuffer(data, "<f8", offset=at).reshape(shape).astype(float)
+    values = np.frombuffer(data, "<f8", offset=offset).reshape(shape).astype(float)
     return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)

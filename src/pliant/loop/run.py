@@ -164,9 +164,9 @@ class ControlLoop:
         """Run one period that starts at `now` [ns] and was due at `deadline` [ns]."""
         try:
             self._read()
-            self.watchdog.readings(now, self.shapes.seen, self.pressures.seen, self.pressure)
+            self.watchdog.readings(now, self.shapes.reference_time, self.pressures.reference_time, self.pressure)
             self.watchdog.frozen(now, self.shapes.repeats, self.pressures.repeats)
-            self._look_at_log(now)
+            self._check_log(now)
             wish = self._control(now)
         except Exception as error:  # noqa: BLE001  after any error the pressure must be released
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
@@ -179,7 +179,7 @@ class ControlLoop:
     def _send(self, now: int) -> None:
         self.sink.write(sample(COMMAND, self.command, now, self.watchdog.bounds.unit, self.hold))
 
-    def _look_at_log(self, now: int) -> None:
+    def _check_log(self, now: int) -> None:
         """Report once that the log cannot be written, and vent if the log is needed."""
         if self.log is None or not self.log.fault or self._log_told:
             return
@@ -216,16 +216,16 @@ class ControlLoop:
         """Pass a new sample on: shapes and pressures to the estimator, in the order of their arrival."""
         now = self.clock.now()
         if arrived.name == PRESSURE:
-            taken = self.pressures.take(arrived, now)
+            taken = self.pressures.accept(arrived, now)
             if taken is not None:
                 self._take_pressure(arrived, taken, now)
             return
-        if arrived.name != SHAPE or (shape := self.shapes.take(arrived, now)) is None:
+        if arrived.name != SHAPE or (shape := self.shapes.accept(arrived, now)) is None:
             return
         frame = self.pipeline.measure(shape)
         if np.isfinite(frame.values).all():
             self.frames += 1
-            self.shapes.whole(now)
+            self.shapes.mark_complete(now)
         else:
             self.lost += 1
         self.pipeline.estimator.push_frame(arrived.time, *frame)
@@ -240,7 +240,7 @@ class ControlLoop:
         kept = self.pressure = taken[:chambers]
         self.watchdog.pressure(now, self.pressure)  # check each sample: a good one may follow in the same period
         if np.isfinite(kept).all():
-            self.pressures.whole(now)
+            self.pressures.mark_complete(now)
             self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
@@ -266,8 +266,8 @@ class ControlLoop:
             numbers |= {"late": stream.late} if name == "pressures" else {}
             counted |= {f"{name}_{what}": count for what, count in numbers.items() if count}
         if self.log is not None and (self.log.fault or self.log.dropped):
-            said = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
-            counted |= {"log_fault": said, "log_rows_missing": self.log.dropped}
+            problem = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
+            counted |= {"log_fault": problem, "log_rows_missing": self.log.dropped}
         if self.pressures_left_out:
             counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
         if self.watchdog.controller_faults:

@@ -88,9 +88,9 @@ def connection(kind: str, name: str) -> Callable[..., Any]:
     InputError
         When no installed package provides that name, or the entry point cannot be called.
     """
-    made = chosen(f"pliant.{kind}s", {}, object, name)
-    if not callable(made):
+    constructor = chosen(f"pliant.{kind}s", {}, object, name)
+    if not callable(constructor):
         raise InputError(
             f"the {kind} {name!r} of an installed package is not callable: its entry point must construct a {kind}"
         )
-    return made
+    return constructor

@@ -27,7 +27,7 @@ AT_REST = 50  # frames from which the rest shape of a body is measured
 ABOVE = 1.15  # highest pressure reading that the watchdog allows, over the highest command
 
 
-class Done(NamedTuple):
+class TaskResult(NamedTuple):
     """Result of a control task that was run."""
 
     prepared: Prepared
@@ -94,7 +94,7 @@ def check_units(model: Model, wanted: TaskFile) -> None:
 def run_task(
     model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
     progress: Callable[[str], None] = lambda _line: None,
-) -> Done:
+) -> TaskResult:
     """Run a control task on a plant and write ``log.csv`` into `folder`, also when the run fails.
 
     Parameters
@@ -136,6 +136,6 @@ def run_task(
         log.close()
     rehearsed = ready.rehearsal.summary if ready.rehearsal else {}
     summary = loop.summary() | rehearsed | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
-    return Done(ready, {**summary, "commands_at_a_limit": ready.control.saturated}, read_log(path),
-                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None),
-                wanted.unit)
+    setpoints = tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None)
+    numbers = {**summary, "commands_at_a_limit": ready.control.saturated}
+    return TaskResult(ready, numbers, read_log(path), setpoints, wanted.unit)

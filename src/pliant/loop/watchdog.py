@@ -107,8 +107,8 @@ class Watchdog:
         """Report a fault if the last complete shape or pressure [ns] is too old, or a pressure [Pa] out of limits."""
         b = self.bounds
         kind = KIND_OF[b.unit]
-        for what, seen, limit in (("shape", shape_time, b.shape_age), (kind, pressure_time, b.pressure_age)):
-            age = (now - seen) * 1e-9
+        for what, latest, limit in (("shape", shape_time, b.shape_age), (kind, pressure_time, b.pressure_age)):
+            age = (now - latest) * 1e-9
             if age > limit:
                 self.trip(f"stale {what}: last complete reading {age * 1e3:.1f} ms ago, {limit * 1e3:.1f} allowed", now)
         self.pressure(now, pressure)

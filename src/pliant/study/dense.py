@@ -51,13 +51,13 @@ def body_of_fibre(
     first = str(raw["station"].values[0])
     whole = align(raw, base=first, tangent="clamp", clamp_length=fibre.clamp_length, rest=fibre.rest, space=space)
     frame = alignment_of(whole)
-    start, side, found = (fibre.start, 1.0, "") if fibre.start is not None else before_cap(whole, fibre)
+    start, side, tip_status = (fibre.start, 1.0, "") if fibre.start is not None else before_cap(whole, fibre)
     cut = cut_body(raw, start, start + fibre.body_length)
     plane = side * np.array(frame.normal) if normal is None else normal
     base = str(cut["station"].values[0])
     body = align(cut, base=base, tangent=frame.base_tangent, plane=plane, bend=None, space=space)
     ends = f"the body lies {1e3 * start:.1f} to {1e3 * (start + fibre.body_length):.1f} mm along the fibre, as stated"
-    return body, found or ends
+    return body, tip_status or ends
 
 
 def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
@@ -70,12 +70,12 @@ def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
     kappa = kappa.sel(time=slice(*frame.rest_s))  # at rest: in a bent body the fibre slides in its lumen
     s = kappa["arc_length"].values
     cap = float(fibre.cap_curvature or 0.0)
-    seen = [find_tip(
+    candidates = [find_tip(
         side * kappa.values, float(np.median(np.diff(s))), cap_curvature=abs(cap) if space else cap,
         cap_length=float(fibre.cap_length or 0.0), gauge_length=fibre.gauge_length,
     ) for side in ((1.0,) if space else (1.0, -1.0))]  # the cap decides the side, since a curled body cannot
-    mirrored = not space and seen[1].found and not seen[0].found
-    tip = seen[mirrored]
+    mirrored = not space and candidates[1].found and not candidates[0].found
+    tip = candidates[mirrored]
     if not tip.found:
         raise InputError(f"{tip.status} Check cap_curvature and cap_length, or state start in [fibre].")
     if tip.arc_length < fibre.body_length:
@@ -113,7 +113,7 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
     return np.asarray(order.node_arc_length[order.orders.index(n)])
 
 
-def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
+def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
     """Return nodes (n + 1,) [m] scaled to the length of this recording's body, if it differs by less than 1 %."""
     if "arc_length" not in body.coords:
         return nodes
@@ -124,7 +124,7 @@ def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
 def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacement) -> Experiment:
     """Return the experiment that observes the link tips of a dense shape, with nodes as in `chain`."""
     entry = study.recordings[name]
-    links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))
+    links = links_of(body, node_arc_length=scaled_nodes(chain.node_arc_length, body))
     base = links.base if chain.node_arc_length[0] == 0 else 0.0  # else links.base is the first joint, not the base
     tips = make_recording(
         links.time, links.tips - base, station=[f"link_{i + 1}" for i in range(links.n)], frame=body.attrs["frame"],
@@ -133,8 +133,8 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
     )
     tips = tips.assign_attrs({SIDE: x_sign(body)})
     forces = [f.in_base_frame(x_sign(body)) for f in entry.forces]
-    made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
+    observed = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:
-        return made
+        return observed
     angle = links.joint_angle + links.rest_angle
-    return replace(made, angle=angle, angle_reference="joint", angles_alone=entry.angles == "only")
+    return replace(observed, angle=angle, angle_reference="joint", angles_alone=entry.angles == "only")

@@ -29,15 +29,15 @@ def design_study(
     InputError, FitError
         As `run_study`.
     """
-    tell = progress or (lambda _line: None)
-    ready = prepare_all(study, tell)
+    notify = progress or (lambda _line: None)
+    ready = prepare_all(study, notify)
     study = without(study, ready.dropped)
     model = ready.model
-    selection = run_model_selection(study, ready.experiments, model, tell)
+    selection = run_model_selection(study, ready.experiments, model, notify)
     if selection is not None:
-        fitted = selection_fit(study, selection, ready.experiments, tell)
+        fitted = selection_fit(study, selection, ready.experiments, notify)
     else:
         name, entry = next(iter(study.fits.items()))
-        fitted = run_fit(study, name, entry, ready.experiments, model, tell)
+        fitted = run_fit(study, name, entry, ready.experiments, model, notify)
     train = [r.experiment for r in fitted.records if r.role == "train"]
     return design(fitted.result, train, highest=highest, criterion=criterion, step=study.step)

@@ -40,8 +40,8 @@ def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
     fits = [n for n in (*TRACKERS, "angles") if n == named
             or (named is None and path.suffix.lower() in known[n].suffixes and known[n].recognises(head))]
     if "angles" in fits:
-        made = {k: v for k, v in UNITS.items() if k not in stated}
-        return [*({k: v} for k, v in made.items()), made]
+        units = {k: v for k, v in UNITS.items() if k not in stated}
+        return [*({k: v} for k, v in units.items()), units]
     return [] if not fits or {"camera", "length_unit"} & set(stated) else [{"camera": MADE_UP}]
 
 

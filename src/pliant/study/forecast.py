@@ -17,8 +17,7 @@ from pliant.identification.error_propagation import half_widths
 from pliant.simulation import Trace
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
-from pliant.validation.extension import NAMES, growth
-from pliant.validation.metrics import response
+from pliant.validation.metrics import NAMES, growth, response
 from pliant.validation.outcome import Forecast
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
@@ -47,13 +46,13 @@ def run_forecasts(
 
     The key "" of `results` is the fit used by forecasts that name none.
     """
-    made = []
+    forecasts = []
     for name, entry in study.forecasts.items():
         own = Failures(entry.fit or failures.fit, failures.warn)
         compute = partial(run_forecast, study, name, experiments, results, own)
-        made.append(own.attempt(f"forecast {name}", "", compute))
+        forecasts.append(own.attempt(f"forecast {name}", "", compute))
         failures += own
-    return tuple(f for f in made if f is not None)
+    return tuple(f for f in forecasts if f is not None)
 
 
 def run_forecast(
@@ -145,5 +144,5 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
 
 def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
     """Return the edge times of a case that was not recorded, as estimated from the template's motion."""
-    found = edges(template)
-    return {name: found[name.rpartition(".")[2]] for name in names}
+    recorded = edges(template)
+    return {name: recorded[name.rpartition(".")[2]] for name in names}

@@ -16,8 +16,7 @@ from pliant.identification.from_recording import Angles
 from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.simulation.forces import PointForce
-from pliant.study.questions import refuse_mapping, refuse_open
-from pliant.study.shorthand import written_out
+from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]
@@ -325,7 +324,7 @@ def load_study(path: str | Path) -> Study:
         content = read_entries(path, "study")
         refuse_open(content, path)
         refuse_mapping(content, path)
-        study = Study.model_validate(written_out(content, path))
+        study = Study.model_validate(expanded(content, path))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}") from None
     check_names(study, path)
@@ -380,9 +379,9 @@ def check_reduction(study: Study, path: Path) -> None:
         listed = ", ".join(study.recordings)
         raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of {listed}")
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
-        own = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
-        raise InputError(f"study {path}: fit {placed[0]} states {own}, but [reduction] places the joints: state it in "
-                         "[reduction]")  # fmt: skip
+        entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
+        raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "
+                         "in [reduction]")  # fmt: skip
 
 
 def check_chambers(study: Study, path: Path) -> None:

@@ -1,11 +1,12 @@
-"""Abbreviations in study files: `[recordings.defaults]`, one entry for many trials, and a fit like another.
+"""Text of a study file before its entries are checked: abbreviations, and open questions marked "?".
 
-A file is expanded before it is checked. The study that a run writes is the expanded one.
+The abbreviations are `[recordings.defaults]`, one entry for many trials, and a fit like another. They are expanded
+before the file is checked. The study that a run writes is the expanded one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from pliant.errors import InputError, shown
 
 Table = dict[str, Any]
 DEFAULTS = "defaults"
+OPEN = "?"
 
 
-def written_out(content: Any, path: Path) -> Any:
+def expanded(content: Any, path: Path) -> Any:
     """Return the content of the study file `path` with all abbreviations expanded.
 
     Raises
@@ -59,20 +61,20 @@ def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, T
     if "select" in shared:
         raise InputError(f"study {path}: [recordings.{DEFAULTS}] has select: state it in a single recording instead")
     groups = {name: trials(name, entry["select"], path) for name, entry in listed.items() if "select" in entry}
-    own = {trial for names in groups.values() for trial in names}
-    found: dict[str, Table] = {}
+    selected = {trial for names in groups.values() for trial in names}
+    expanded_entries: dict[str, Table] = {}
     for name, entry in listed.items():
-        if name == DEFAULTS or name in own:
+        if name == DEFAULTS or name in selected:
             continue
         if name not in groups:
-            found[name] = merged(shared, entry)
+            expanded_entries[name] = merged(shared, entry)
             continue
         column, values = entry["select"]["column"], entry["select"]["values"]
         rest = {key: value for key, value in entry.items() if key != "select"}
         for trial, value in zip(groups[name], values, strict=True):
             picked = merged(merged(shared, rest), {"mapping": {"select": {"column": column, "value": value}}})
-            found[trial] = merged(picked, listed.get(trial, {}))
-    return found, groups
+            expanded_entries[trial] = merged(picked, listed.get(trial, {}))
+    return expanded_entries, groups
 
 
 def trials(name: str, select: Any, path: Path) -> list[str]:
@@ -121,3 +123,31 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: P
     if without:
         own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
     return own
+
+
+def open_entries(content: Any, where: str = "") -> Iterator[str]:
+    """Yield the names of the entries that hold "?", such as ``actuator.mass``."""
+    if content == OPEN:
+        yield where
+    elif isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from open_entries(value, f"{where}.{name}" if where else str(name))
+    elif isinstance(content, list):
+        for value in content:
+            yield from open_entries(value, where)
+
+
+def refuse_open(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError with the names of all open questions, if the study file `path` has any."""
+    if names := list(open_entries(content)):
+        many = f"{len(names)} open questions" if len(names) > 1 else "one open question"
+        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(names)} with values')
+
+
+def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError if the file is a mapping (the columns and units of a table) instead of a study."""
+    if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) and not {
+        "actuator", "recordings"
+    } & set(content):
+        raise InputError(f"{path} is a mapping, which describes the columns of a table, not a study: pass it with "
+                         f"--mapping, as in pliant order TABLE --mapping {path.name}")  # fmt: skip

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.recording.published import PREFIX
-from pliant.study.questions import OPEN
+from pliant.study.shorthand import OPEN
 
 
 def relative(path: Path, folder: Path) -> str:

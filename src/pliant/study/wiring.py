@@ -14,7 +14,7 @@ from pliant.identification import Experiment, fit
 from pliant.identification.fit import parameters_from
 from pliant.identification.model_selection import Follows, follows
 from pliant.model import Model
-from pliant.study.fits import placed
+from pliant.study.fits import model_for_fit
 from pliant.study.prepare import study_experiment
 from pliant.study.schema import Study
 from pliant.validation.outcome import WiringRow, Wirings
@@ -50,7 +50,7 @@ def candidates(study: Study) -> dict[str, Drive]:
 
 
 def compare_wirings(
-    study: Study, recordings: Mapping[str, xr.Dataset], model: Model, tell: Callable[[str], None],
+    study: Study, recordings: Mapping[str, xr.Dataset], model: Model, notify: Callable[[str], None],
 ) -> Wirings | None:
     """Fit every candidate wiring to the training recordings of one fit, and rank them by likelihood.
 
@@ -65,27 +65,29 @@ def compare_wirings(
     if study.wiring is None:
         return None
     name = study.wiring.fit or next(iter(study.fits))
-    found: dict[str, tuple[Follows, float]] = {}
+    fits: dict[str, tuple[Follows, float]] = {}
     failed: dict[str, str] = {}
     for label, drive in candidates(study).items():
         try:
-            found[label] = followed(study, name, wired(study, recordings, name, drive), model)
-            tell(f"wiring {label}: training error {found[label][1]:.2f} % of the peak displacement")
+            fits[label] = fit_statistics(study, name, wired_experiments(study, recordings, name, drive), model)
+            notify(f"wiring {label}: training error {fits[label][1]:.2f} % of the peak displacement")
         except FAILED as error:
             failed[label] = str(error)
-            tell(f"wiring {label}: {error}")
-    if not found:
+            notify(f"wiring {label}: {error}")
+    if not fits:
         raise FitError(f"no wiring can be fitted: {next(iter(failed.values()))}")
-    order = sorted(found, key=lambda label: found[label][0].mean_square)
-    best = found[order[0]][0]
+    order = sorted(fits, key=lambda label: fits[label][0].mean_square)
+    best = fits[order[0]][0]
     rows = [
-        WiringRow(label, found[label][1], best.numbers * float(np.log(found[label][0].mean_square / best.mean_square)))
+        WiringRow(label, fits[label][1], best.numbers * float(np.log(fits[label][0].mean_square / best.mean_square)))
         for label in order
     ]
     return Wirings(name, (*rows, *(WiringRow(label, None, None, reason) for label, reason in failed.items())))
 
 
-def wired(study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive) -> list[Experiment]:
+def wired_experiments(
+    study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive,
+) -> list[Experiment]:
     """Return the training experiments of a fit with the pressures of every recording wired as `drive` says."""
     names = study.fits[fit_name].train
     entries = {n: study.recordings[n].model_copy(update={"drive": drive}) for n in names}
@@ -93,20 +95,20 @@ def wired(study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, dri
     return [study_experiment(other, n, recordings[n]) for n in names]
 
 
-def followed(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
+def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
     """Return the residual statistics of a wiring on its training recordings, and their mean error [% of peak
     displacement].
     """
     entry = study.fits[name]
     result = fit(
-        training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step, loss=entry.loss,
-        starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
     )
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
     return follows(training, result, study.step, entry.weighting), error
 
 
-def doubts_of(wirings: Wirings | None) -> tuple[str, ...]:
+def wiring_warnings(wirings: Wirings | None) -> tuple[str, ...]:
     """Return a warning if another wiring than the stated one fits the training recordings best; else ()."""
     if wirings is None or wirings.winner.name == STATED or STATED not in {r.name for r in wirings.rows}:
         return ()

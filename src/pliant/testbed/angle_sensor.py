@@ -13,8 +13,8 @@ from pliant.testbed.fibre import body_angle
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 FINE = 1e-3  # s, on which the sensor's lag is taken
 

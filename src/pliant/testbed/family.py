@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.testbed.contact import Circle, Wall
 from pliant.testbed.family_ranges import FAMILY
 from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, RodParameters, actuator
+from pliant.testbed.rod import ACTUATORS, CHAMBERS, RodParameters, actuator
 from pliant.testbed.scenarios import Scenario
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
 

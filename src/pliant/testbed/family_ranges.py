@@ -2,7 +2,7 @@
 
 Where no publication gives a range, the entry names its basis: the spread of the named actuators, or commercial
 components. Two things are not drawn: gravity, which the scenarios set, and the number of chambers, which is one
-(`rod.parameters.CHAMBERS` has bodies with two).
+(`rod.CHAMBERS` has bodies with two).
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from pliant.testbed.truth import node_positions
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 FINE = 850  # intervals of the body on which the angle is integrated
 CORE_ANGLE = (0.0, 0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)

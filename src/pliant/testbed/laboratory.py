@@ -165,15 +165,15 @@ def generate(
         raise InputError(f"a seed must be >= 0, got {seed}")
     motion = run_rod(case, rod, lab, progress)
     rate = {"markers": lab.mocap.rate, "angle": lab.angle.rate}.get(lab.output, case.rate)
-    at = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
+    frame_times = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
     attrs = {"scenario": case.name, "actuator": who.name, "seed": int(seed),
              "content_key": content_key(case, rod, seed, lab)}  # fmt: skip
     if who.name.isdecimal():
         attrs |= who.known()
     rod = replace(rod, gravity=case.gravity)
-    recording = record(motion, rod, lab, at, seed=seed, attrs=attrs)
+    recording = record(motion, rod, lab, frame_times, seed=seed, attrs=attrs)
     settings = {"laboratory": json.dumps(asdict(lab)), "scenario_settings": json.dumps(asdict(case))}
-    truth = make_truth(motion, rod, at, attrs | settings)
+    truth = make_truth(motion, rod, frame_times, attrs | settings)
     return LaboratoryExperiment(recording, truth)
 
 
@@ -256,10 +256,10 @@ def generate_file(
     key = content_key(adapted, who.body, seed, own)
     if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
         return False
-    made = generate(case, body, seed, lab=lab, progress=progress)
+    experiment = generate(case, body, seed, lab=lab, progress=progress)
     if truth is not None:
-        write_truth(made.truth, Path(truth))
-    write_netcdf(made.recording, path, float32=True, compress=True)
+        write_truth(experiment.truth, Path(truth))
+    write_netcdf(experiment.recording, path, float32=True, compress=True)
     return True
 
 
@@ -287,11 +287,11 @@ def generate_set(
     folder = Path(folder)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     todo = list(cases)
-    made = []
+    experiments = []
     for done, (case, body, seed) in enumerate(todo):
         path = folder / f"{case}-{body}-{seed}.nc"
         if progress is not None:
             progress(done, len(todo), path.name)
         generate_file(case, path, body=body, seed=seed, lab=lab, truth=folder / "truth" / path.name)
-        made.append(path)
-    return made
+        experiments.append(path)
+    return experiments

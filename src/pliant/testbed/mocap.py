@@ -12,8 +12,8 @@ from pliant.testbed.fibre import body_angle, stretched
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
 

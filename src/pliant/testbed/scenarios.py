@@ -13,8 +13,6 @@ from pliant.testbed.contact import Circle, Wall
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WAVES = ("steps", "triangle", "chirp", "multisine")
-
 
 @dataclass(frozen=True)
 class Command:
@@ -44,10 +42,10 @@ class Command:
     def __call__(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the commanded gauge pressure (T,) [Pa] at the times `time` (T,) [s]."""
         if self.wave in ("steps", "triangle"):
-            at, level = np.array(self.points, dtype=float).T
+            times, level = np.array(self.points, dtype=float).T
             if self.wave == "triangle":
-                return np.asarray(np.interp(time, at, level))
-            return np.asarray(np.append(0.0, level)[np.searchsorted(at, time, side="right")])
+                return np.asarray(np.interp(time, times, level))
+            return np.asarray(np.append(0.0, level)[np.searchsorted(times, time, side="right")])
         inside = (time >= self.start) & (time < self.stop)
         wave = self._sweep(time - self.start) if self.wave == "chirp" else self._lines(time - self.start)
         held = np.where(time >= 0.2, self.mean, 0.0)
@@ -101,12 +99,12 @@ def pulse(level: float, width: float, *, start: float = 0.12) -> Command:
 
 
 def _pulses() -> list[Scenario]:
-    made = []
+    points = []
     for kpa in (60, 119, 180, 240):
         for suffix, width, duration in (("", 2.76, 4.5), ("_medium", 1.5, 3.5), ("_short", 0.5, 2.5)):
             text = f"{kpa} kPa for {width} s" + (", the paper's pulse" if (kpa, suffix) == (119, "") else "")
-            made.append(Scenario(f"pulse_{kpa}{suffix}", text, duration, pulse(kpa * 1e3, width)))
-    return made
+            points.append(Scenario(f"pulse_{kpa}{suffix}", text, duration, pulse(kpa * 1e3, width)))
+    return points
 
 
 def _ramps(corners: list[float], rate: float) -> Command:

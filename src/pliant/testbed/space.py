@@ -1,7 +1,7 @@
 """A virtual body in space: PyElastica's Cosserat rod with three chambers, observed by markers or a multicore fibre.
 
 It shares no code with pliant's models: shear, stretch and twist are computed by PyElastica, which ``pip install
-'pliant[bench]'`` installs.
+'pliant[bench]'`` installs. ``python -m pliant.testbed.space`` generates the bundled recordings.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ DURATION, RATE = 6.0, 50.0  # s, Hz
 QUIET = 0.5  # s without pressure at the beginning
 TRACKER = np.array([[0.0, 0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, -0.8]])  # tracker's axes from those of the world
 ORIGIN = np.array([0.31, -0.12, 1.04])  # m, of the world in the tracker's frame
+SEED = 1  # of the bundled recordings
+FIBRE = "mixed"  # the bundled motion that the fibre records too
 
 
 @dataclass(frozen=True)
@@ -134,3 +136,24 @@ def fibre_table(
     names = [f"{axis}_{s:.2f}" for s in arc for axis in ("kx", "ky")]
     rows = np.column_stack([motion.time, kappa.reshape(len(kappa), -1)])
     return "\n".join([",".join(["t", *names]), *(",".join(f"{v:.3f}" for v in row) for row in rows)]) + "\n"
+
+
+def main() -> None:
+    """Write all bundled recordings of a body in space; takes about a minute."""
+    from pliant.recording import append_history
+    from pliant.recording.netcdf import write_netcdf
+    from pliant.testbed.bundle import FOLDER, QUANTUM
+
+    for number, name in enumerate(COMMANDS):
+        motion = simulate_in_space(name)
+        recording = marker_recording(motion, SEED + number, name=name)
+        rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
+        kept = append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
+        write_netcdf(kept, FOLDER / f"space_{name}.nc", float32=True, compress=True)
+        if name == FIBRE:
+            half = motion._replace(**{field: getattr(motion, field)[::2] for field in motion._fields})
+            (FOLDER / "space_fibre.csv").write_text(fibre_table(half, SEED), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

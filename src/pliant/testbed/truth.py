@@ -12,15 +12,15 @@ import xarray as xr
 from pliant.errors import InputError, shown
 from pliant.files import whole
 from pliant.recording.netcdf import read_groups
-from pliant.testbed.rod.body import build_body, material_fields
+from pliant.testbed.rod import build_body, material_fields
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 SCHEMA = "pliant-truth"
 ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]

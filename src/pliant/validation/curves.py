@@ -28,11 +28,11 @@ def thin(time: Array, value: Array, most: int = 1200) -> tuple[Array, Array]:
     cuts = np.linspace(0, time.size, most // 2 + 1).astype(int)
     keep: list[int] = [0, time.size - 1]
     for a, b in pairwise(cuts):
-        seen = np.flatnonzero(np.isfinite(value[a:b]))
-        if seen.size:
-            stretch = value[a:b][seen]
-            keep += [a + int(seen[stretch.argmin()]), a + int(seen[stretch.argmax()])]
-        if seen.size < b - a:
+        measured = np.flatnonzero(np.isfinite(value[a:b]))
+        if measured.size:
+            stretch = value[a:b][measured]
+            keep += [a + int(measured[stretch.argmin()]), a + int(measured[stretch.argmax()])]
+        if measured.size < b - a:
             keep.append(a + int(np.flatnonzero(~np.isfinite(value[a:b]))[0]))
     index = np.unique(keep)
     return time[index], value[index]
@@ -53,8 +53,8 @@ def autocorrelation(time: Array, value: Array) -> tuple[Array, Array]:
         Lags [s] and biased estimate of the correlation: sums are divided by that of the whole length, so that large
         lags with few products tend to zero.
     """
-    seen = np.isfinite(value)
-    r = np.where(seen, value - (value[seen].mean() if seen.any() else 0.0), 0.0)
+    measured = np.isfinite(value)
+    r = np.where(measured, value - (value[measured].mean() if measured.any() else 0.0), 0.0)
     lags = np.arange(min(time.size // 4, 400) + 1)
     power = float(r @ r)
     if power <= 0.0:
@@ -77,11 +77,11 @@ def instants(path: Array, most: int = 4) -> list[int]:
     ----------
     path : array (T, 2)
     """
-    seen = np.flatnonzero(np.isfinite(path).all(axis=1))
-    away = np.linalg.norm(path[seen] - path[seen[0]], axis=1)
+    measured = np.flatnonzero(np.isfinite(path).all(axis=1))
+    away = np.linalg.norm(path[measured] - path[measured[0]], axis=1)
     farthest = int(away.argmax())
     reached = [int(np.argmax(away >= share * away[farthest])) for share in np.linspace(0, 1, most)]
-    return [int(seen[k]) for k in dict.fromkeys(reached)]
+    return [int(measured[k]) for k in dict.fromkeys(reached)]
 
 
 def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:

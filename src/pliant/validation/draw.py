@@ -31,7 +31,7 @@ def draw_figures(
     Parameters
     ----------
     outcome : StudyOutcome
-        From `run_study`, or from `pliant.validation.stored.load_outcome`.
+        From `run_study`, or from `pliant.validation.store.load_outcome`.
     folder : str or Path
         Folder for the files, created if it is absent.
     kinds : sequence of str
@@ -78,8 +78,8 @@ def draw_figures(
     taken: set[str] = set()
     failures = Failures("", warn)
     with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
-        shown = replace(outcome, fits=drawn)
-        for name, draw in figures_of(shown, records or known, only=bool(records)):
+        selected = replace(outcome, fits=drawn)
+        for name, draw in figures_of(selected, records or known, only=bool(records)):
             if (figure := failures.attempt(f"figure {name}", "", draw)) is not None:
                 if letters:
                     letter_panels(figure)
@@ -108,11 +108,11 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
     if moves_torque(outcome.fits):
         yield "torque", partial(figures.torque_figure, outcome.fits)
     if outcome.model_selection:
-        from pliant.validation.selection_figure import selection_figure
+        from pliant.validation.selection_figures import selection_figure
 
         yield "model_selection", partial(selection_figure, outcome.model_selection)
     if outcome.shape:
-        from pliant.validation.shape_figures import order_figure, shape_figure
+        from pliant.validation.selection_figures import order_figure, shape_figure
 
         yield f"order-{outcome.shape.name}", partial(order_figure, outcome.shape)
         yield f"shape-{outcome.shape.name}", partial(shape_figure, outcome.shape)

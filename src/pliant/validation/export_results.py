@@ -94,7 +94,7 @@ def export_results(
     if not path.parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     if isinstance(results, (str, Path)):
-        from pliant.validation.stored import load_outcome
+        from pliant.validation.store import load_outcome
 
         results = load_outcome(results)
     sides = sides_of(results, fit, records)

@@ -206,8 +206,8 @@ def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
     """Draw the path and the body of a recording in the plane of the two axes `view`."""
     exp, axes = record.experiment, list(view)
     position, modelled = exp.position[..., axes], record.modelled[..., axes]
-    seen = np.isfinite(exp.last_station).all(axis=1)
-    ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
+    measured = np.isfinite(exp.last_station).all(axis=1)
+    ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if measured.sum() > SPARSE else MEASURED_POINTS)
     ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
     shown = instants(exp.last_station) if len(exp.stations) > 1 else []
     for k in shown:
@@ -220,7 +220,7 @@ def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
         if k in (shown[0], shown[-1]) and view[0] == 0:
             ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
                         ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-    ax.plot(*(1e3 * position[seen, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
+    ax.plot(*(1e3 * position[measured, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
             linestyle="", label="first frame")
 
 

@@ -99,8 +99,8 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
     time = side.time[first] + np.arange(int((side.time[last] - side.time[first]) * fps + 1e-6) + 1) / fps
     between = seen[first : last + 1]
     gaps, cut = int((~between).any(axis=1).sum()), int(side.time.size - between.shape[0])
-    found = [f"{cut} frame(s) at its ends were cut, since a station was not measured"] if cut else []
-    found += [f"{gaps} frame(s) in which a station was not measured were interpolated in time"] if gaps else []
+    notes = [f"{cut} frame(s) at its ends were cut, since a station was not measured"] if cut else []
+    notes += [f"{gaps} frame(s) in which a station was not measured were interpolated in time"] if gaps else []
     count = time.size
     columns = {
         "observation.state": sampled(time, side.time, rows),
@@ -110,7 +110,7 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
         "frame_index": np.arange(count), "episode_index": np.full(count, number),
         "index": np.arange(begin, begin + count), "task_index": np.full(count, number),
     }  # fmt: skip
-    return Episode(side.name, side.role, columns), found
+    return Episode(side.name, side.role, columns), notes
 
 
 def sampled(time: Array, own: Array, rows: Array) -> Array:

@@ -94,5 +94,5 @@ def body_film(
             now.set_data(np.full(p[k].shape, t[k]), p[k])
             return [line, way, now]
 
-        made = animation.FuncAnimation(figure, draw, frames=frames)
-        made.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)
+        video = animation.FuncAnimation(figure, draw, frames=frames)
+        video.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)

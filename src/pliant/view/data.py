@@ -1,8 +1,11 @@
-"""Arrays that the report's plots show: recordings, fits, dense shape, torque laws and forecasts, in display units."""
+"""Arrays that the report's plots show, in display units, and how they are packed into the page."""
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,12 +18,13 @@ from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of, pr
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import input_words
-from pliant.view.packing import Pack
 
 Array = np.ndarray
 MOST_NUMBERS = 1_200_000  # limit for all recordings of a page; above it, only every second (third, ...) frame is shown
 MOST_FRAMES = 4000  # limit for a plot of the dense shape
 PROFILES, PLACES = 60, 120  # curvature profiles, and positions along each
+LEVELS = 65_000  # number of integer levels for an array's range; -32768 marks missing values
+GAP = -32_768
 
 
 def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
@@ -102,7 +106,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
     factor = exp.shown_in[1]
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     lag, correlation = zip(*(autocorrelation(exp.time, r) for r in residual.T), strict=True)
-    seen = np.isfinite(residual[:, 0]).sum()
+    count = np.isfinite(residual[:, 0]).sum()
     scales = [shown_in(unit)[0] for unit in record.units]
     body = record.body if record.body is not None else np.concatenate(
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
@@ -113,7 +117,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,
         "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
-        "white": float(1.96 / np.sqrt(max(seen, 1))),
+        "white": float(1.96 / np.sqrt(max(count, 1))),
     }
 
 
@@ -166,3 +170,47 @@ def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
     shown = [np.interp(time, t, level, left=np.nan, right=np.nan) for t in (moved, c.clock)]
     return {"time": clock(time, pack), "motion": pack.add((motion - motion.min()) / max(float(np.ptp(motion)), 1e-300)),
             "moved": pack.add(shown[0]), "logged": pack.add(shown[1])}
+
+
+@dataclass
+class Pack:
+    """A collection of arrays to be stored in a page; for each, a description says where it lies in the data.
+
+    Values are rounded to 1/65 000 of their range, such as 3 um for 0.2 m, and stored as differences along the first
+    axis, which compress well.
+    """
+
+    parts: list[bytes] = field(default_factory=list)
+    used: int = 0
+
+    def add(self, values: Any) -> dict[str, Any]:
+        """Add an array of any shape and return its description: position in the data, shape and scale."""
+        array = np.asarray(values, dtype=float)
+        finite = np.isfinite(array)
+        low, high = (float(f(array[finite])) if finite.any() else 0.0 for f in (np.min, np.max))
+        scale = (high - low) / LEVELS or 1.0
+        levels = np.full(array.shape, GAP, dtype=np.int64)
+        levels[finite] = np.rint((array[finite] - low) / scale) - LEVELS // 2
+        steps = np.diff(levels, axis=0, prepend=0).astype(np.uint16)  # differences may overflow, which their sum undoes
+        note = {"at": self.used, "shape": list(array.shape), "low": low, "scale": scale}
+        self.put(steps.astype("<u2").tobytes())
+        return note
+
+    def put(self, content: bytes) -> None:
+        """Add raw bytes; their number must be even."""
+        self.parts.append(content)
+        self.used += len(content)
+
+    def text(self) -> str:
+        """Return all arrays as one compressed block in base64; the same arrays give the same text."""
+        return base64.b64encode(zlib.compress(b"".join(self.parts), 9)).decode()
+
+
+def unpack(text: str, note: dict[str, Any]) -> Array:
+    """Return the array that a description refers to, as the page's script reads it."""
+    content = zlib.decompress(base64.b64decode(text))
+    count = int(np.prod(note["shape"]))
+    steps = np.frombuffer(content, dtype="<u2", count=count, offset=note["at"]).reshape(note["shape"])
+    levels = np.cumsum(steps, axis=0, dtype=np.uint16).astype(np.int16).astype(float)
+    levels[levels == GAP] = np.nan
+    return np.asarray((levels + LEVELS // 2) * note["scale"] + note["low"])

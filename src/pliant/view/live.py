@@ -14,11 +14,12 @@ from pliant.errors import InputError, SimulationError
 from pliant.identification import Experiment
 from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station
+from pliant.model import Model, Station, load_model
 from pliant.simulation import Stepper
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.time_step import shared_step
 from pliant.units import shown_in
+from pliant.validation.store import load_outcome
 
 Array = np.ndarray
 SHORTEST = 1e-4  # s, shortest step, since the page cannot show more
@@ -51,7 +52,7 @@ class Pull(BaseModel):
     z_mm: Finite = 0.0  # for a body in space
 
 
-class Wish(BaseModel):
+class PageRequest(BaseModel):
     """A request of the page; values that it does not contain stay unchanged."""
 
     model_config = ConfigDict(extra="forbid")
@@ -64,7 +65,7 @@ class Wish(BaseModel):
     reset: bool = False
 
 
-class Played(NamedTuple):
+class PageContent(NamedTuple):
     """The content of the live page: a model, its adjustable parameters, and recordings to play under it."""
 
     model: Model
@@ -113,12 +114,12 @@ class Job(NamedTuple):
 class Live:
     """A running model; each open page has its own.
 
-    `ask` stores requests that take long to fulfil. `job` returns them as a `Job`, `prepare` builds the new model, if
-    necessary on another thread, and `take` replaces the running model by it. `build` does all three.
+    `receive` stores requests that take long to fulfil. `job` returns them as a `Job`, `prepare` builds the new model,
+    if necessary on another thread, and `replace_model` replaces the running model by it. `build` does all three.
 
     Parameters
     ----------
-    played : Played
+    content : PageContent
 
     Raises
     ------
@@ -126,9 +127,9 @@ class Live:
         When the model cannot be stepped; see `Stepper`.
     """
 
-    def __init__(self, played: Played) -> None:
-        self.played = played
-        self.model = played.model
+    def __init__(self, content: PageContent) -> None:
+        self.content = content
+        self.model = content.model
         self.stepper = Stepper(self.model, step_of(self.model))
         self.chambers = self.model.actuation.count
         self.command = np.zeros(self.chambers)
@@ -138,28 +139,28 @@ class Live:
         self.factor = np.array([shown_in(unit)[0] for unit in self.model.actuation.units])
         self.record: Experiment | None = None
         self.changed: dict[str, Any] = {}
-        self.sliders = {s.name: s for s in played.sliders}
+        self.sliders = {s.name: s for s in content.sliders}
         self.by_hand = np.zeros(self.chambers)  # Pa, positions of the sliders, used while no recording is played
         self.pending = self.restarting = self.other_record = False
         self.next_record: str | None = None
 
-    def ask(self, wish: Wish) -> None:
+    def receive(self, request: PageRequest) -> None:
         """Apply the quick parts of a request (inputs, speed, pull) and store the rest for `job`."""
-        if wish.pressure_kpa is not None and len(wish.pressure_kpa) == self.chambers:
-            sent = np.array(wish.pressure_kpa) / self.factor
+        if request.pressure_kpa is not None and len(request.pressure_kpa) == self.chambers:
+            sent = np.array(request.pressure_kpa) / self.factor
             pressed = np.array(self.model.actuation.units) == "Pa"
             self.by_hand[:] = np.where(pressed, np.maximum(sent, 0.0), sent)
             self.command[:] = self.by_hand
-        if wish.speed is not None:
-            self.speed = wish.speed
-        if "pull" in wish.model_fields_set:
-            self.pull = wish.pull
-        if "record" in wish.model_fields_set:
-            self.next_record, self.other_record, self.restarting = wish.record, True, True
-        numbers = {n: v for n, v in (wish.parameters or {}).items() if n in self.sliders}
-        gravity = {} if wish.gravity is None else {"gravity": np.array(wish.gravity)}
+        if request.speed is not None:
+            self.speed = request.speed
+        if "pull" in request.model_fields_set:
+            self.pull = request.pull
+        if "record" in request.model_fields_set:
+            self.next_record, self.other_record, self.restarting = request.record, True, True
+        numbers = {n: v for n, v in (request.parameters or {}).items() if n in self.sliders}
+        gravity = {} if request.gravity is None else {"gravity": np.array(request.gravity)}
         self.changed |= {**gravity, **numbers}
-        self.restarting |= wish.reset
+        self.restarting |= request.reset
         self.pending |= bool(numbers or gravity or self.restarting)
 
     def job(self) -> Job:
@@ -173,7 +174,7 @@ class Live:
         """Return the model of a job and its stepper, or an error message; the running model is not changed."""
         numbers = {n: float(np.clip(v, self.sliders[n].low, self.sliders[n].high))
                    for n, v in job.changed.items() if n in self.sliders}
-        model = self.played.model
+        model = self.content.model
         pressure = np.zeros_like(job.pressure) if job.restart else job.pressure
         try:
             for name in ("stiffness", "damping"):
@@ -186,20 +187,20 @@ class Live:
         except (InputError, SimulationError) as error:
             return str(error)
 
-    def take(self, job: Job, made: tuple[Model, Stepper] | str) -> None:
+    def replace_model(self, job: Job, prepared: tuple[Model, Stepper] | str) -> None:
         """Replace the running model by a prepared one, from rest if requested, else with the present state
         of motion.
         """
-        if isinstance(made, str):
-            self.message = made
+        if isinstance(prepared, str):
+            self.message = prepared
             return
-        model, stepper = made
+        model, stepper = prepared
         if job.restart:
             self.debt = 0.0
         else:
             stepper.restore(self.stepper.snapshot())
         if job.other_record:
-            self.record = self.played.records.get(job.record or "")
+            self.record = self.content.records.get(job.record or "")
             self.command[:] = self.by_hand
         self.model, self.stepper = model, stepper
 
@@ -207,7 +208,7 @@ class Live:
         """Fulfil the stored requests at once, on this thread."""
         if self.pending:
             job = self.job()
-            self.take(job, self.prepare(job))
+            self.replace_model(job, self.prepare(job))
 
     def restart(self, pressure: float) -> None:
         """Put the body back to rest at a pressure [Pa]."""
@@ -221,9 +222,9 @@ class Live:
             simplefilter("ignore", EnergyWarning)  # a pulling hand adds energy
             while self.debt >= self.stepper.length - TINY:
                 self.debt -= self.stepper.length
-                self.one()
+                self.advance_step()
 
-    def one(self) -> None:
+    def advance_step(self) -> None:
         """Simulate one step: first the pull of the hand, then the inputs."""
         if self.record is not None:
             self.play(self.record)
@@ -240,7 +241,7 @@ class Live:
         if self.stepper.time > np.ptp(exp.time):
             self.restart(0.0)
         if exp.pressure is not None:
-            now = np.array([exp.time[0] + self.stepper.time - self.played.start])
+            now = np.array([exp.time[0] + self.stepper.time - self.content.start])
             traces = [exp.driving(name) for name in self.model.actuation.names]
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
@@ -273,3 +274,37 @@ class Live:
         return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "message": message, "measured": measured,
                 "kpa": np.round(self.factor * self.stepper.pressure, 4).tolist(),
                 "command": np.round(self.factor * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}
+
+
+def page_content(source: Path, log: Path | None = None, touch: float = 0.0) -> PageContent:
+    """Return the content of the live page for a model file or a results folder.
+
+    For a folder it is the model of the first fit, with sliders for its parameters and its recordings.
+
+    Parameters
+    ----------
+    source : Path
+        Model file, or folder written by `pliant run`.
+    log : Path, optional
+        log.csv of a control loop of the same body, to be watched.
+    touch : float
+        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.watched.WatchedLoop`.
+
+    Raises
+    ------
+    InputError
+        When the file or folder cannot be read.
+    """
+    if not source.is_dir():
+        model = load_model(source)
+        return PageContent(model, sliders_of(model), {}, log=log, touch=touch)
+    outcome = load_outcome(source)
+    first = outcome.fits[0]
+    recordings = {r.name: in_base_frame(r.experiment) for r in first.records}
+    return PageContent(outcome.model, sliders_of(outcome.model, first.result.parameters), recordings,
+                  first.result.values.get("start", 0.0), log, touch)
+
+
+def in_base_frame(experiment: Experiment) -> Experiment:
+    """Return a stored experiment, which is in the axes of its recording, in the base frame of the model."""
+    return experiment.turned() if experiment.x_sign < 0 else experiment

@@ -16,8 +16,7 @@ from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import NO_PLACES, ROLE, digits, metric_label
-from pliant.view.data import page_data
-from pliant.view.packing import Pack
+from pliant.view.data import Pack, page_data
 from pliant.view.rows import (
     DETAILS,
     PAIRS,
@@ -34,8 +33,8 @@ from pliant.view.rows import (
     not_shown,
     order_rows,
     parameter_row,
+    points_text,
     record_row,
-    seen_text,
     selection_rows,
 )
 
@@ -115,7 +114,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     return {
         "axes": outcome.axes, "in_space": len(outcome.axes) == 3, "unit": "°" if turns else "mm",
         "no_places": NO_PLACES if turns else "",
-        "first_look": first_look(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
+        "worst_record": worst_record(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [row for f in outcome.fits for row in (
                 *(record_row(f, r) for r in f.records if r.role == "held_out"),
@@ -124,7 +123,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
                 missing_row(f, m) for f in outcome.fits for m in f.missing if m.role == "train"],
         },
         "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
-        "seen": {r.name: seen_text(r) for _, r in main},
+        "seen": {r.name: points_text(r) for _, r in main},
         "several": len(outcome.fits) > 1,
         "fits": fit_table(outcome.fits, list(outcome.findings)),
         "band_json": script_json({
@@ -145,13 +144,13 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     }
 
 
-def first_look(outcome: StudyOutcome) -> str:
+def worst_record(outcome: StudyOutcome) -> str:
     """Return a sentence on what to look at first: the first fit's worst held-out record, or its worst record."""
     records = outcome.fits[0].records
-    shown = [r for r in records if r.role == "held_out"] or list(records)
-    if not shown:
+    candidates = [r for r in records if r.role == "held_out"] or list(records)
+    if not candidates:
         return ""
-    worst = max(shown, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
+    worst = max(candidates, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
     which = "held-out record" if worst.role == "held_out" else "record"
     return f"Look first at {worst.name}, the {which} with the largest error: click its cell in the table, then Play."
 

@@ -28,11 +28,11 @@ SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm
 
 def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOutcome]]:
     """Return a pair (fit, recording) for each recording, with the first fit that uses it."""
-    found: dict[str, tuple[FitOutcome, RecordOutcome]] = {}
+    records: dict[str, tuple[FitOutcome, RecordOutcome]] = {}
     for f in fits:
         for r in f.records:
-            found.setdefault(r.name, (f, r))
-    return list(found.values())
+            records.setdefault(r.name, (f, r))
+    return list(records.values())
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
@@ -60,8 +60,8 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
 
 def edge_notes(metrics: dict[str, Any]) -> list[str]:
     """Return a note on the pulse times that were fitted to a held-out recording without measured pressure."""
-    found = metrics.get("fitted_edges_s") or {}
-    times = ", ".join(f"{name} {digits(value, 4)} s" for name, value in found.items())
+    fitted = metrics.get("fitted_edges_s") or {}
+    times = ", ".join(f"{name} {digits(value, 4)} s" for name, value in fitted.items())
     return [f"Fitted to this record, since its pressure was not measured: {times}."] if times else []
 
 
@@ -79,7 +79,7 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     return {"name": record.name, "fit": fit.title, "pairs": pairs, "joints": [", ".join(row) for row in joints]}
 
 
-def seen_text(record: RecordOutcome) -> str:
+def points_text(record: RecordOutcome) -> str:
     """Return a sentence on how much of a recording was compared."""
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Model
 from pliant.simulation.levels import typical_pressure
 from pliant.units import shown_in
-from pliant.view.live import Live, Played, Wish
+from pliant.view.live import Live, PageContent, PageRequest
 from pliant.view.report import asset, script_json, template
 from pliant.view.watched import WatchedLoop
 
@@ -26,20 +26,20 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
           "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
-def running(played: Played) -> Live | WatchedLoop:
+def running(content: PageContent) -> Live | WatchedLoop:
     """Return the moving body of a page: a running model, or the control loop to watch."""
-    return Live(played) if played.log is None else WatchedLoop(played.log, played.model, played.touch)
+    return Live(content) if content.log is None else WatchedLoop(content.log, content.model, content.touch)
 
 
-def live_page(played: Played, live: Live | WatchedLoop) -> str:
+def live_page(content: PageContent, live: Live | WatchedLoop) -> str:
     """Return the HTML text of the live page."""
-    m, ends = played.model, ranges(played, live.chambers)
+    m, ends = content.model, ranges(content, live.chambers)
     data = {
         "length": 1e3 * m.length, "links": m.n, "chambers": chamber_names(m, live.chambers),
         "gravity": [float(g) for g in m.gravity],
-        "sliders": [s._asdict() for s in played.sliders], "name": m.name,
-        "watched": played.log is not None, **ends,
-        "records": [n for n, e in played.records.items() if e.pressure is not None],
+        "sliders": [s._asdict() for s in content.sliders], "name": m.name,
+        "watched": content.log is not None, **ends,
+        "records": [n for n, e in content.records.items() if e.pressure is not None],
     }
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
     pressed = all(unit == "kPa" for unit in ends["units"])
@@ -57,27 +57,27 @@ def chamber_names(model: Model, count: int) -> list[str]:
     return names if len(names) == count else [f"chamber {c + 1}" for c in range(count)]
 
 
-def highest(played: Played) -> float:
+def highest(content: PageContent) -> float:
     """Return the upper end of the pressure sliders [kPa]: 25 % above the highest recorded pressure."""
-    seen = [e.peak for e in played.records.values()]
-    return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
+    peaks = [e.peak for e in content.records.values()]
+    return 1.25e-3 * max(peaks) if peaks and max(peaks) > 0 else BARE_KPA
 
 
-def ranges(played: Played, count: int) -> dict[str, list[Any]]:
+def ranges(content: PageContent, count: int) -> dict[str, list[Any]]:
     """Return the unit and the range of the slider of each input: pressures from 0 up, displacements and angles both
     ways.
     """
-    model = played.model
+    model = content.model
     known = [shown_in(unit) for unit in model.actuation.units]
     if len(known) != count or all(unit == "kPa" for _, unit in known):
-        return {"units": ["kPa"] * count, "lowest": [0.0] * count, "highest": [highest(played)] * count}
-    ends = [highest(played) if unit == "kPa" else 2.0 * factor * typical_pressure(model, c)
+        return {"units": ["kPa"] * count, "lowest": [0.0] * count, "highest": [highest(content)] * count}
+    ends = [highest(content) if unit == "kPa" else 2.0 * factor * typical_pressure(model, c)
             for c, (factor, unit) in enumerate(known)]  # fmt: skip
     lowest = [-end if unit in ("mm", "rad") else 0.0 for end, (_, unit) in zip(ends, known, strict=True)]
     return {"units": [unit for _, unit in known], "lowest": lowest, "highest": ends}
 
 
-def application(played: Played, token: str, host: str) -> Any:
+def application(content: PageContent, token: str, host: str) -> Any:
     """Return an ASGI application that serves the page and its WebSocket; any other address is not found."""
     try:
         from starlette.applications import Starlette
@@ -85,7 +85,7 @@ def application(played: Played, token: str, host: str) -> Any:
         from starlette.routing import Route, WebSocketRoute
     except ImportError:
         raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
-    live_page(played, running(played))  # raises an error now, before a browser connects
+    live_page(content, running(content))  # raises an error now, before a browser connects
     one_build = asyncio.Lock()  # shared by all pages, so that one with many requests does not block the others
 
     def known(connection: Any) -> bool:
@@ -97,18 +97,18 @@ def application(played: Played, token: str, host: str) -> Any:
             return PlainTextResponse("not found", 404)
         headers = {"Content-Security-Policy": POLICY.format(host=host), "Referrer-Policy": "no-referrer",
                    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
-        return HTMLResponse(live_page(played, running(played)), headers=headers)
+        return HTMLResponse(live_page(content, running(content)), headers=headers)
 
     async def follow(ws: Any) -> None:
         if not known(ws) or ws.headers.get("origin") != f"http://{host}":
             await ws.close(1008)
             return
         await ws.accept()
-        await converse(ws, running(played), one_build)
+        await converse(ws, running(content), one_build)
 
-    made = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
-    made.router.redirect_slashes = False
-    return made
+    app = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
+    app.router.redirect_slashes = False
+    return app
 
 
 async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> None:
@@ -118,7 +118,7 @@ async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> No
         async with one_build:
             asked.clear()
             job = live.job()
-            live.take(job, await asyncio.to_thread(live.prepare, job))
+            live.replace_model(job, await asyncio.to_thread(live.prepare, job))
 
 
 async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -> None:
@@ -135,7 +135,7 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
                 return
             text = message.get("text") or ""
             try:
-                live.ask(Wish.model_validate_json(text[:LARGEST]))  # a longer request, cut, is not valid JSON
+                live.receive(PageRequest.model_validate_json(text[:LARGEST]))  # a longer text, cut, is invalid
             except ValidationError:
                 live.message = "the page sent a request that is not valid: reload the page"
             if live.pending:
@@ -164,7 +164,7 @@ class Server:
 
     Parameters
     ----------
-    played : Played
+    content : PageContent
     port : int
         Port number; 0 for any free one.
 
@@ -174,7 +174,7 @@ class Server:
         When the packages of the extra view are missing, the port is in use, or the model cannot be stepped.
     """
 
-    def __init__(self, played: Played, port: int = 0) -> None:
+    def __init__(self, content: PageContent, port: int = 0) -> None:
         try:
             import uvicorn
         except ImportError:
@@ -190,7 +190,7 @@ class Server:
         host = f"{HOST}:{self.socket.getsockname()[1]}"
         token = secrets.token_urlsafe(16)
         self.address = f"http://{host}/{token}/"
-        config = uvicorn.Config(application(played, token, host), log_level="error", ws="websockets-sansio",
+        config = uvicorn.Config(application(content, token, host), log_level="error", ws="websockets-sansio",
                                 timeout_graceful_shutdown=1, lifespan="off", access_log=False)
         self.server = uvicorn.Server(config)
 

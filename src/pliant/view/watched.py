@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.loop.log import MARK
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
-from pliant.view.live import Wish
+from pliant.view.live import PageRequest
 
 BEHIND = 0.7  # s, lag of the page: the log reaches the disk at most 0.5 s after the loop wrote it
 KEPT = 4000  # rows
@@ -66,7 +66,7 @@ class WatchedLoop:
         """Return the column numbers of the pressures or the commands, one for each chamber."""
         return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
 
-    def ask(self, wish: Wish) -> None:
+    def receive(self, request: PageRequest) -> None:
         """Ignore a request of the page, since a watched loop must not be changed."""
 
     def advance(self, elapsed: float) -> None:

@@ -41,10 +41,10 @@ def main(folder: Path = FOLDER) -> None:
     from pliant.video import track_video
 
     folder.mkdir(parents=True, exist_ok=True)
-    made = film(case(), folder / "film.mp4", seed=SEED, view=VIEW, look=LOOK, shutter=SHUTTER)
-    at = np.arange(0.0, made.pressure_time[-1] - LOG_STARTS, 1.0 / LOG_RATE)
-    kpa = np.interp(at + LOG_STARTS, made.pressure_time, 1e-3 * made.pressure)
-    rows = "".join(f"{1e3 * t:.0f},{p:.2f}\n" for t, p in zip(at, kpa, strict=True))
+    filmed = film(case(), folder / "film.mp4", seed=SEED, view=VIEW, look=LOOK, shutter=SHUTTER)
+    log_times = np.arange(0.0, filmed.pressure_time[-1] - LOG_STARTS, 1.0 / LOG_RATE)
+    kpa = np.interp(log_times + LOG_STARTS, filmed.pressure_time, 1e-3 * filmed.pressure)
+    rows = "".join(f"{1e3 * t:.0f},{p:.2f}\n" for t, p in zip(log_times, kpa, strict=True))
     write_text(folder / "film_log.csv", f"t_ms,p_kpa\n{rows}")
     tracked = track_video(folder / "film.mp4", camera())
     rounded = tracked["position"].copy(data=tracked["position"].to_numpy().round(6))

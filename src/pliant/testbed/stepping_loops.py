@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.testbed.rod.rod_loops import (
+from pliant.testbed.rod_loops import (
     add_bending,
     add_contact,
     add_edges,
@@ -59,13 +59,13 @@ def substitute(band, b):
 
 def largest(values):
     """Return the largest absolute value of `values`, or NaN when one of them is NaN."""
-    found = 0.0
+    magnitude = 0.0
     for i in range(values.size):
-        if not abs(values[i]) <= found:
-            found = abs(values[i])
-        if np.isnan(found):
+        if not abs(values[i]) <= magnitude:
+            magnitude = abs(values[i])
+        if np.isnan(magnitude):
             break
-    return found
+    return magnitude
 
 
 def copy(values, out):

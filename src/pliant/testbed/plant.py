@@ -12,7 +12,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.family import Member, member
 from pliant.testbed.rod import RodParameters, build_body
-from pliant.testbed.stepping.simulate import Span, _clock, _out, _work, settle
+from pliant.testbed.stepping import Span, _clock, _out, _work, settle
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
 
 if TYPE_CHECKING:
@@ -155,8 +155,8 @@ class Plant:
             When the simulation does not converge.
         """
         from pliant.compiler.choose import twin
-        from pliant.testbed.plant.plant_loops import regulate_on
-        from pliant.testbed.stepping.stepping_loops import march
+        from pliant.testbed.plant_loops import regulate_on
+        from pliant.testbed.stepping_loops import march
 
         if np.size(command) != 1:
             raise InputError(

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.testbed.memory import prony_decay
-from pliant.testbed.rod.body import RodBody, build_body, node_position
+from pliant.testbed.rod import RodBody, RodParameters, build_body, node_position, prony_decay
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import ArrayLike, NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
 
 Array = np.ndarray
 STATIC_STEP = 1e6  # s: a step so long that inertia, viscosity and relaxation have died out
@@ -175,7 +173,7 @@ def settle(
         When an increment does not converge.
     """
     from pliant.compiler.choose import twin
-    from pliant.testbed.stepping.stepping_loops import march
+    from pliant.testbed.stepping_loops import march
 
     body = build_body(p)
     whole = _loads(p, np.zeros((1, len(p.chambers) + 3)) if loads is None else [loads])
@@ -255,7 +253,7 @@ def simulate(
         When a step does not converge or a value is no longer finite.
     """
     from pliant.compiler.choose import twin
-    from pliant.testbed.stepping.stepping_loops import march
+    from pliant.testbed.stepping_loops import march
 
     table = _loads(p, loads)
     if not (dt > 0 and stride >= 1):
@@ -295,6 +293,6 @@ def simulate(
 
 def _first_energy(body: RodBody, rows: NDArray[np.float64], state: RodState, out: Out) -> None:
     from pliant.compiler.choose import twin
-    from pliant.testbed.stepping.stepping_loops import energies
+    from pliant.testbed.stepping_loops import energies
 
     twin(energies)(body, rows, state, out.energy[0])

@@ -5,7 +5,7 @@ The nodes ``x_0 .. x_{V-1}`` lie in the plane; ``x_0`` is clamped with the tange
 curvature ``psi_k / weight_k``. The vertices at the clamp and at the cap carry half an element.
 
 ``load`` holds the pressure of every chamber (C), a force (2) on the pushed node and a couple on the last edge.
-``clock`` is a `stepping.simulate.StepClock`: with the second-order backward difference ``h = 2/3 dt``, ``v = (x - x_s)
+``clock`` is a `stepping.StepClock`: with the second-order backward difference ``h = 2/3 dt``, ``v = (x - x_s)
 / h`` and ``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation (Kelvin-Voigt, Prony, slip,
 friction) is the derivative of a convex term of one incremental potential, so that its Hessian is symmetric.
 """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.testbed.valve.valve_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
+from pliant.testbed.valve_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,7 +24,7 @@ from pliant.study.fits import run_fit
 from pliant.study.schema import Study
 from pliant.validation.outcome import FitOutcome
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 HEAD_START = 2.0  # s of processor time before helpers start, not of wall time, so that a busy machine gets no more load
 POLL = 0.2  # s
 START = """
@@ -32,18 +32,18 @@ import sys
 sys.path[:] = {path!r}
 from pliant.heavy import hide_heavy
 hide_heavy()
-from pliant.study.side_by_side import help_out
-help_out()
+from pliant.study.parallel_fits import run_helper
+run_helper()
 """
 
 
-class Line:
+class FitQueue:
     """A queue of the fits that wait, and the outcomes of those that have ended."""
 
     def __init__(self, study: Study, experiments: Mapping[str, Experiment], model: Model) -> None:
         self.common = (study, experiments, model)
         self.waiting = deque(study.fits)
-        self.ended: dict[str, FitOutcome | Exception] = {}
+        self.outcomes: dict[str, FitOutcome | Exception] = {}
         self.empty = Event()
 
     def take(self) -> str | None:
@@ -55,18 +55,18 @@ class Line:
 
     def missing(self) -> list[str]:
         """Return the names of the fits without an outcome; empty after an unexpected error."""
-        given_up = any(map(is_bug, self.ended.values()))
-        return [] if given_up else [name for name in self.common[0].fits if name not in self.ended]
+        given_up = any(map(is_bug, self.outcomes.values()))
+        return [] if given_up else [name for name in self.common[0].fits if name not in self.outcomes]
 
     def put(self, name: str, end: FitOutcome | Exception) -> None:
         """Store the outcome of a fit; after an unexpected error no further fit is started."""
-        self.ended[name] = end
+        self.outcomes[name] = end
         if is_bug(end):
             self.waiting.clear()
 
 
 def run_fits(
-    study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell, workers: int | None = None,
+    study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify, workers: int | None = None,
 ) -> list[tuple[str, FitOutcome | Exception]]:
     """Compute all fits of a study with up to `workers` processes; default: one for each core.
 
@@ -76,25 +76,25 @@ def run_fits(
         Name and outcome of each fit in the study's order. The outcome of a fit that could not be computed is its error,
         one of `pliant.failures.FAILED`. Any other error is raised.
     """
-    line = Line(study, experiments, model)
-    helpers = [Helper(line, tell) for _ in range(min(workers or cores(), len(study.fits)) - 1)]
+    queue = FitQueue(study, experiments, model)
+    helpers = [Helper(queue, notify) for _ in range(min(workers or cores(), len(study.fits)) - 1)]
     try:
         for helper in helpers:
             helper.start()
-        while line.missing():
-            while (name := line.take()) is not None:
-                line.put(name, ended(line.common, name, tell))
-            line.empty.set()
+        while queue.missing():
+            while (name := queue.take()) is not None:
+                queue.put(name, fit_or_error(queue.common, name, notify))
+            queue.empty.set()
             for helper in helpers:
                 helper.stop(busy=False)
                 helper.join()
-            line.waiting.extend(line.missing())  # the fits of helpers that ended early
+            queue.waiting.extend(queue.missing())  # the fits of helpers that ended early
     finally:
-        line.waiting.clear()
-        line.empty.set()
+        queue.waiting.clear()
+        queue.empty.set()
         for helper in helpers:
             helper.stop()
-    ends = [(name, line.ended[name]) for name in study.fits if name in line.ended]
+    ends = [(name, queue.outcomes[name]) for name in study.fits if name in queue.outcomes]
     for _, end in ends:
         if isinstance(end, Exception) and is_bug(end):
             raise end
@@ -106,13 +106,15 @@ def is_bug(end: FitOutcome | Exception) -> bool:
     return isinstance(end, Exception) and not isinstance(end, FAILED)
 
 
-def ended(common: tuple[Study, Mapping[str, Experiment], Model], name: str, tell: Tell) -> FitOutcome | Exception:
+def fit_or_error(
+    common: tuple[Study, Mapping[str, Experiment], Model], name: str, notify: Notify,
+) -> FitOutcome | Exception:
     """Compute a fit and return its outcome, or the error in which it ended."""
     study, experiments, model = common
     try:
-        return run_fit(study, name, study.fits[name], experiments, model, tell)
+        return run_fit(study, name, study.fits[name], experiments, model, notify)
     except FAILED as error:
-        tell(f"warning: {fit_failure(name, error).sentence}")
+        notify(f"warning: {fit_failure(name, error).sentence}")
         return error
     except Exception as error:  # noqa: BLE001  raised again when all fits have ended
         return error
@@ -121,9 +123,9 @@ def ended(common: tuple[Study, Mapping[str, Experiment], Model], name: str, tell
 class Helper(Thread):
     """A thread that starts a helper process and passes fits to it, one after the other."""
 
-    def __init__(self, line: Line, tell: Tell) -> None:
+    def __init__(self, queue: FitQueue, notify: Notify) -> None:
         super().__init__(daemon=True)
-        self.line, self.tell = line, tell
+        self.queue, self.notify = queue, notify
         self.process: subprocess.Popen[bytes] | None = None
         self.name_of_fit: str | None = None
         self.stopped = False
@@ -132,7 +134,7 @@ class Helper(Thread):
         """Start the process after 2 s of processor time, and pass fits to it until the queue is empty."""
         began = process_time()
         while process_time() - began < HEAD_START:
-            if self.line.empty.wait(POLL):
+            if self.queue.empty.wait(POLL):
                 return
         command = [sys.executable, "-P", "-c", START.format(path=sys.path)]
         try:
@@ -145,19 +147,19 @@ class Helper(Thread):
                     self.process.kill()
         except (OSError, EOFError, pickle.UnpicklingError) as error:
             if not self.stopped:
-                self.tell(f"a helper process ended early ({type(error).__name__}): the main process goes on")
+                self.notify(f"a helper process ended early ({type(error).__name__}): the main process goes on")
 
     def serve(self, process: Any) -> None:
         """Send fits to the process and store their outcomes until the queue is empty."""
-        send(process.stdin, self.line.common)
+        send(process.stdin, self.queue.common)
         pickle.load(process.stdout)  # noqa: S301  "ready": its modules are loaded
-        while (name := self.line.take()) is not None:
+        while (name := self.queue.take()) is not None:
             self.name_of_fit = name
             send(process.stdin, name)
             messages, end = pickle.load(process.stdout)  # noqa: S301
-            for line in messages:
-                self.tell(line)
-            self.line.put(name, end)
+            for message in messages:
+                self.notify(message)
+            self.queue.put(name, end)
             self.name_of_fit = None
 
     def stop(self, *, busy: bool = True) -> None:
@@ -174,7 +176,7 @@ def send(pipe: IO[bytes], what: Any) -> None:
     pipe.flush()
 
 
-def help_out() -> None:
+def run_helper() -> None:
     """Run as a helper process: read names of fits from standard input and write their outcomes to standard output."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a library's prints must not mix with the outcomes
@@ -186,5 +188,5 @@ def help_out() -> None:
         except EOFError:
             return
         messages: list[str] = []
-        end = ended(common, name, messages.append)
+        end = fit_or_error(common, name, messages.append)
         send(answers, (messages, end))

@@ -100,16 +100,16 @@ def fill_chamber(command, dt, sub, spool, gas, out):
     `command` (S,) [Pa gauge] holds the set points at steps of `dt` [s]. Each step has `sub` substeps.
     """
     p = command[0] + gas.ambient
-    place = speed = 0.0
+    position = speed = 0.0
     h = dt / sub
     out[0] = command[0]
     for n in range(1, command.size):
         for k in range(sub):
             u = command[n - 1] + (command[n] - command[n - 1]) * (k + 0.5) / sub
             wish = max(-1.0, min(1.0, (u + gas.ambient - p) / spool.band))
-            speed += h * (spool.natural ** 2 * (wish - place) - 2.0 * spool.damping * spool.natural * speed)
-            place += h * speed
-            opening = max(-1.0, min(1.0, place))
+            speed += h * (spool.natural ** 2 * (wish - position) - 2.0 * spool.damping * spool.natural * speed)
+            position += h * speed
+            opening = max(-1.0, min(1.0, position))
             rate = chamber_rate(p, opening, gas)
             half = p + 0.5 * h * rate
             p += h * chamber_rate(half, opening, gas)

@@ -1,4 +1,4 @@
-"""First look at a user's files: what each contains, its alignment, and the excitation that it shows."""
+"""Inspection of a user's files: what each contains, its alignment, and the excitation that it shows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +25,9 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
-from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
-from pliant.study.clocks import with_pressure
-from pliant.study.doubts import units_first
+from pliant.recording.inputs import RecordedInput, recorded_inputs
+from pliant.study.aligned import with_pressure
+from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import read_or_guess, several
 from pliant.units import PASCAL, pascal_per
 
@@ -38,20 +37,18 @@ RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigi
 LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
-FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
-MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
 @dataclass(frozen=True)
-class FirstLook:
+class Trial:
     """The content of one file at first reading, with its trial alignment.
 
     Attributes
     ----------
     path : Path
     recording : xarray.Dataset
-    found : Quality
+    quality : Quality
         Data quality of the recording.
     mapping : dict or None
         Mapping as the user gave it.
@@ -63,7 +60,7 @@ class FirstLook:
         The recording in the base frame; None when the alignment failed.
     problem : str
         Why the alignment failed.
-    made_up : dict
+    assumed : dict
         Mapping entries that were assumed in order to read the file: a camera, or units.
     log : Path or None
         File of the pressure log, if it is separate. `recording` then holds its pressure, on the log's own clock.
@@ -71,13 +68,13 @@ class FirstLook:
 
     path: Path
     recording: xr.Dataset
-    found: Quality
+    quality: Quality
     mapping: dict[str, Any] | None
     stations: dict[str, list[str]] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
     aligned: xr.Dataset | None = None
     problem: str = ""
-    made_up: dict[str, Any] = field(default_factory=dict)
+    assumed: dict[str, Any] = field(default_factory=dict)
     log: Path | None = None
 
     @property
@@ -97,33 +94,34 @@ class FirstLook:
         return str(self.options.get("base") or report.get("base") or self.recording["station"].values[0])
 
     @property
-    def scaled(self) -> bool:
+    def has_scale(self) -> bool:
         """Return whether the file was read without assumed scale or units."""
-        return not self.made_up
+        return not self.assumed
 
     @property
-    def turns(self) -> bool:
+    def angles_only(self) -> bool:
         """Return whether the file holds angles and no positions."""
         return "position" not in self.recording
 
     @property
-    def shown(self) -> np.ndarray:
+    def last_motion(self) -> np.ndarray:
         """Return the last station's motion (T, axes): position [m], or angle [rad] if the file holds angles alone."""
         recording = self.recording if self.aligned is None else self.aligned
-        last = recording["angle"].values[:, -1:, None] if self.turns else recording["position"].values[:, -1:]
+        last = recording["angle"].values[:, -1:, None] if self.angles_only else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
 
     @property
     def out_of_plane(self) -> float:
         """Return the fraction of the motion out of its best-fit plane; 0 if the file is planar or nothing moves."""
-        share, moves = self.found.out_of_plane_share, len(self.found.standing) < self.found.stations
+        share, moves = self.quality.out_of_plane_share, len(self.quality.standing) < self.quality.stations
         return float(share) if np.isfinite(share) and moves else 0.0
 
     @property
     def spatial(self) -> bool:
         """Return whether the file shows a body that moves in space."""
         frame = self.recording.attrs["frame"]
-        return frame == "spatial" or (frame == "tracker" and (self.out_of_plane > OUT_OF_PLANE or bool(self.cords)))
+        moves_in_space = self.out_of_plane > OUT_OF_PLANE or bool(self.tendon_inputs)
+        return frame == "spatial" or (frame == "tracker" and moves_in_space)
 
     @property
     def chambers(self) -> list[str]:
@@ -135,23 +133,23 @@ class FirstLook:
     @property
     def pressure_ranges(self) -> dict[str, float]:
         """Return the difference between highest and lowest value of each pressure [kPa]."""
-        return {name: high - low for name, (low, high) in self.found.pressure_kpa.items()}
+        return {name: high - low for name, (low, high) in self.quality.pressure_kpa.items()}
 
     @property
-    def cords(self) -> list[RecordedInput]:
+    def tendon_inputs(self) -> list[RecordedInput]:
         """Return the inputs other than pressure, which drive tendons."""
         return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
 
     @property
-    def widest(self) -> float:
+    def peak_motion(self) -> float:
         """Return the largest peak displacement [m] of a station, or the largest rotation [degrees] for angles."""
-        return max((self.found.travel_deg if self.turns else self.found.travel_m).values())
+        return max((self.quality.travel_deg if self.angles_only else self.quality.travel_m).values())
 
     @property
     def dense(self) -> bool:
         """Return whether the file has enough stations to describe the shape all along the body."""
         count = len(self.stations) or int(self.recording.sizes["station"])
-        return not self.turns and count >= DENSE_STATIONS
+        return not self.angles_only and count >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:
@@ -167,18 +165,18 @@ class FirstLook:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> FirstLook:
-    """Read a file as `look_at` does, and take its pressure from a separate log if one is given."""
-    look = look_at(path, mapping)
+def inspect_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Trial:
+    """Read a file as `inspect_trial` does, and take its pressure from a separate log if one is given."""
+    trial = inspect_trial(path, mapping)
     if log is None:
-        return look
-    recording = with_pressure(look.recording, read(log), look.name, log.name)
-    found = quality(recording)
-    known = replace(look.found, pressure_kpa=found.pressure_kpa, doubts=found.doubts)
-    return replace(look, recording=recording, log=log, found=known)
+        return trial
+    recording = with_pressure(trial.recording, read(log), trial.name, log.name)
+    joined = quality(recording)
+    checked = replace(trial.quality, pressure_kpa=joined.pressure_kpa, doubts=joined.doubts)
+    return replace(trial, recording=recording, log=log, quality=checked)
 
 
-def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
+def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial:
     """Read a file, assess its quality, group its markers and try to align it in the plane.
 
     Parameters
@@ -193,7 +191,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
         When the file cannot be read, or holds neither positions nor angles.
     """
     kept = dict(mapping) if mapping else None
-    recording, made_up = read_or_guess(path, kept)
+    recording, assumed = read_or_guess(path, kept)
     if not {"position", "angle"} & set(recording):
         held = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
@@ -201,54 +199,55 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
             else "pressure alone: a study needs the shape too"
         )
         raise InputError(f"{path.name} holds {held}")
-    found = quality(recording)
-    look = FirstLook(path, recording := leave_out_frozen(recording), found, kept, made_up=made_up)
-    if look.turns:
-        return replace(look, aligned=from_rest(recording))
+    assessed = quality(recording)
+    trial = Trial(path, recording := leave_out_frozen(recording), assessed, kept, assumed=assumed)
+    if trial.angles_only:
+        return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
-        return replace(look, aligned=recording)
-    look = replace(look, stations=rigid_clusters(recording))
-    look = replace(look, options=directions(recording, found, look.stations, dense=look.dense))
-    if look.capped:
-        return look
+        return replace(trial, aligned=recording)
+    trial = replace(trial, stations=rigid_clusters(recording))
+    trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
+    if trial.capped:
+        return trial
     try:
-        with units_first(found.doubts):
-            return replace(look, aligned=align(look.grouped, **look.options))
+        with unit_warning_first(assessed.doubts):
+            return replace(trial, aligned=align(trial.grouped, **trial.options))
     except InputError as error:
-        return replace(look, problem=str(error))
+        return replace(trial, problem=str(error))
 
 
-def in_space(look: FirstLook) -> FirstLook:
-    """Return the first look with its recording aligned in space.
+def in_space(trial: Trial) -> Trial:
+    """Return the trial with its recording aligned in space.
 
     Raises
     ------
     InputError
         When the file holds angles alone, or positions that are planar already.
     """
-    if look.turns or look.recording.attrs["frame"] == "planar":
-        raise InputError(f"{look.path.name} holds {'angles alone' if look.turns else 'a planar recording'}: a study in "
-                         "space needs the three-dimensional positions of the tracker")  # fmt: skip
-    if look.recording.attrs["frame"] == "spatial" or look.capped:
-        return look
+    if trial.angles_only or trial.recording.attrs["frame"] == "planar":
+        content = "angles alone" if trial.angles_only else "a planar recording"
+        raise InputError(f"{trial.path.name} holds {content}: a study in space needs the three-dimensional positions "
+                         "of the tracker")
+    if trial.recording.attrs["frame"] == "spatial" or trial.capped:
+        return trial
     try:
-        with units_first(look.found.doubts):
-            return replace(look, aligned=align(look.grouped, **look.options, space=True), problem="")
+        with unit_warning_first(trial.quality.doubts):
+            return replace(trial, aligned=align(trial.grouped, **trial.options, space=True), problem="")
     except InputError as error:
-        return replace(look, aligned=None, problem=str(error))
+        return replace(trial, aligned=None, problem=str(error))
 
 
-def from_one_side(looks: Sequence[FirstLook]) -> list[FirstLook]:
-    """Return the looks with all planar recordings aligned to the first one's plane normal, so that x is the same."""
-    done: list[FirstLook] = []
+def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials with all planar recordings aligned to the first one's plane normal, so that x is the same."""
+    done: list[Trial] = []
     normal = None
-    for look in looks:
-        one = look
-        if look.aligned is not None and "alignment" in look.aligned.attrs:
+    for trial in trials:
+        one = trial
+        if trial.aligned is not None and "alignment" in trial.aligned.attrs:
             if normal is None:
-                normal = np.array(alignment_of(look.aligned).normal)
+                normal = np.array(alignment_of(trial.aligned).normal)
             else:
-                one = replace(look, aligned=align(look.grouped, **look.options, plane=normal, bend=None))
+                one = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
         done.append(one)
     return done
 
@@ -274,11 +273,11 @@ def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
     The result is empty if no group has more than one marker.
     """
     groups = clusters([str(s) for s in recording["station"].values])
-    found: dict[str, list[str]] = {}
+    plates: dict[str, list[str]] = {}
     for name, markers in groups.items():
         plate = len(markers) < DENSE_STATIONS and rigid(recording, markers)
-        found |= {name: markers} if plate else {m: [m] for m in markers}
-    return found if any(len(markers) > 1 for markers in found.values()) else {}
+        plates |= {name: markers} if plate else {m: [m] for m in markers}
+    return plates if any(len(markers) > 1 for markers in plates.values()) else {}
 
 
 def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
@@ -309,141 +308,54 @@ def directions(
     return options
 
 
-def azimuths(recording: xr.Dataset) -> list[float]:
-    """Return the azimuth of each pressure's chamber [degrees, 0 to 360] from x towards y, from the last station's
-    motion.
-
-    A chamber bends the body away from itself. The station's displacement is assumed to be linear in all pressures.
-
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording in the base frame, in space.
-    """
-    gain = -sideways(recording)[:, -1]
-    return [float(a) for a in np.degrees(np.arctan2(gain[:, 1], gain[:, 0])) % 360.0]
-
-
-def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Return the linear gain of stations' displacement across the base tangent [m] for each input (C, S, 1 or 2)."""
-    across = without_spikes(recording["position"].values)[..., :-1]
-    inputs = inputs_at(recording, recording["time"].values)
-    design = np.column_stack([inputs, np.ones(len(inputs))])
-    gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
-    for s in range(across.shape[1]):
-        known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
-        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
-    return gain
-
-
-def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
-    """Return the side to which a chamber bends a planar body (1 or -1), and where the bend begins and ends [m from
-    base].
-
-    The bend is assumed to be even between two points at tenths of the body, and the body straight elsewhere. If
-    no part explains the displacements of the stations much better, the bend is assumed to be even over the whole body.
-
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording in the base frame, in a plane.
-    name : str
-        Name of the chamber.
-    """
-    gain = sideways(recording)[several(recording).index(name), :, 0]
-    height = np.nanmedian(recording["position"].values[:10, :, -1], axis=0)
-    seen = np.isfinite(gain) & np.isfinite(height)
-    marks = np.linspace(0.0, np.nanmax(height), 11)
-    found = []
-    parts = list(combinations(marks, 2)) if seen.sum() > FEWEST_SHOWING else []
-    for begin, end in [(0.0, marks[-1]), *parts]:
-        shape = even_bend(height, begin, end)[seen]
-        curvature = float(shape @ gain[seen] / (shape @ shape))
-        missed = float(((gain[seen] - shape * curvature) ** 2).sum())
-        found.append((missed, -1 if curvature > 0 else 1, begin, end))
-    best = min(found)
-    return (best if best[0] < MUCH_BETTER * found[0][0] else found[0])[1:]
-
-
-def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Return the sideways displacement at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
-    bent = np.clip(height, begin, end) - begin
-    return np.asarray(bent * (height - begin - 0.5 * bent))
-
-
-def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
-    """Return for each input the azimuth of its tendon [degrees] and where it ends [m along the base tangent at rest].
-
-    A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
-    straight beyond. The end is the station with which this best explains the displacements of all stations.
-
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording in the base frame, in space, without input 0 in any channel.
-    """
-    height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
-    ends = np.sort(height[height > 0.05 * height.max()])
-    shapes = even_bend(height, 0.0, ends[:, None])  # (E, S)
-    found = []
-    for gain in sideways(recording):
-        seen = np.isfinite(gain).all(axis=1)
-        curvature = shapes[:, seen] @ gain[seen] / (shapes[:, seen] ** 2).sum(axis=1)[:, None]  # (E, 2)
-        missed = ((gain[seen] - shapes[:, seen, None] * curvature[:, None]) ** 2).sum(axis=(1, 2))
-        best = int(np.argmin(missed))
-        towards = curvature[best]
-        found.append((float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])))
-    return found
-
-
-def body_length(look: FirstLook) -> float | None:
+def body_length(trial: Trial) -> float | None:
     """Return the length of the body [m], along the stations or from base to tip at rest; None if it is unknown."""
-    if look.aligned is None or look.capped or look.turns or not look.scaled:
+    if trial.aligned is None or trial.capped or trial.angles_only or not trial.has_scale:
         return None
-    if "arc_length" in look.aligned.coords:
-        return float(look.aligned["arc_length"].values[-1])
-    first = look.shown[:10]
+    if "arc_length" in trial.aligned.coords:
+        return float(trial.aligned["arc_length"].values[-1])
+    first = trial.last_motion[:10]
     return float(np.linalg.norm(np.nanmedian(first, axis=0)))
 
 
-def excitation(look: FirstLook) -> Excitation:
+def excitation(trial: Trial) -> Excitation:
     """Return the excitation that the file shows: "trace" (measured input), "pulse", "step" or "release"."""
-    if {"pressure", "actuation"} & set(look.recording):
+    if {"pressure", "actuation"} & set(trial.recording):
         return "trace"
-    if look.aligned is None:
+    if trial.aligned is None:
         return "pulse"
-    p = look.shown
+    p = trial.last_motion
     u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
     end = np.nanmedian(u[-max(5, len(u) // 20):])
     if end < RETURNED * np.nanmax(u):
         return "pulse"
-    return "release" if look.highest_pa is None else "step"
+    return "release" if trial.highest_pa is None else "step"
 
 
-def held_out(looks: Sequence[FirstLook]) -> str | None:
+def held_out(trials: Sequence[Trial]) -> str | None:
     """Return the name of the recording to hold out; None if there is only one.
 
     It is the recording with the middle pressure (of two, the lower), so that the test does not extrapolate. If some
     pressure is unknown, the peak displacement decides instead. If only some recordings drive several chambers together,
     one of these is held out, so that the fit has the effect of each chamber alone.
     """
-    if len(looks) < 2:
+    if len(trials) < 2:
         return None
-    together = [look for look in looks if len(look.chambers) > 1]
-    looks = together if len(together) < len(looks) and together else looks
-    known = all(look.highest_pa is not None for look in looks)
-    listed = sorted(looks, key=lambda look: abs(look.highest_pa or 0.0) if known else look.widest)
-    return listed[(len(looks) - 1) // 2].name
+    together = [trial for trial in trials if len(trial.chambers) > 1]
+    trials = together if len(together) < len(trials) and together else trials
+    known = all(trial.highest_pa is not None for trial in trials)
+    listed = sorted(trials, key=lambda trial: abs(trial.highest_pa or 0.0) if known else trial.peak_motion)
+    return listed[(len(trials) - 1) // 2].name
 
 
-def moved(look: FirstLook) -> str:
+def moved(trial: Trial) -> str:
     """Return the begin and end of the motion as a comment, or "" if they are unknown."""
-    if look.aligned is None or not look.scaled or excitation(look) == "trace":
+    if trial.aligned is None or not trial.has_scale or excitation(trial) == "trace":
         return ""
-    stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)
-    recording = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
+    stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)
+    recording = trial.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
     try:
-        found = edges(experiment(look.name, recording, stations=stations, excitation=excitation(look)))
+        edge_times = edges(experiment(trial.name, recording, stations=stations, excitation=excitation(trial)))
     except InputError:
         return ""
-    return ", ".join(f"{what} near {time:.2f} s" for what, time in found.items())
+    return ", ".join(f"{what} near {time:.2f} s" for what, time in edge_times.items())

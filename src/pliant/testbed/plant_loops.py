@@ -6,7 +6,7 @@ import numpy as np
 
 
 def regulate_on(commands, dt, sub, law, held, out):
-    """Integrate the regulator of `valve.valve_loops.regulate` over held commands and write the pressures to `out` (N,)
+    """Integrate the regulator of `valve_loops.regulate` over held commands and write the pressures to `out` (N,)
     [Pa].
 
     Each of the `commands` (N,) [Pa] is held for a step of `dt` [s], which has `sub` midpoint substeps. `held` (2,) is
