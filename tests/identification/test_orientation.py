@@ -10,7 +10,7 @@ from pliant.identification import Parameter, experiment
 from pliant.identification.experiment import Experiment
 from pliant.identification.following import moved
 from pliant.identification.forward_model import set_up
-from pliant.identification.orientation import frames_of, rotation_vectors, turn_slopes, turns_off, with_axes
+from pliant.identification.observation import frames_of, rotation_vectors, turn_slopes, turns_off, with_axes
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import white_noise
 from pliant.mechanics import mechanics_of

@@ -13,16 +13,16 @@ from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
 from pliant.identification.loop_inputs import Numbers, SetUp
-from pliant.identification.observation_kind import (
+from pliant.identification.observation import (
     TINY,
     ObservationKind,
+    behind_sensors,
     copied,
     in_kind,
     places_in_plane,
     places_in_space,
 )
 from pliant.identification.poses import pose_rows
-from pliant.identification.sensor import behind_sensors
 from pliant.mechanics import mechanics_of
 from pliant.simulation import state
 

@@ -1,21 +1,19 @@
-"""Set-up of the forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
+"""The forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, slipped
 from pliant.identification.loop_inputs import Numbers, SetUp
-from pliant.identification.orientation import repeated, with_axes
+from pliant.identification.observation import between_frames, lags_of, repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import posed
 from pliant.identification.poses import inputs_of
-from pliant.identification.sensor import between_frames, lags_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
@@ -27,6 +25,8 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
+LEAST_PULL = 1e-6  # weight of the unloaded shape over that of a measured point
+POSE_STEPS = 60
 
 
 def set_up(
@@ -230,3 +230,36 @@ def observed(here: ModelAt, exp: Experiment) -> list[Station]:
 def carriers(here: ModelAt, exp: Experiment) -> Array:
     """Return the link index (S + 2 m,) of each observed point and of the axis points of the m oriented stations."""
     return repeated(np.array([p.link for p in observed(here, exp)]), exp.oriented)
+
+
+def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Array]) -> Array:
+    """Return the joint angles (n,) [rad] that bring the points `chosen` closest to the positions `seen` (S, 2) [m].
+
+    Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
+    shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
+    is cached in `found`, for models that differ in nothing else.
+    """
+    points = tuple(p[1:] for p in chosen)
+    base = (model.base_length, model.base_angle, points)
+    turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
+    key = (*base, *(a.tobytes() for a in (model.link_length, *turned, seen)))
+    if key not in found:
+        found[key] = sought(model, chosen, seen)
+    return found[key].copy()
+
+
+def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
+    """Return the joint angles of `posed` without its cache."""
+    chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(chosen)))
+    pull = LEAST_PULL * model.length * chain.to_joints
+    unloaded = chain.coordinates(np.zeros(model.size))
+    phi = unloaded.copy()
+    for _ in range(POSE_STEPS):
+        slope = np.concatenate([chain.position_jacobian(phi, p) for p in chosen])
+        off = (seen - chain.stations(phi)[0]).ravel()
+        rows, aim = np.concatenate([slope, pull]), np.concatenate([off, pull @ (unloaded - phi)])
+        move = np.linalg.lstsq(rows, aim)[0]
+        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
+        if np.abs(move).max() < 1e-13:
+            break
+    return chain.joint_coordinates(phi)

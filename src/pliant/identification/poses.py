@@ -12,7 +12,7 @@ from pliant.equations.poses import Settling, settle_all, show_all
 from pliant.errors import InputError, SimulationError
 from pliant.identification.drives import check_driven
 from pliant.identification.loop_inputs import Numbers, SetUp
-from pliant.identification.observation_kind import TINY, ObservationKind, in_kind, places_in_space
+from pliant.identification.observation import TINY, ObservationKind, in_kind, places_in_space
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation.drive import Drive

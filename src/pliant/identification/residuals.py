@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.identification.orientation import rotation_vectors, turn_slopes, turns_off
+from pliant.identification.observation import rotation_vectors, turn_slopes, turns_off
 from pliant.identification.prediction import turned
 from pliant.preprocessing.detectors import quantum
 

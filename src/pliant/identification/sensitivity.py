@@ -18,7 +18,7 @@ from pliant.identification.drives import SHORTEST
 from pliant.identification.following import moved, moved_slopes
 from pliant.identification.forward_model import reattached, set_up
 from pliant.identification.loop_inputs import APART, Numbers, SetUp, from_one_row, in_one_row
-from pliant.identification.observation_kind import TINY
+from pliant.identification.observation import TINY
 from pliant.identification.parameters import OF_A_RECORD
 from pliant.identification.plans import Plans
 from pliant.identification.poses import pose_slopes
