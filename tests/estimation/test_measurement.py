@@ -8,11 +8,10 @@ import pytest
 from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise
-from pliant.estimation.consistency import mean_bounds, nees, whiteness
 from pliant.estimation.link_tips import LinkTips, rested
 from pliant.estimation.measurement import measurement_of, rows_of
 from pliant.estimation.noise import default_noise
-from pliant.estimation.offline import averaged
+from pliant.estimation.offline import averaged, mean_bounds, nees, whiteness
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium

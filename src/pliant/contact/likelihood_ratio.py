@@ -18,8 +18,7 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
 from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of, frame_of
-from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
-from pliant.estimation.workspace import make_workspace
+from pliant.estimation.symbols import FilterNoise, FilterState, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state

@@ -22,8 +22,8 @@ from pliant.estimation.symbols import (
     ObserverModel,
     ObserverState,
     Pace,
+    make_observer_workspace,
 )
-from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.mechanics import mechanics_of

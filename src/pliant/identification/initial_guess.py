@@ -20,8 +20,7 @@ from pliant.identification.torque_start import highest_level, torque_starts, typ
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Tendon
 from pliant.model.torque_law import unfinished_law
-from pliant.numerics.ringdown import RingDown, ring_down
-from pliant.numerics.swings import LEAST as LEAST_SWING
+from pliant.numerics.ringdown import LEAST_SWING, RingDown, ring_down
 from pliant.simulation import equilibrium, modes
 from pliant.simulation.forces import loads_at
 

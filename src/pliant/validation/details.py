@@ -9,7 +9,7 @@ import numpy as np
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.joint_rotations import swings_along
-from pliant.numerics.swings import swings
+from pliant.numerics.ringdown import swings
 
 Array = np.ndarray
 SETTLED_S = 0.2  # s at the end of the motion, whose median is the steady error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 
 Array = np.ndarray
 LONGEST = 0.02  # fraction of the frames that counts as longest or shortest
@@ -30,7 +30,7 @@ def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
 def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
     """Return the largest change of a body's length from its first frames, computed from its points (T, S, 2) [m].
 
-    The length is that of circular arcs through the points (`pliant.numerics.arcs`). The change is the median over the
+    The length is that of circular arcs through the points (`pliant.numerics.curve`). The change is the median over the
     2 % of the frames (at least five) in which the body is longest, or shortest if it shortens by more.
 
     Returns

@@ -9,8 +9,7 @@ import numpy as np
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
-from pliant.numerics.peak import peak
-from pliant.numerics.ringdown import ring_down
+from pliant.numerics.ringdown import peak, ring_down
 from pliant.preprocessing.detectors import quantum
 from pliant.validation import details
 from pliant.validation.extension import extension
