@@ -15,7 +15,7 @@ import numpy as np
 from pliant.equations.spatial_observation import angle_over_sine
 from pliant.equations.symbols import ObservedChain
 from pliant.identification.follow_loops import Places, SpatialPlaces
-from pliant.identification.loop_inputs import Numbers, SetUp
+from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
@@ -24,7 +24,7 @@ LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
 LEAST_LAG = 1e-9  # s: a shorter one is none
 
 
-class ObservationKind(NamedTuple):
+class NumberKind(NamedTuple):
     """A kind of numbers on which the compiled loops run: its conversions from and to floats, and its compiler."""
 
     of: Callable[[Any], Any]  # converts a float, or an array of floats, to a copy in this kind
@@ -37,25 +37,25 @@ def copied(a: Any) -> Any:
     return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
 
 
-def in_kind(record: Any, kind: ObservationKind) -> Any:
+def in_kind(record: Any, kind: NumberKind) -> Any:
     """Return a named tuple with all its floats and arrays converted to a number kind (float, complex or dual)."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
-def places_in_plane(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Places:
+def places_in_plane(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Places:
     """Return the positions of the observed points on the links of a planar chain, converted to a number kind."""
-    links = kind.of(np.zeros((5, made.model.n + 1)))
+    links = kind.of(np.zeros((5, forward.model.n + 1)))
     return Places(
-        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, made.carrier, numbers.along,
+        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, forward.carrier, numbers.along,
         numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
     )
 
 
-def places_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind) -> SpatialPlaces:
+def places_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> SpatialPlaces:
     """Return the positions of the observed points on the links of a chain in space, converted to a number kind."""
-    work = in_kind(mechanics_of(made.model).workspace(), kind)
+    work = in_kind(mechanics_of(forward.model).workspace(), kind)
     return SpatialPlaces(
-        numbers.body, work, made.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
+        numbers.body, work, forward.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
     )
 
 
