@@ -112,7 +112,7 @@ class Groups:
         return torque
 
 
-class Alone(Groups):
+class ScalarGroups(Groups):
     """Groups of chains with hysteresis, each of which is simulated on its own.
 
     Slip elements switch at different times in different chains, which a SIMD vector cannot represent.
@@ -128,9 +128,9 @@ class Alone(Groups):
             own, members = self.members(group)
             h, torque, keep = self.schedule.group(members, torque)
             for lane, i in enumerate(range(own.start, own.stop)):
-                self.alone(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
+                self.simulate_one(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
 
-    def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
+    def simulate_one(self, i: int, h: Array, torque: Array, keep: Array) -> None:
         """Simulate sample `i` and write its results."""
         model, times = self.samples.model(i), self.schedule.times
         steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
@@ -147,7 +147,7 @@ def run_lanes(
 ) -> dict[str, Array]:
     """Simulate all samples on the processor; return the variables (N, T, ...) and failed_at (N,) [s]."""
     made = outputs(samples, schedule.times.size, variables)
-    groups = (Alone if samples.template.memory else Groups)(samples, schedule, start, made)
+    groups = (ScalarGroups if samples.template.memory else Groups)(samples, schedule, start, made)
     threads = min(threads, groups.count)
     if threads <= 1:
         groups.work()

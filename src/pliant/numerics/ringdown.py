@@ -47,11 +47,11 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
     y = np.asarray(signal, dtype=float)
     if t.size < 16 or not np.isfinite(t + y).all() or np.ptp(y) == 0:
         return None
-    return found(t.tobytes(), y.tobytes())
+    return fitted_ring_down(t.tobytes(), y.tobytes())
 
 
 @lru_cache(maxsize=256)
-def found(time: bytes, signal: bytes) -> RingDown | None:
+def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
     """Return the result of `ring_down` for arrays given as bytes; results are cached."""
     from scipy.optimize import least_squares
 
@@ -188,10 +188,10 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
     large = way >= LARGE * way[0]
     end = int(np.argmin(large)) if not large.all() else way.size
     few = np.flatnonzero(way > SMALL * way[0])[-1] + 1
-    return of_swings(at, way, 0, end), of_swings(at, way, int(few), way.size)
+    return swing_statistics(at, way, 0, end), swing_statistics(at, way, int(few), way.size)
 
 
-def of_swings(at: Array, way: Array, first: int, last: int) -> Swings:
+def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
     """Return frequency and damping of the swings first ... last - 1.
 
     `at` are the times of the turning points [s], `way` the sizes of the swings between them.
@@ -212,19 +212,19 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
 
     Each extreme is that of the parabola through the nearest three samples.
     """
-    found, way = [0], 0.0
+    turns, way = [0], 0.0
     for k in range(1, y.size):
-        move = y[k] - y[found[-1]]
+        move = y[k] - y[turns[-1]]
         if way == 0.0:
             if abs(move) >= least:
                 way = float(np.sign(move))
-                found.append(k)
+                turns.append(k)
         elif move * way >= 0:
-            found[-1] = k
+            turns[-1] = k
         elif abs(move) >= least:
             way = -way
-            found.append(k)
-    inner = [k for k in found[1:-1] if k > 0]  # the last one may not be a turning point
+            turns.append(k)
+    inner = [k for k in turns[1:-1] if k > 0]  # the last one may not be a turning point
     at, value = [t[0]], [y[0]]
     for k in inner:
         bend = y[k - 1] - 2.0 * y[k] + y[k + 1]
