@@ -211,16 +211,16 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
     `x` is (T, k N), `P` (T, k N, k N). The result holds dataset variables: name to dimensions, values and units.
     """
     chain, size = mechanics_of(model), model.size
-    made: dict[str, tuple[Any, ...]] = {}
+    variables: dict[str, tuple[Any, ...]] = {}
     for k in range(x.shape[1] // size):
         rows = slice(k * size, (k + 1) * size)
         own = x[:, rows]
         values = (chain.joint_coordinates(own), chain.joint_rates(own), own / chain.lever)[k]
         sd = standard_deviations(np.diag(1.0 / chain.lever) if k == 2 else chain.to_joints, P[:, rows, rows])
         for kind in chain.kinds:
-            made[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])
-            made[f"{kind.names[k]}_sd"] = (("time", kind.over), sd[:, kind.rows], kind.units[k])
-    return made
+            variables[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])
+            variables[f"{kind.names[k]}_sd"] = (("time", kind.over), sd[:, kind.rows], kind.units[k])
+    return variables
 
 
 def standard_deviations(T: Array, P: Array) -> Array:

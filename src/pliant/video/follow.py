@@ -166,8 +166,8 @@ class Follower:
         across = np.array([along[1], -along[0]])
         v = np.arange(-2.0 * half, BEYOND * 2.0 * half)
         u = np.linspace(-0.55, 0.55, 11) * half
-        there = line[-1] + v[:, None, None] * along + u[None, :, None] * across
-        seen, behind = self.sample(picture, there)
+        neighbour = line[-1] + v[:, None, None] * along + u[None, :, None] * across
+        seen, behind = self.sample(picture, neighbour)
         body = share(seen, behind, np.full(len(v), light)).mean(axis=1)
         end = float(crossing(body[None], np.zeros(1, int))[0][0])
         if not np.isfinite(end):
@@ -264,10 +264,10 @@ def _distances(mask: Array, place: Array, start: Array) -> Array:
     number[1:-1, 1:-1][mask] = np.arange(len(place))
     rows, columns, lengths = [], [], []
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here, there = number[1:-1, 1:-1], number[1 + dy : mask.shape[0] + 1 + dy, 1 + dx : mask.shape[1] + 1 + dx]
-        both = (here >= 0) & (there >= 0)
-        rows.append(here[both])
-        columns.append(there[both])
+        pixel, neighbour = number[1:-1, 1:-1], number[1 + dy : mask.shape[0] + 1 + dy, 1 + dx : mask.shape[1] + 1 + dx]
+        both = (pixel >= 0) & (neighbour >= 0)
+        rows.append(pixel[both])
+        columns.append(neighbour[both])
         lengths.append(np.full(int(both.sum()), float(np.hypot(dy, dx))))
     graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))),
                       shape=(len(place), len(place))).tocsr()  # fmt: skip

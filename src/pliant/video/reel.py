@@ -70,8 +70,8 @@ class Reel:
         """Return at most `count` frames, evenly over the video, scaled to `width`: (K, h, w, 3) uint8."""
         with _opened(self.path) as (cv2, film):
             size = (width, max(1, round(self.height * width / self.width)))
-            made = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
-        return np.array(made)
+            pictures = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
+        return np.array(pictures)
 
     def pictures(self, count: int) -> Iterator[Array]:
         """Yield the frames that `sampled` returns, at full size."""

@@ -256,12 +256,12 @@ def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]
     length = float(np.nanmedian(along[:, -1]))
     with np.errstate(invalid="ignore"):
         strange = np.abs(along[:, -1] / length - 1.0) > LENGTH
-    made = np.full((len(position), stations, 3), np.nan)
+    resampled = np.full((len(position), stations, 3), np.nan)
     share = np.linspace(0.0, 1.0, stations)
     for k in np.flatnonzero(np.isfinite(along[:, -1]) & ~strange):
-        made[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
+        resampled[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
     names = ["base", *(f"s{k:02d}" for k in range(1, stations - 1)), "tip"]
-    return made, share * length, names, int(strange.sum())
+    return resampled, share * length, names, int(strange.sum())
 
 
 def lost_in_times(time: Array) -> tuple[int, int]:
