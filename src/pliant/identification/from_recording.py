@@ -93,7 +93,7 @@ def experiment(
     elif excitation == "trace":
         trace = Trace(*only_input(name, recording))
         kinds = {"": recorded_inputs(recording)[0].kind}
-    made = Experiment(
+    exp = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
         **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
@@ -102,7 +102,7 @@ def experiment(
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
     )
-    return replace(made, held=held_pose(made)) if held == "measured" else made
+    return replace(exp, held=held_pose(exp)) if held == "measured" else exp
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:

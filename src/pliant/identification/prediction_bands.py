@@ -152,9 +152,9 @@ def residual_noise(
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
     unit = max(way, 1e-12) if shares else 1.0
     own = motion_traits(experiment.time, modelled, unit, settled=experiment.poses)
-    made = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
-    usual: Array = np.mean(list(made.values()), axis=0)
-    return np.asarray(unit * np.sqrt(np.stack([made.get(n, usual) for n in experiment.stations], axis=1)))
+    variances = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
+    usual: Array = np.mean(list(variances.values()), axis=0)
+    return np.asarray(unit * np.sqrt(np.stack([variances.get(n, usual) for n in experiment.stations], axis=1)))
 
 
 def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:

@@ -120,8 +120,8 @@ class Problem:
         J = np.zeros((self.ends[-1], len(self.free)))
         for o, end in zip(self.observed, self.ends, strict=True):
             mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]
-            asked = {self.free[k].name: sizes[self.free[k].name] for k in mine}
-            slopes = slopes_of(self.model, o.exp, values, asked, self.step, self.plans)
+            free_sizes = {self.free[k].name: sizes[self.free[k].name] for k in mine}
+            slopes = slopes_of(self.model, o.exp, values, free_sizes, self.step, self.plans)
             rows = None
             if o.exp.oriented.size:
                 forward = forward_problem(self.model, o.exp, values, self.step, self.plans)
