@@ -14,6 +14,7 @@ from pliant.identification.drives import check_driven
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.identification.observation import TINY, NumberKind, in_kind, places_in_space
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.rest import settling
 from pliant.model import Model
 from pliant.simulation.drive import Drive
 
@@ -53,7 +54,7 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
     """
     chain, numbers = mechanics_of(forward.model), in_kind(forward.numbers, COMPLEX)
     torque = commands(numbers)
-    poses = settling_arrays(len(torque) - 1, chain.size, torque.shape[1] - chain.size)
+    poses = settling(len(torque) - 1, chain.size, torque.shape[1], chain.no_loads())
     poses.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
     failed = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), poses)
     if failed >= 0:
@@ -62,13 +63,6 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
             "lower the inputs"
         )
     return poses
-
-
-def settling_arrays(count: int, size: int, tendons: int) -> Settling:
-    """Return zeroed work arrays for `count` poses of a chain of `size` coordinates and `tendons` tendons."""
-    at, last, push, move = np.zeros((4, size), dtype=complex)
-    torque = np.zeros(size + tendons, dtype=complex)
-    return Settling(np.zeros((count + 1, size)), np.zeros((count + 1, size, size)), at, last, torque, push, move)
 
 
 def commands(numbers: Numbers) -> Array:
