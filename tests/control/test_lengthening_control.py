@@ -22,7 +22,7 @@ from pliant.control import (
 from pliant.control.model_plant import ModelPlant
 from pliant.errors import InputError
 from pliant.estimation import Frame, KalmanFilter, State, rows_of
-from pliant.estimation.link_tips import rested
+from pliant.estimation.link_tips import with_rest_shape
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
 from pliant.loop.task import run_task
 from pliant.model import Chamber, Extension, Valve, chain_model
@@ -185,13 +185,13 @@ def test_rest_angles_are_found_from_points_that_ride(rng):
     turned = pair().with_(rest_angle=[0.05, -0.04, 0.03])
     plant = ModelPlant(turned, noise=1e-5)
     frames = np.array([plant.advance(np.zeros(2))[1] for _ in range(20)])
-    body, places = rested(pair(), plant.arc_length, frames)
+    body, places = with_rest_shape(pair(), plant.arc_length, frames)
     assert body.rest_angle == pytest.approx(turned.rest_angle, abs=2e-3)  # points 5 mm apart cut the joints' corners
     assert places.frame(frames[0]).values.reshape(-1, 2)[-1] == pytest.approx(plant.tip, abs=2e-4)
     frames[:16] = np.nan
     with pytest.raises(InputError, match="at least 5 complete frames, got 4 of 20"):
-        rested(pair(), plant.arc_length, frames)
+        with_rest_shape(pair(), plant.arc_length, frames)
     with pytest.raises(InputError, match="must lie along the body"):
-        rested(pair(), plant.arc_length[:20], frames[:, :20])
+        with_rest_shape(pair(), plant.arc_length[:20], frames[:, :20])
     with pytest.raises(InputError, match=r"41 points, \(x, y\) each"):
         places.frame(np.zeros((3, 2)))

@@ -26,7 +26,7 @@ from pliant.control.steady_inputs import output_rates, output_values, rest_under
 from pliant.equations import spatial, spatial_linearised
 from pliant.errors import InputError
 from pliant.estimation import State
-from pliant.estimation.link_tips import LinkTips, rested
+from pliant.estimation.link_tips import LinkTips, with_rest_shape
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.loop.intake import streams
 from pliant.loop.sample import sample
@@ -101,7 +101,7 @@ def test_the_rest_of_the_body_at_hand_is_found_from_its_points(rng):
     points = np.stack([np.interp(arc, [0.0, 0.15, 0.3], column) for column in nodes.T], axis=1)
     frames = points + 1e-9 * rng.standard_normal((6, 13, 3))
     frames[2, 4] = np.nan
-    made, places = rested(arm(), arc, frames)
+    made, places = with_rest_shape(arm(), arc, frames)
     assert np.allclose(mechanics_of(made).tips(equilibrium(made)), nodes[1:], atol=1e-6)
     seen = places.frame(points)
     assert np.allclose(seen.values, nodes[1:].ravel(), atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.exporters.difference import difference, of_tips
 from pliant.simulation import Pulse, simulate
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 
 def test_travel_counts_from_the_start_of_the_first_model():

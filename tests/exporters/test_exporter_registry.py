@@ -20,7 +20,7 @@ from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.mechanics import springs
 from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 EVERYTHING = chen2018.model(
     gravity=[0.0, -9.8], stiffening=-0.1, stiffening_bound=0.7,

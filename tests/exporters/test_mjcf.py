@@ -15,7 +15,7 @@ from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Memory, load_model
 from pliant.simulation import equilibrium, simulate
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 KINDS = Path(__file__).parents[2] / "examples" / "state"
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")

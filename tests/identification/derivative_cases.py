@@ -15,16 +15,15 @@ from pliant.equations.laws import LAWS
 from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
 from pliant.identification.chamber_parameters import OWN, owners
-from pliant.identification.experiment import AngleReference
+from pliant.identification.experiment import AngleReference, Excitation
 from pliant.identification.extension_parameters import OWN as OF_A_SEGMENT
 from pliant.identification.extension_parameters import segments
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
-from pliant.identification.layout_bands import bands_of_layouts
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
+from pliant.identification.initial_guess import bands_of_layouts
 from pliant.identification.memory_parameters import LAYOUTS
 from pliant.identification.parameters import check_names
 from pliant.identification.problem import Problem
-from pliant.identification.recorded import Excitation
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
 from pliant.model.torque_law import law_parameters
 from pliant.simulation import Trace
@@ -259,8 +258,8 @@ def mismatch(problem: Problem, k: int, column: np.ndarray, longest: float) -> fl
 
     def residual(move: float) -> np.ndarray:
         x = problem.start + move * (np.arange(problem.start.size) == k)
-        made = set_up(problem.model, o.exp, problem.values(x), problem.step)
-        return o.residual(moved(made, made.numbers, o.exp.time.size))
+        made = forward_problem(problem.model, o.exp, problem.values(x), problem.step)
+        return o.residual(observed_rows(made, made.numbers, o.exp.time.size))
 
     for size in SIZES:
         try:

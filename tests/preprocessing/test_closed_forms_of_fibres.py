@@ -8,8 +8,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from pliant.errors import InputError
 from pliant.preprocessing import curvature_fit
-from pliant.preprocessing.cap import find_tip
-from pliant.preprocessing.cap_template import CapTemplate
+from pliant.preprocessing.cap import CapTemplate, find_tip
 from pliant.preprocessing.curvature import curvature_of, savgol_curvature
 from pliant.preprocessing.curvature_fit import _Model, fit_curvature
 from pliant.preprocessing.cut import cut_body

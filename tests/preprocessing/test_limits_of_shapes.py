@@ -20,8 +20,7 @@ from pliant.preprocessing.base import (
     still_noise,
     unit_vector,
 )
-from pliant.preprocessing.cap import _consensus, find_tip
-from pliant.preprocessing.cap_template import CapTemplate
+from pliant.preprocessing.cap import CapTemplate, _consensus, find_tip
 from pliant.preprocessing.clusters import _fixes_orientation, _mean_shape, _poses, assemble
 from pliant.preprocessing.curvature import curvature_of, differences, savgol_curvature, turning
 from pliant.preprocessing.curvature_fit import _Model, fit_curvature

@@ -13,9 +13,8 @@ from pliant.recording.camera import Camera
 from pliant.video import Tracking, marks
 from pliant.video.marks import ChainOfDots, Dots, _first_dots, _on_one_body, hexadecimal
 from pliant.video.overlay import _size, drawn, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel
-from pliant.video.track import _base_first, _even, _recording, _Seen, _stacked, _times
+from pliant.video.track import _base_first, _even, _recording, _Seen, _stacked, _times, doubled_and_leaps, lost_in_times
 
 cv2 = pytest.importorskip("cv2")
 GREY, RED = np.array([90.0, 90.0, 90.0]), (60.0, 40.0, 200.0)  # blue, green, red

@@ -12,12 +12,10 @@ import pytest
 from pliant.errors import InputError
 from pliant.testbed.camera.scene import coverage
 from pliant.video import silhouette
-from pliant.video.exposure import even_exposure
-from pliant.video.follow import Follower, Known
-from pliant.video.reel import Reel, open_reel
+from pliant.video.follow import Follower, Known, _distances, mask_of, rough_line
+from pliant.video.reel import Reel, even_exposure, open_reel
 from pliant.video.ribbon import BASIS, Basis, Ribbon, crossing, edges, share
-from pliant.video.rough import _distances, mask_of, rough_line
-from pliant.video.stillness import Stillness
+from pliant.video.silhouette import Stillness
 
 cv2 = pytest.importorskip("cv2")
 NONE = np.zeros((240, 320), bool)

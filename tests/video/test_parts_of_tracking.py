@@ -11,17 +11,15 @@ import pytest
 from pliant.errors import InputError
 from pliant.recording.camera import Camera
 from pliant.video import Tracking
-from pliant.video.follow import Follower, _median, longest_run
+from pliant.video.follow import Follower, _median, longest_run, mask_of, rough_line
 from pliant.video.marks import ChainOfDots, Dots, _markers, chain
 from pliant.video.movie import movie
 from pliant.video.overlay import drawn, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel, open_reel
 from pliant.video.ribbon import BASIS, POINTS, Sampler, crossing, edges, evenly, normals, share
-from pliant.video.rough import mask_of, rough_line
-from pliant.video.stillness import Stillness
+from pliant.video.silhouette import Stillness
 from pliant.video.surroundings import Surroundings
-from pliant.video.track import _base_first, _even, _times
+from pliant.video.track import _base_first, _even, _times, doubled_and_leaps, lost_in_times
 
 cv2 = pytest.importorskip("cv2")
 

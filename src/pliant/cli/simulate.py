@@ -109,7 +109,7 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
 
 def own_levels(model: Model) -> list[float]:
     """Return default pressures [Pa] for a model: the first chamber bends it by 0.5 rad, the others are at 0."""
-    from pliant.simulation.levels import first_alone, typical_pressure
+    from pliant.simulation.state import first_alone, typical_pressure
 
     level = typical_pressure(model)
     if not level:

@@ -20,7 +20,7 @@ from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
-from pliant.estimation.link_tips import LinkTips, rested
+from pliant.estimation.link_tips import LinkTips, with_rest_shape
 from pliant.estimation.registry import estimator_kind
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -191,7 +191,7 @@ def calibration(
         )
     if not mechanics_of(model).lengthens:
         if model.space is not None:
-            return rested(model, arc_length, frames)
+            return with_rest_shape(model, arc_length, frames)
         body = calibrated(model, arc_length, frames)
         return body, LinkAngles(body, arc_length)
     if not rides:
@@ -205,7 +205,7 @@ def calibration(
         raise InputError(
             f"model {model.name!r} lengthens, which the estimator {seeing.name!r} does not support: use filter"
         )
-    return rested(model, arc_length, frames)
+    return with_rest_shape(model, arc_length, frames)
 
 
 def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:

@@ -20,8 +20,7 @@ from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
-from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction
-from pliant.estimation.workspace import make_workspace
+from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state

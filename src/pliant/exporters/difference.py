@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.model import Model
 from pliant.simulation import Pulse, simulate
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 START, WIDTH, DURATION, STEP = 0.1, 1.0, 2.0, 1e-3  # s, of the reference input and of its simulation
 

@@ -14,8 +14,7 @@ from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Memory, Model, Space, Tendon
 from pliant.model.model import DEFAULTS
 from pliant.model.spring import SPRING_TERMS
-from pliant.simulation.levels import first_alone, typical_pressure
-from pliant.simulation.state import equilibrium
+from pliant.simulation.state import equilibrium, first_alone, typical_pressure
 
 
 class Feature(NamedTuple):

@@ -23,7 +23,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.model.space import require_planar
 from pliant.simulation import state
-from pliant.simulation.levels import first_alone, typical_pressure
+from pliant.simulation.state import first_alone, typical_pressure
 
 try:
     import gymnasium

@@ -23,7 +23,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.model.space import require_planar
 from pliant.simulation import state
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 PUCK = 0.10  # radius of the puck, as a fraction of the body's length
 SKIN = 0.05  # radius of the body, as a fraction of its length

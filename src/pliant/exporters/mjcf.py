@@ -38,8 +38,7 @@ from pliant.exporters.rigid_chain import (
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Tendon
-from pliant.simulation.levels import typical_pressure
-from pliant.simulation.state import equilibrium
+from pliant.simulation.state import equilibrium, typical_pressure
 from pliant.text import identifiers
 
 Array = np.ndarray

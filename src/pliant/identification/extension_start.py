@@ -11,7 +11,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import OWN
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 
 FAR = 0.9  # of the peak displacement: frames beyond count as bent
 

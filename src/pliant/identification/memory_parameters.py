@@ -96,8 +96,8 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
             raise InputError(f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing")
         if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
             raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
-        made = lay(*(given[field] for field in fields))._asdict()
-        entries |= {name: row for name, row in made.items() if name != "spring"}
+        kernel_rows = lay(*(given[field] for field in fields))._asdict()
+        entries |= {name: row for name, row in kernel_rows.items() if name != "spring"}
     return entries
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 
 Array = np.ndarray
 

@@ -33,7 +33,7 @@ from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
 from pliant.model.inertia import inertia_constants
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 
 Array = np.ndarray
 

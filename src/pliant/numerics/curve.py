@@ -1,4 +1,4 @@
-"""Shape from curvature: exact circular arcs in the plane, exponential steps of rigid motion in space.
+"""Curves from curvature (exact arcs in the plane, exponential steps in space), and arcs through points.
 
 The base frame: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component turns the
 tangent about +z, as everywhere in the plane. It is Bishop's frame: it does not turn about the tangent, and therefore
@@ -16,6 +16,7 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+Array = np.ndarray
 SMALL = 1e-4  # rad: below it the series of sin(x)/x and its like are exact in double precision
 
 
@@ -115,3 +116,41 @@ def _checked(
     if not (ds > 0).all():
         raise InputError("arc lengths must increase strictly from station to station: sort the stations by arc length")
     return kappa, ds
+
+
+def tangents(angle: Array) -> Array:
+    """Return the unit vectors (-sin, cos) (..., 2) at angles (...) [rad] from +y."""
+    return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+
+
+def arc_lengths(position: Array) -> Array:
+    """Return the lengths (T,) [m] of curves of circular arcs from the origin through the points (T, S, d), d = 2 or 3.
+
+    Each arc is tangent to the one before. The first begins at the origin along +y, in space along +z. The result is
+    exact where the curvature between the points is constant.
+    """
+    chords = np.diff(position, axis=1, prepend=0.0)
+    reach = np.linalg.norm(chords, axis=2)
+    if position.shape[2] == 3:
+        return _lengths_in_space(chords, reach)
+    angle = np.unwrap(np.arctan2(-chords[..., 0], chords[..., 1]), axis=1)
+    tangent = np.zeros(len(position))
+    total = np.zeros(len(position))
+    for k in range(reach.shape[1]):
+        half = angle[:, k] - tangent
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = tangent + 2 * half
+    return total
+
+
+def _lengths_in_space(chords: Array, reach: Array) -> Array:
+    """Return the lengths (T,) [m] of arcs over the chords (T, S, 3) of length `reach` (T, S), the first along +z."""
+    tangent = np.broadcast_to([0.0, 0.0, 1.0], chords[:, 0].shape)
+    total = np.zeros(len(reach))
+    for k in range(reach.shape[1]):
+        ahead = chords[:, k] / reach[:, k, None]
+        along = (tangent * ahead).sum(axis=1)
+        half = np.arctan2(np.linalg.norm(np.cross(tangent, ahead), axis=1), along)
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = 2 * along[:, None] * ahead - tangent  # the end tangent is the start tangent mirrored at the chord
+    return total

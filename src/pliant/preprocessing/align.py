@@ -220,10 +220,10 @@ def _quaternion(recording: xr.Dataset) -> NDArray | None:
 
 def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     """Return positions (T, S, d) relative to the origin in the directions of `rows` (d, 3)."""
-    made = np.empty((*position.shape[:2], len(rows)))
+    result = np.empty((*position.shape[:2], len(rows)))
     for i in range(0, len(position), BLOCK_FRAMES):
-        made[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
-    return made
+        result[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
+    return result
 
 
 def _require_base(pose: NDArray, index: int, recording: xr.Dataset) -> None:
@@ -314,12 +314,12 @@ def _aligned(
     recording: xr.Dataset, place: NDArray, turned: dict[str, Any], arc: ArrayLike | None, report: Alignment
 ) -> xr.Dataset:
     attrs = dict(recording.attrs) | {"frame": report.frame, "alignment": json.dumps(asdict(report))}
-    made = make_recording(
+    result = make_recording(
         recording["time"].values, place, station=[str(n) for n in recording["station"].values], **turned,
         arc_length=arc, frame=report.frame, attrs=attrs,
     )  # fmt: skip
     others = recording.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
-    made = made.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
+    result = result.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
     space = report.frame == "spatial"
     frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
     frame += f"plane {report.plane}{' normal to x' if space else ''}"
@@ -333,4 +333,4 @@ def _aligned(
     if report.base_travel_m > 0:
         what = "removed" if report.base_motion_removed else "kept as part of the motion"
         lines.append(f"the base moved up to {1e3 * report.base_travel_m:.3g} mm; its motion is {what}")
-    return check_recording(append_history(made, *lines))
+    return check_recording(append_history(result, *lines))

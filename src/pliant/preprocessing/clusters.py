@@ -88,16 +88,16 @@ def assemble(
     unused = [str(n) for n in recording["station"].values if str(n) not in used]
     if unused:
         history.append(f"{len(unused)} marker(s) belong to no cluster and were left out: {', '.join(unused)}")
-    made = make_recording(
+    assembled = make_recording(
         recording["time"].values, place, station=list(members),
         quaternion=quaternion if np.isfinite(quaternion).any() else None, attrs=dict(recording.attrs),
     )  # fmt: skip
     others = recording.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
     others = others.drop_dims("station", errors="ignore")
-    made = others.merge(made, combine_attrs="override").assign_attrs(made.attrs)
+    assembled = others.merge(assembled, combine_attrs="override").assign_attrs(assembled.attrs)
     rigidity = ("station", residual,
                 {"units": "m", "long_name": "deviation of the markers from a rigid body"})  # fmt: skip
-    return check_recording(append_history(made.assign_coords(rigidity=rigidity), *history))
+    return check_recording(append_history(assembled.assign_coords(rigidity=rigidity), *history))
 
 
 def _load(mapping: Mapping[str, Any]) -> dict[str, Cluster]:

@@ -54,12 +54,12 @@ def resample_time(
     arrays = {n: recording[n].values for n in ("position", "quaternion", "angle") if n in recording}
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
-    made = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
-    if "quaternion" in made:
-        norm = np.linalg.norm(made["quaternion"], axis=-1, keepdims=True)
-        made["quaternion"] = made["quaternion"] / np.where(norm > 0.1, norm, np.nan)
-    result = _with(recording.drop_dims("time"), recording, made, time=new)
-    empty = int(np.isnan(made["position"]).any(-1).sum())
+    resampled = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
+    if "quaternion" in resampled:
+        norm = np.linalg.norm(resampled["quaternion"], axis=-1, keepdims=True)
+        resampled["quaternion"] = resampled["quaternion"] / np.where(norm > 0.1, norm, np.nan)
+    result = _with(recording.drop_dims("time"), recording, resampled, time=new)
+    empty = int(np.isnan(resampled["position"]).any(-1).sum())
     bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
     return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
 
@@ -73,13 +73,13 @@ def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
     values = recording["pressure"].values.reshape(len(clock), -1)
     new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
     chamber = [str(c) for c in recording["chamber"].values] if "chamber" in recording.coords else None
-    made = make_recording(
+    resampled = make_recording(
         pressure=new if chamber else new[:, 0], pressure_time=time, chamber=chamber, attrs=dict(recording.attrs)
     )
     rest = recording.drop_dims("pressure_time").drop_vars("chamber", errors="ignore")
     missing = int(np.isnan(new).any(1).sum())
     line = f"pressure interpolated from {len(clock)} samples to the times of the shape, {missing} samples missing"
-    return append_history(rest.merge(made, combine_attrs="override").assign_attrs(recording.attrs), line)
+    return append_history(rest.merge(resampled, combine_attrs="override").assign_attrs(recording.attrs), line)
 
 
 def resample_arc_length(
@@ -176,11 +176,11 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
     """Return the recording with new arrays; variables without the replaced dimension are kept."""
     station = coords.get("station", [str(n) for n in recording["station"].values])
     arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
-    made = make_recording(
+    resampled = make_recording(
         coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
         frame=recording.attrs["frame"], attrs=dict(recording.attrs), **arrays,
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
     others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
-    return made.assign(others).assign_attrs(recording.attrs)
+    return resampled.assign(others).assign_attrs(recording.attrs)

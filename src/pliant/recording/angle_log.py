@@ -124,11 +124,11 @@ def station_names(columns: list[str]) -> list[str]:
     """Return the station names: ``tip`` for a single angle column, else the name beside ``angle`` in each."""
     if len(columns) == 1:
         return ["tip"]
-    made = []
+    names = []
     for k, column in enumerate(columns):
         match = NAMES["angle"].fullmatch(parted(column)[0])
-        made.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
-    return made if len(set(made)) == len(made) else columns
+        names.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
+    return names if len(set(names)) == len(names) else columns
 
 
 def recognises(head: bytes) -> bool:

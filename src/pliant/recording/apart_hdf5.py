@@ -84,10 +84,10 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
 
 def announced_bytes(item: Any, name: str) -> int:
     """Return the size [bytes] of a data set in memory; raise `Refused` where the file cannot hold it."""
-    made = item.id.get_create_plist()
-    if made.get_layout() == h5py.h5d.VIRTUAL or made.get_external_count():
+    creation = item.id.get_create_plist()
+    if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
         raise Refused(f"keeps the data of {name!r} in other files, which are not read: copy the data into the file")
-    filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
+    filters = [creation.get_filter(k)[0] for k in range(creation.get_nfilters())]
     unknown = [k for k in filters if k not in FILTERS]
     if unknown:
         raise Refused(f"compresses {name!r} by filter {unknown[0]}, which HDF5 does not include: write it with gzip")

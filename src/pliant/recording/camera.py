@@ -208,14 +208,14 @@ def fitted_homography(pixels: Array, places: Array) -> Array:
     if size[7] < 1e-6 * size[0]:
         raise InputError("the points of camera.plane do not determine the plane: choose four of which no three lie "
                          "on a line")
-    made = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
-    mapped = np.column_stack([pixels, one]) @ made.T
+    matrix = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
+    mapped = np.column_stack([pixels, one]) @ matrix.T
     error = float(np.abs(mapped[:, :2] / mapped[:, 2:] - places).max())
     if not np.isfinite(error):
         raise np.linalg.LinAlgError
     if error > 0.02 * float(np.ptp(places, axis=0).max()):
         raise InputError(f"the points of camera.plane disagree by up to {error:.3g} mm: check pixels against mm")
-    return np.asarray(made / made[2, 2])
+    return np.asarray(matrix / matrix[2, 2])
 
 
 def board_points(board: Board, folder: Path) -> tuple[Array, Array]:

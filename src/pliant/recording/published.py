@@ -57,7 +57,7 @@ class DataSet:
 def data_sets() -> dict[str, DataSet]:
     """Return all known published data sets by name."""
     table = tomllib.loads((Path(__file__).parent / "published.toml").read_text(encoding="utf-8"))
-    made = {}
+    catalogue = {}
     for name, entry in table.items():
         at = f"{entry['repository']}/raw/{entry['commit']}"
         files = {
@@ -65,8 +65,8 @@ def data_sets() -> dict[str, DataSet]:
             for file, f in entry["files"].items()
         }
         origin = f"{entry['repository']}, commit {entry['commit'][:7]}"
-        made[name] = DataSet(name, entry["what"], entry["licence"], origin, files)
-    return made
+        catalogue[name] = DataSet(name, entry["what"], entry["licence"], origin, files)
+    return catalogue
 
 
 def data_set(name: str) -> DataSet:

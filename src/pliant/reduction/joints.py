@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 from pliant.numerics.joint_rotations import link_frames, swing_matrices, swings_along
 
 if TYPE_CHECKING:

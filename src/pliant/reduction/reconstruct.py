@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 from pliant.numerics.spline import BOUNDARIES, CLAMPED, spline_matrix
 
 if TYPE_CHECKING:

@@ -2,9 +2,8 @@
 
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.sensing.cores import read_shape
-from pliant.sensing.recording import shape_from_strain
+from pliant.sensing.recording import point_covariance, shape_from_strain, tip_sigma
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
-from pliant.sensing.uncertainty import point_covariance, tip_sigma
 
 __all__ = [
     "CoreLayout",

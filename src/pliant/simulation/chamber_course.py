@@ -78,24 +78,24 @@ def valve_constants(row: Array) -> ValveConstants:
     return ValveConstants(Lag(*single[:4]), *single[4:])
 
 
-def pass_valve(run: Twin, valve: Valve, made: ValveConstants, lengths: Any, p: Any) -> None:
+def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any, p: Any) -> None:
     """Replace the commanded pressures p (m, 4) [Pa] by the pressures behind a valve, in place.
 
     The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
-    ``run(kernel)`` returns the compiled form of a kernel. `made` are the constants of the `valve`.
+    ``run(kernel)`` returns the compiled form of a kernel. `constants` are the constants of the `valve`.
     """
     if valve.dead_band:
-        run(pressure_loops.past_dead_band)(made.dead_band, p)
+        run(pressure_loops.past_dead_band)(constants.dead_band, p)
     if valve.natural_frequency:
-        run(pressure_loops.second_order_valve)(lengths, made.omega, made.damping_ratio, made.before, p)
+        run(pressure_loops.second_order_valve)(lengths, constants.omega, constants.damping_ratio, constants.before, p)
     elif valve.rise_rate or valve.fall_rate:
-        run(pressure_loops.rate_limited_valve)(lengths, made.lag, made.before, p)
+        run(pressure_loops.rate_limited_valve)(lengths, constants.lag, constants.before, p)
     elif valve.rise_time or valve.fall_time:
-        run(pressure_loops.first_order_valve)(lengths, made.lag.rise, made.lag.fall, made.before, p)
+        run(pressure_loops.first_order_valve)(lengths, constants.lag.rise, constants.lag.fall, constants.before, p)
     if valve.opening_time:
-        run(opening_loops.through_opening)(lengths, made.opening_time, made.before, p)
+        run(opening_loops.through_opening)(lengths, constants.opening_time, constants.before, p)
     if valve.settle_share:
-        run(pressure_loops.settle)(lengths, made.settle_share, made.settle_time, made.before, p)
+        run(pressure_loops.settle)(lengths, constants.settle_share, constants.settle_time, constants.before, p)
 
 
 def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any, torque: Any, grown: Any) -> None:

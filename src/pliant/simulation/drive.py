@@ -85,11 +85,11 @@ class Layout:
     """
 
     def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> None:
-        self.grid = made = grid(inputs, dead_times, times, step)
-        self.keep, self.at = made.keep, np.searchsorted(made.fine, times)
-        self.intervals = Intervals(np.diff(made.nodes), np.diff(made.fine), np.searchsorted(made.fine, made.nodes))
+        self.grid = grids = grid(inputs, dead_times, times, step)
+        self.keep, self.at = grids.keep, np.searchsorted(grids.fine, times)
+        self.intervals = Intervals(np.diff(grids.nodes), np.diff(grids.fine), np.searchsorted(grids.fine, grids.nodes))
         pairs = list(zip(inputs, dead_times, strict=True))
-        self.commands = [commanded(source, made.fine, dead) for source, dead in pairs]
+        self.commands = [commanded(source, grids.fine, dead) for source, dead in pairs]
         self.jumps = [source.jumps + dead for source, dead in pairs]
         self.initial = np.array([before(source, dead, times) for source, dead in pairs])
         self._behind: dict[tuple[int, Valve], Array] = {}

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.peak import peak
+from pliant.numerics.ringdown import peak
 
 Array = np.ndarray
 

@@ -184,8 +184,8 @@ def right_hand_side(
         moved = []
         for c, (own, place) in enumerate(chambers):
             p, rates, _ = valve(c, t, y)
-            made, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
-            share_out(c, made, gain, torque)
+            chamber_torque, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
+            share_out(c, chamber_torque, gain, torque)
             moved += [rates, *slow_rates]
         seen, crept, lost = crept_springs(chain, model.memory, phi, y[at.creep]) if at.remembers else (joints, [], [])
         accelerate(phi, w, torque, body, seen, scratch, a)
@@ -240,8 +240,8 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         behind = [valve(c, t, y) for c in range(len(gain))]
         torques = model.actuation.torques([p for p, _, _ in behind])
         torque = np.zeros(n)
-        for c, made in enumerate(torques):
-            share_out(c, made, gain, torque)
+        for c, chamber_torque in enumerate(torques):
+            share_out(c, chamber_torque, gain, torque)
         phi, w = y[:n].copy(), y[n : 2 * n].copy()
         differentiate(phi, w, torque, body, joints, scratch, out)
         J = np.zeros((y.size, y.size))
@@ -251,12 +251,12 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         J[-2:, n : 2 * n] = torques @ share, 2.0 * (joints.D * (T @ w)) @ T
         for c, (p, _, by_valve) in enumerate(behind):
             if by_valve.any():
-                here = at.chambers[c].p
+                column = at.chambers[c].p
                 push = share[c] * model.chambers[c].law_slope(p)
-                J[-2, here] = push @ w
+                J[-2, column] = push @ w
                 solve(scratch.A, push)
-                J[n : 2 * n, here] = push
-                J[here : here + 2, here : here + 2] = by_valve
+                J[n : 2 * n, column] = push
+                J[column : column + 2, column : column + 2] = by_valve
         return J
 
     return jacobian

@@ -14,10 +14,9 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
-from pliant.simulation.accurate import march_accurate
 from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
 from pliant.simulation.drive import LONGEST
-from pliant.simulation.extrapolated import march_extrapolated
+from pliant.simulation.extrapolation import march_accurate, march_extrapolated
 from pliant.simulation.forces import PointForce
 from pliant.simulation.initial_value import InitialValueProblem, Solution, posed
 from pliant.simulation.inputs import Input

@@ -13,7 +13,7 @@ from pliant.failures import Failures, finite
 from pliant.identification import Experiment, FitResult, predict
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
-from pliant.identification.error_propagation import half_widths
+from pliant.identification.prediction_bands import half_widths
 from pliant.simulation import Trace
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per

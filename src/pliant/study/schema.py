@@ -11,9 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries
+from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
-from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.simulation.forces import PointForce
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open

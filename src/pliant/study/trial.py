@@ -15,8 +15,8 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification import experiment
 from pliant.identification.edges import edges
-from pliant.identification.recorded import Excitation
-from pliant.numerics.peak import peak
+from pliant.identification.experiment import Excitation
+from pliant.numerics.ringdown import peak
 from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.angles import from_rest

@@ -12,11 +12,9 @@ import numpy as np
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 from pliant.numerics.joint_rotations import swings_along
-from pliant.numerics.peak import peak
-from pliant.numerics.ringdown import ring_down
-from pliant.numerics.swings import swings
+from pliant.numerics.ringdown import peak, ring_down, swings
 from pliant.preprocessing.detectors import quantum
 
 Array = np.ndarray
@@ -209,7 +207,7 @@ def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
 def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
     """Return the largest change of a body's length from its first frames, computed from its points (T, S, 2) [m].
 
-    The length is that of circular arcs through the points (`pliant.numerics.arcs`). The change is the median over the
+    The length is that of circular arcs through the points (`pliant.numerics.curve`). The change is the median over the
     2 % of the frames (at least five) in which the body is longest, or shortest if it shortens by more.
 
     Returns

@@ -22,7 +22,6 @@ from pliant.video.ribbon import (
     normals,
     share,
 )
-from pliant.video.rough import mask_of, rough_line
 from pliant.video.surroundings import Surroundings
 
 Array = np.ndarray
@@ -32,6 +31,8 @@ LENGTH = 0.05  # accepted relative change of the length between two frames
 LIGHT = 0.45  # accepted change of lightness relative to the contrast of body and background
 KEEP = 0.8  # weight of the previous widths and lightness in the update
 WEIGHT_BASE = 50.0
+LEVELS = 24  # intervals of distance from the base
+LEAST_PIXELS = 40  # least number of pixels of the body in the small picture
 
 
 @dataclass
@@ -165,8 +166,8 @@ class Follower:
         across = np.array([along[1], -along[0]])
         v = np.arange(-2.0 * half, BEYOND * 2.0 * half)
         u = np.linspace(-0.55, 0.55, 11) * half
-        there = line[-1] + v[:, None, None] * along + u[None, :, None] * across
-        seen, behind = self.sample(picture, there)
+        neighbour = line[-1] + v[:, None, None] * along + u[None, :, None] * across
+        seen, behind = self.sample(picture, neighbour)
         body = share(seen, behind, np.full(len(v), light)).mean(axis=1)
         end = float(crossing(body[None], np.zeros(1, int))[0][0])
         if not np.isfinite(end):
@@ -214,3 +215,61 @@ def longest_run(flags: Array) -> int:
         run = run + 1 if flag else 0
         best = max(best, run)
     return best
+
+
+def mask_of(small: Array, around: Surroundings) -> Array:
+    """Return the mask (h, w) of the pixels of the body in a small picture (h, w, 3)."""
+    cv2 = opencv("tracking a video")
+    light, behind = small.astype(np.float32) @ around.weight, around.small @ around.weight
+    share = (light - behind) / np.maximum(around.body - behind, 0.3)
+    mask = ((share > 0.5) & around.reach).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, label, facts, _ = cv2.connectedComponentsWithStats(mask)
+    if count < 2:
+        return np.zeros(mask.shape, bool)
+    inside = np.bincount(label[around.always], minlength=count)
+    inside[0] = 0
+    best = int(inside.argmax()) if inside.any() else 1 + int(facts[1:, cv2.CC_STAT_AREA].argmax())
+    return np.asarray(label == best)
+
+
+def rough_line(mask: Array, start: Array | None) -> Array | None:
+    """Return points (N, 2) along the middle of a mask (h, w), base first; None where the mask is too small.
+
+    Parameters
+    ----------
+    start : array (2,), optional
+        Position of the base. Without it the line begins at one of the two ends that are farthest apart.
+    """
+    place = np.argwhere(mask)[:, ::-1].astype(float)
+    if len(place) < LEAST_PIXELS:
+        return None
+    seen = _distances(mask, place, place[0] if start is None else start)
+    if start is None:
+        seen = _distances(mask, place, place[int(np.where(np.isfinite(seen), seen, -1.0).argmax())])
+    whole = np.isfinite(seen)
+    step = seen[whole].max() / LEVELS
+    level = np.minimum((seen[whole] / step).astype(int), LEVELS - 1)
+    count = np.bincount(level, minlength=LEVELS)
+    middle = np.stack([np.bincount(level, place[whole, k], LEVELS) / np.maximum(count, 1) for k in (0, 1)], axis=1)
+    return np.asarray(middle[count > 0])
+
+
+def _distances(mask: Array, place: Array, start: Array) -> Array:
+    """Return the distance (N,) of each pixel of the mask from the pixel nearest to `start`, within the mask."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    number = np.full((mask.shape[0] + 2, mask.shape[1] + 2), -1)
+    number[1:-1, 1:-1][mask] = np.arange(len(place))
+    rows, columns, lengths = [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        pixel, neighbour = number[1:-1, 1:-1], number[1 + dy : mask.shape[0] + 1 + dy, 1 + dx : mask.shape[1] + 1 + dx]
+        both = (pixel >= 0) & (neighbour >= 0)
+        rows.append(pixel[both])
+        columns.append(neighbour[both])
+        lengths.append(np.full(int(both.sum()), float(np.hypot(dy, dx))))
+    graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))),
+                      shape=(len(place), len(place))).tocsr()  # fmt: skip
+    nearest = int(np.linalg.norm(place - start, axis=1).argmin())
+    return np.asarray(dijkstra(graph, directed=False, indices=nearest))

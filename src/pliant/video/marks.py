@@ -64,12 +64,12 @@ class Dots:
             mass = np.where(other, 0.0, np.clip(share[part] - 0.2, 0.0, None))
             rows, columns = np.mgrid[part]
             found.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
-        made = np.array(found).reshape(-1, 3)
+        markers = np.array(found).reshape(-1, 3)
         if self.region is not None:
             left, top, right, bottom = self.region
-            x, y = made[:, 0], made[:, 1]
-            made = made[(x >= left) & (x <= right) & (y >= top) & (y <= bottom)]
-        return made[:, :2], made[:, 2]
+            x, y = markers[:, 0], markers[:, 1]
+            markers = markers[(x >= left) & (x <= right) & (y >= top) & (y <= bottom)]
+        return markers[:, :2], markers[:, 2]
 
 
 def follow_dots(
@@ -278,10 +278,10 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
 def _markers(finder: Any, picture: Array) -> dict[int, Array]:
     """Return the centre (2,) of each marker by number: the crossing of its diagonals."""
     corners, ids, _ = finder.detectMarkers(picture)
-    made: dict[int, Array] = {}
+    markers: dict[int, Array] = {}
     for quad, number in zip(corners, [] if ids is None else ids.ravel().tolist(), strict=True):
         a, b, c, d = np.asarray(quad, float).reshape(4, 2)
         along, across, between = c - a, d - b, b - a
         share = (between[0] * across[1] - between[1] * across[0]) / (along[0] * across[1] - along[1] * across[0])
-        made[number] = a + share * along
-    return made
+        markers[number] = a + share * along
+    return markers

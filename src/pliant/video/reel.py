@@ -1,10 +1,10 @@
-"""Read a video frame by frame, with the time of each frame from its container."""
+"""Read a video frame by frame, with the time of each frame from its container and changes of brightness removed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ FEWEST = 8  # least number of frames
 COARSE = 160  # points across the grid on which brightness is compared
 DARK, BRIGHT, SATURATED = 30.0, 215.0, 250.0  # grey levels: only pixels between them are used to measure brightness
 FEWEST_POINTS = 200  # least number of grid points
+SAMPLES = 32  # frames in which brightness is compared
+STEADY = 0.02  # relative change of brightness that noise and a moving body explain
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,6 @@ class Reel:
     """A video file: its size [pixels], frame rate [Hz] and stated number of frames.
 
     With a `reference`, the median frame on a coarse grid, every frame is adjusted to the brightness of the reference.
-
-    With a `reference`, the usual frame on a coarse grid, every frame is brought to its brightness.
     """
 
     path: Path
@@ -70,8 +70,8 @@ class Reel:
         """Return at most `count` frames, evenly over the video, scaled to `width`: (K, h, w, 3) uint8."""
         with _opened(self.path) as (cv2, film):
             size = (width, max(1, round(self.height * width / self.width)))
-            made = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
-        return np.array(made)
+            pictures = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
+        return np.array(pictures)
 
     def pictures(self, count: int) -> Iterator[Array]:
         """Yield the frames that `sampled` returns, at full size."""
@@ -115,3 +115,18 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield cv2, film
     finally:
         film.release()
+
+
+def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:
+    """Return the video with all frames adjusted to its median brightness, per colour, and a history line.
+
+    Brightness is the median ratio of a frame to the median frame, so that moving objects have no influence while they
+    cover less than half of the picture. A video of steady brightness is returned unchanged.
+    """
+    parts = np.array([p[:: reel.coarse, :: reel.coarse] for p in reel.pictures(SAMPLES)])
+    probe = replace(reel, reference=np.median(parts, axis=0).astype(np.float32))
+    gains = np.array([probe.gain(part) for part in parts])
+    change = float(np.abs(gains - 1.0).max())
+    if change <= STEADY:
+        return reel, []
+    return probe, [f"brightness changes by up to {100 * change:.0f} % and was compensated: lock the camera's exposure"]

@@ -1,4 +1,4 @@
-"""Track the shape of a soft body in a video and return it as a recording."""
+"""Track the shape of a soft body in a video and return it as a recording; lost and repeated frames are counted."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from pydantic import ValidationError
 from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
-from pliant.video.exposure import even_exposure
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import ENDINGS, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
-from pliant.video.reel import Reel, open_reel
+from pliant.video.reel import Reel, even_exposure, open_reel
 from pliant.video.silhouette import follow_silhouette
 
 if TYPE_CHECKING:
@@ -30,6 +28,9 @@ STATIONS = 25  # default number of stations of a silhouette
 LENGTH = 0.03  # accepted relative deviation of a silhouette's length from its median
 SPARSE = 8  # step between the pixels that are compared with the previous frame
 MOST_GAPS = 0.5  # largest fraction of frames that may be gaps
+MOVES = 0.7  # pixels per frame: a repeated frame is detectable only in faster motion
+STANDS, LEAPS = 0.2, 1.7  # relative to the neighbours' steps: of a repeated frame, and after a lost one
+ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated frame
 
 
 @dataclass(frozen=True)
@@ -255,9 +256,50 @@ def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]
     length = float(np.nanmedian(along[:, -1]))
     with np.errstate(invalid="ignore"):
         strange = np.abs(along[:, -1] / length - 1.0) > LENGTH
-    made = np.full((len(position), stations, 3), np.nan)
+    resampled = np.full((len(position), stations, 3), np.nan)
     share = np.linspace(0.0, 1.0, stations)
     for k in np.flatnonzero(np.isfinite(along[:, -1]) & ~strange):
-        made[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
+        resampled[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
     names = ["base", *(f"s{k:02d}" for k in range(1, stations - 1)), "tip"]
-    return made, share * length, names, int(strange.sum())
+    return resampled, share * length, names, int(strange.sum())
+
+
+def lost_in_times(time: Array) -> tuple[int, int]:
+    """Return the number of missing frames in the times (T,) [s] and the number of gaps that they form."""
+    step = np.diff(time)
+    missing = np.rint(step / np.median(step)).astype(int) - 1
+    return int(missing[missing > 0].sum()), int((missing > 0).sum())
+
+
+def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array, Array]:
+    """Return masks (T,) of frames that repeat the previous one, and of steps twice as long as their neighbours.
+
+    A step that is twice as long suggests a missing frame.
+
+    Parameters
+    ----------
+    points : array (T, S, 2), pixels
+        Tracked points; NaN where nothing was seen.
+    change : array (T,), levels
+        Mean change of the picture since the previous frame, in grey levels.
+    time : array (T,), s
+
+    Both are reported only where the body moves by `MOVES` or more and keeps its direction, as two frames at a reversal
+    are alike.
+    """
+    step = np.diff(points, axis=0, prepend=np.nan)
+    apart = (step**2).sum(axis=2)
+    count = np.isfinite(apart).sum(axis=1)
+    size = np.sqrt(np.where(count > 0, np.nansum(apart, axis=1), np.nan) / np.maximum(count, 1))
+    even = np.rint(np.diff(time, prepend=time[0]) / np.median(np.diff(time))) <= 1
+    doubled, leaps = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for k in range(2, len(points) - 1):
+        before, after = size[k - 1], size[k + 1]
+        if not np.isfinite([before, size[k], after]).all() or np.nansum(step[k - 1] * step[k + 1]) <= 0:
+            continue
+        least = min(before, after)
+        alike = change[k] < ALIKE * min(change[k - 1], change[k + 1])
+        doubled[k] = least > MOVES and size[k] < STANDS * least and alike
+        leaps[k] = min(before, after) > MOVES and size[k] > LEAPS * max(before, after) and even[k - 1 : k + 2].all()
+    leaps[1:] &= ~doubled[:-1]
+    return doubled, leaps

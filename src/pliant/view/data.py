@@ -12,7 +12,7 @@ import numpy as np
 
 from pliant.identification.experiment import Experiment
 from pliant.mechanics import mechanics_of
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 from pliant.units import shown_in
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of, pressures_of
 from pliant.validation.draw import moves_torque

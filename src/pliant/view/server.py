@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 from pliant.units import shown_in
 from pliant.view.live import Live, PageContent, PageRequest
 from pliant.view.report import asset, script_json, template

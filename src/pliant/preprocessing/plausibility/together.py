@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 
-from pliant.numerics.peak import peak
+from pliant.numerics.ringdown import peak
 from pliant.preprocessing import detectors
 
 COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least this many: frames at rest may repeat
