@@ -20,6 +20,7 @@ from pliant.equations import (
     energy,
     extension,
     extension_linearised,
+    extension_memory,
     linearised,
     memory,
     motion,
@@ -63,22 +64,30 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
+AXIAL: dict[Any, Any] = {  # what stands for the kernels of joints where segments have hysteresis too
+    memory.step_with_memory: extension_memory.step_with_axial_memory, memory.relax: extension_memory.relax_all,
+    memory.follow_change: extension_memory.follow_all,
+}
 MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
 SOURCES = (  # of a twin whose steps are made here
-    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
+    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, extension_memory.__file__,
+    spatial.__file__,
     spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__,
     spatial_observation.__file__, spatial_points.__file__, spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
-def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def twin(
+    kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
 
     Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
     `segments` lengthen, its steps are those of `equations.extension`; where each joint has 2 or 3 `turns`, those of
-    `equations.spatial`, with so many `tendons`.
+    `equations.spatial`, with so many `tendons`. `axial` holds the laws of the segments beyond linear springs and
+    dampers: the sum of `trace.CURVED` and `trace.REMEMBERS`.
     """
-    return made(kernel, links, segments, turns, tendons)
+    return made(kernel, links, segments, turns, tendons, axial)
 
 
 @cache
@@ -97,7 +106,8 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 @cache
 def straight(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> Any:
     """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
 
@@ -105,20 +115,23 @@ def straight(
     """
     from pliant.compiler.llvm import compiled
 
-    size = size_tag(n, segments, turns, tendons) + "_fused" * (kernel in FUSED) + "_memory" * remembers
+    size = size_tag(n, segments, turns, tendons, axial) + "_fused" * (kernel in FUSED) + "_memory" * remembers
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, remembers=remembers)
+    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, axial, remembers=remembers)
     return compiled(name, recorded, fused=kernel in FUSED)
 
 
-def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
-    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint, tendons."""
+def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
+    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint, tendons, and
+    the laws of the segments.
+    """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
-    return "_".join(map(str, [links or "n", *behind]))
+    return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
 
 
 def substitutes(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    loops: bool = False,
 ) -> dict[Any, Any]:
     """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included.
 
@@ -129,7 +142,7 @@ def substitutes(
         sizes = links, segments, turns, tendons
         return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
-        made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
+        made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
     if linearised.step_jacobian in found:
         jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
@@ -137,6 +150,14 @@ def substitutes(
             made[jacobian] = twin(extension_linearised.step_jacobian)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
+    if axial & trace.REMEMBERS:
+        steps = {extension.step: extensible_step(links, segments, axial)}
+        for plain, own in AXIAL.items():
+            if plain in found:
+                made[plain] = compiled_twin(
+                    own, size_tag(links, segments, axial=axial), lambda callee: steps.get(callee) or twin(callee),
+                    SOURCES, replaced=steps,
+                )
     if segments and contact.add_link_loads in found:
         made[contact.add_link_loads] = twin(extension.add_link_loads)
     return made
@@ -185,10 +206,10 @@ def fast_step(links: int) -> Any:
     return twin(articulated.step_articulated)
 
 
-def extensible_step(links: int, segments: int) -> Any:
-    """The compiled step of a body of so many links, so many segments of which lengthen."""
+def extensible_step(links: int, segments: int, axial: int = 0) -> Any:
+    """The compiled step of a body of so many links, so many segments of which lengthen by some laws, see `twin`."""
     if links + segments <= MOST_LINKS:
-        return straight(extension.step, links, segments)
+        return straight(extension.step, links, segments, axial=axial)
     return twin(extension.step)
 
 

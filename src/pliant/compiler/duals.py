@@ -88,12 +88,14 @@ def _run(*arguments):
 
 
 @cache
-def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def dual_twin(
+    kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """The compiled twin of a kernel on duals: as `choose.twin`, floats and arrays of floats as `duals` lays them.
 
     What is not of floats (counts, arrays of integers) stays as it is; a dual that is returned comes as its value.
     """
-    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons)  # loops fit any size
+    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)  # loops fit any size
     inner = _inner(kernel, *sizes)
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__

@@ -195,9 +195,11 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 
 @cache
-def lane_twin(kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def lane_twin(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """The compiled twin of a kernel on vectors: as `choose.twin`, and it lets other threads run."""
-    sizes = links, segments, turns, tendons
+    sizes = links, segments, turns, tendons, axial
     fast = choose.substitutes(kernel, *sizes)
     if kernel in fast:
         return fast[kernel]

@@ -16,6 +16,7 @@ from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
+    ExtensibleJoints,
     ExtensibleWorkspace,
     Joints,
     Slopes,
@@ -28,6 +29,9 @@ from pliant.equations.symbols import (
 # Scratch arrays that a kernel hands on; of all others work.a alone. Constants are not stored.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
 KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
+
+
+CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
 
 
 class Tape:
@@ -161,9 +165,10 @@ def example_arguments(n: int) -> dict[str, Any]:
     }
 
 
-def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
-    """As `example_arguments`, of a body that lengthens: `equations.extension`."""
+def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any]:
+    """As `example_arguments`, of a body that lengthens by `axial` laws: `equations.extension`."""
     size = n + segments
+    curved, moved = n + segments * bool(axial & CURVED), segments * bool(axial & REMEMBERS)
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -173,7 +178,9 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, n), zeros(n)),
+        "joints": ExtensibleJoints(
+            0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, curved), zeros(n), zeros(moved),
+        ),
         "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
     }
 
@@ -223,16 +230,18 @@ def spatial_arguments(
 
 
 def recording(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen; in space, turns and tendons.
+    """The recording of a kernel for n links, and so many segments that lengthen by `axial` laws; in space, turns and
+    tendons.
 
     In space a step that `remembers` takes the lines of hysteresis states.
     """
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)
     else:
-        examples = extensible_arguments(n, segments) if segments else example_arguments(n)
+        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     kept = KEPT.get(kernel.__name__, ("work.a",))
     return record(kernel, {name: examples[name] for name in names}, kept=kept)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pliant.equations.elastic import bending_energy
+from pliant.equations.elastic import bending_energy, spring_energy
 
 
 def kinetic_energy(c, s, w, body):
@@ -19,7 +19,9 @@ def kinetic_energy(c, s, w, body):
 def elastic_energy(phi, joints):
     """Energy of the springs, J, 0 in the rest shape; those of the strains (n..n+S) of `phi` count too."""
     value = bending_energy(phi, joints)
-    for i in range(len(joints.theta0), len(phi)):
+    for i in range(len(joints.theta0), joints.hardening.shape[1]):
+        value = value + spring_energy(i, joints, phi[i], phi[i])
+    for i in range(joints.hardening.shape[1], len(phi)):
         value = value + 0.5 * joints.K[i] * phi[i] * phi[i]
     return value
 

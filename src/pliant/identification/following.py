@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import spatial_memory
-from pliant.equations.symbols import MemoryLaw, Past
+from pliant.equations.symbols import ExtensibleHeld, MemoryLaw, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
@@ -79,7 +79,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
     before = Before(made.still, numbers.held, numbers.held_base)
     start = numbers.phi, kind.of(np.zeros(chain.size))
     if model.memory:
-        past = Past(MemoryLaw(*numbers.memory), slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
+        past = Past(numbers.memory, slipped(made, numbers, kind), held_of(made, numbers.joints, kind))
         failed = kind.twin(follow_loops.follow_with_memory, n if any(more) else None, *more)(
             *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
         )
@@ -138,4 +138,7 @@ def held_of(made: SetUp, joints: Any, kind: ObservationKind) -> Any:
         moved = kind.of(np.zeros(made.model.size))
         return type(fresh)(springs=joints._replace(theta0=moved, line=rows["line"]), **rows)
     rows["K"][:] = joints.K  # with axial ones: the step writes those of the joints alone
-    return type(fresh)(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+    seen = joints._replace(theta0=rows["theta0"], K=rows["K"])
+    if isinstance(fresh, ExtensibleHeld):
+        seen = seen._replace(rest=rows["rest"])
+    return type(fresh)(springs=seen, **rows)

@@ -16,7 +16,8 @@ Array = np.ndarray
 ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
-BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "payne_angle")  # beginnings of names
+# beginnings of names
+BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "axial_creep_time", "payne_angle")
 FAR_BOUND = 7.0  # of a logarithm: a factor of a thousand from the start
 SAME = 1e-4  # of the least cost: what a start may lie above it, and its way down to it change, to be on that way
 

@@ -14,12 +14,13 @@ from pliant.model.limits import MOST_TERMS, check_limit
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve
-PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
+PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"),
+         ("axial_creep_share", "axial_creep_time"), ("axial_slip_share", "axial_slip_strain"))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Memory:
-    """Branches beside the spring of every joint, their stiffness in parts of the joint's own.
+    """Branches beside the spring of every joint and segment that lengthens, their stiffness in parts of its own.
 
     Parameters
     ----------
@@ -32,6 +33,10 @@ class Memory:
     boucwen_beta, boucwen_gamma, boucwen_exponent : float
         ``dz = dq - (beta |dq| |z|^{n-1} z + gamma dq |z|^n)``, A = 1; beta and gamma in 1/rad^n, n the exponent. The
         size of z stays below ``(beta + gamma)^{-1/n}``.
+    axial_creep_share, axial_creep_time : tuple of float
+        Prony branches beside the axial spring of every segment that lengthens, in parts of its EA, and times, s.
+    axial_slip_share, axial_slip_strain : tuple of float
+        Maxwell-slip elements of the same, which slip where they are stretched by more than this strain.
 
     Raises
     ------
@@ -48,13 +53,17 @@ class Memory:
     boucwen_beta: float = 50.0
     boucwen_gamma: float = 50.0
     boucwen_exponent: float = 1.0
+    axial_creep_share: tuple[float, ...] = ()
+    axial_creep_time: tuple[float, ...] = ()
+    axial_slip_share: tuple[float, ...] = ()
+    axial_slip_strain: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             row = field.type.startswith("tuple")
             object.__setattr__(self, field.name, checked(field.name, value, row))
-        if (most := max(len(self.creep_share), len(self.slip_share))) > MOST_TERMS:
+        if (most := max(len(getattr(self, shares)) for shares, _ in PAIRS)) > MOST_TERMS:
             raise InputError(f"memory has at most {MOST_TERMS} branches of a kind, got {most}")
         for shares, others in PAIRS:
             row, other = getattr(self, shares), getattr(self, others)
@@ -77,7 +86,17 @@ class Memory:
 
     def __bool__(self) -> bool:
         """Whether there is any branch."""
-        return bool(self.creep_share or self.slip_share or self.boucwen_share)
+        return bool(self.creep_share or self.slip_share or self.boucwen_share or self.has_axial)
+
+    @property
+    def has_axial(self) -> bool:
+        """Whether the segments that lengthen have any branch."""
+        return bool(self.axial_creep_share or self.axial_slip_share)
+
+    @property
+    def axial(self) -> Memory:
+        """The branches of the segments that lengthen, as those of a joint are given: strains in the place of angles."""
+        return Memory(self.axial_creep_share, self.axial_creep_time, self.axial_slip_share, self.axial_slip_strain)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -91,13 +110,16 @@ class Memory:
         """Stiffness of all branches together before any of them slips, in parts of the joint's own."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
-    def law(self) -> symbols.MemoryLaw:
-        """The same numbers for the kernels."""
-        return symbols.MemoryLaw(
+    def law(self) -> symbols.MemoryLaw | symbols.AxialMemoryLaw:
+        """The same numbers for the kernels; those of the segments only where they have branches."""
+        joints = symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
             boucwen_exponent=self.boucwen_exponent,
         )
+        if not self.has_axial:
+            return joints
+        return symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4])
 
 
 class Springpot(NamedTuple):

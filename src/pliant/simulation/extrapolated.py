@@ -43,7 +43,7 @@ def extrapolated(coarse: Marched, fine: Marched) -> Marched:
 def smooth(problem: InitialValueProblem) -> bool:
     """Whether the error of a march is a series in the square of its step."""
     memory = problem.model.memory
-    return not (memory.slip_share or memory.boucwen_share or problem.forces)
+    return not (memory.slip_share or memory.boucwen_share or memory.axial_slip_share or problem.forces)
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:

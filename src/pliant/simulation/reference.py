@@ -47,6 +47,8 @@ def solve_reference(
     """
     from scipy.integrate import solve_ivp  # a third of a second that the default need not pay
 
+    if model.memory.has_axial:
+        raise InputError(f"{method} does not follow hysteresis of segments that lengthen: use method='midpoint'")
     if model.memory.slip_share or model.memory.boucwen_share:
         raise InputError(f"{method} follows creep, not slip or Bouc-Wen, which have corners: use method='midpoint'")
     if any(c.valve.settle_share for c in model.chambers):
