@@ -151,7 +151,7 @@ def substitutes(
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
     if axial & trace.REMEMBERS:
-        steps = {extension.step: extensible_step(links, segments, axial)}
+        steps: dict[Any, Any] = {extension.step: extensible_step(links, segments, axial)}
         for plain, own in AXIAL.items():
             if plain in found:
                 made[plain] = compiled_twin(

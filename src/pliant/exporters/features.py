@@ -162,10 +162,16 @@ def longer(model: Model) -> tuple[str, ...]:
 
 def linear_segments(model: Model) -> Model:
     """The model with linear axial springs."""
-    straight = dict.fromkeys(CURVES)
+    straight: dict[str, Any] = dict.fromkeys(CURVES)
     return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
 
 
+def without_segments(model: Model) -> Model:
+    """The model with no segment that lengthens, and no hysteresis of one."""
+    return of_memory(**dict.fromkeys(AXIAL_BRANCHES, ()))(model).with_(extensions=())
+
+
+AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain"))
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
@@ -187,11 +193,11 @@ FEATURES: dict[str, Feature] = {
         ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
     ),
     "lengthening": Feature(
-        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), lambda m: m.with_(extensions=()),
+        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), without_segments,
         LENGTHENING,
     ),
     "space_lengthening": Feature(
-        "a body in space that lengthens", lambda m: longer(m) if m.space else (), lambda m: m.with_(extensions=()),
+        "a body in space that lengthens", lambda m: longer(m) if m.space else (), without_segments,
         LENGTHENING,
     ),
     "curved_segments": Feature(
@@ -201,8 +207,7 @@ FEATURES: dict[str, Feature] = {
     ),
     "axial_memory": Feature(
         "hysteresis of segments that lengthen", when("hysteresis of segments", lambda m: m.memory.has_axial),
-        of_memory(axial_creep_share=(), axial_creep_time=(), axial_slip_share=(), axial_slip_strain=()),
-        tuple(f"Memory.axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain")),
+        of_memory(**dict.fromkeys(AXIAL_BRANCHES, ())), tuple(f"Memory.{name}" for name in AXIAL_BRANCHES),
     ),
     "gravity": Feature(
         "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),

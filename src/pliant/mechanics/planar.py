@@ -203,7 +203,8 @@ class PlanarChain(Mechanics):
         size = {name: self.size if name in ("phi", "w") else self.n for name in Held._fields if name != "springs"}
         rows = {name: np.zeros(length) for name, length in size.items()}
         rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
-        return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+        plain: Any = joints  # of a body that lengthens, with its `rest` empty
+        return Held(springs=plain._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
 
     # places
 

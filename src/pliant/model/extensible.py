@@ -90,7 +90,7 @@ def check_extensions(model: ModelParameters) -> None:
 
 def check_laws(model: ModelParameters) -> None:
     """Raise InputError where hysteresis or curved springs of segments have no segment, or one in space."""
-    if model.memory.has_axial and not model.extensions:
+    if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(
             f"memory axial_*: {model.name!r} has no segment that lengthens: leave these branches out, or give it "
             "extensions"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -110,8 +110,8 @@ class Memory:
         """Stiffness of all branches together before any of them slips, in parts of the joint's own."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
-    def law(self) -> symbols.MemoryLaw | symbols.AxialMemoryLaw:
-        """The same numbers for the kernels; those of the segments only where they have branches."""
+    def law(self) -> symbols.MemoryLaw:
+        """The same numbers for the kernels; an `AxialMemoryLaw`, with more fields, where segments have branches."""
         joints = symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
@@ -119,7 +119,7 @@ class Memory:
         )
         if not self.has_axial:
             return joints
-        return symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4])
+        return cast("symbols.MemoryLaw", symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4]))
 
 
 class Springpot(NamedTuple):

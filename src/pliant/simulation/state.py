@@ -102,11 +102,11 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
     """Same as `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
-    lost = (slopes <= 0).any(axis=1)
+    gone = (slopes <= 0).any(axis=1)
     if any(e.curved for e in model.extensions):
         strain = phi[:, phi.shape[1] - len(model.extensions) :]
-        lost |= (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
-    lost = np.flatnonzero(lost)
+        gone = gone | (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
+    lost = np.flatnonzero(gone)
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
