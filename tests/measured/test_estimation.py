@@ -130,7 +130,7 @@ def test_a_measured_pressure_gives_the_angles_of_an_arm(shared_data):
 
 
 def lengthening_segments():
-    """As examples/planar_two_segment_arm_lengthens.toml fits it without creep of its segments, with the chambers that the
+    """As examples/planar_two_segment_arm_lengthens.toml fits it without creep of its segments: the chambers that the
     later trials inflate.
     """
     valve = Valve(0.0, 1.08848)
