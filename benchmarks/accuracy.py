@@ -1,8 +1,8 @@
-"""How well models of growing detail predict a pulse that they have not seen: virtual actuators a, b and c.
+"""Measure how well models of growing detail predict an unseen pulse of the virtual actuators a, b and c.
 
-Each actuator is recorded by the virtual fibre under pulses of 60 and 180 kPa, slow triangles, and the paper's pulse of
-119 kPa. The models learn from the first three and predict the last, over its whole 4.5 s. Every stage begins where the
-one below it ended. Usage: python benchmarks/accuracy.py [actuators] [links]
+The virtual fibre records each actuator under pulses of 60 and 180 kPa, slow triangles, and the paper's pulse of 119
+kPa. The models are trained on the first three recordings and predict the pulse of 119 kPa over its 4.5 s. The fit of
+every stage starts from the result of the previous stage. Usage: python benchmarks/accuracy.py [actuators] [links]
 """
 
 # ruff: noqa: E402
@@ -44,7 +44,7 @@ STAGES: dict[str, tuple[str | Parameter, ...]] = {
 
 
 def recorded(body: str, links: int) -> tuple[dict[str, Experiment], Model]:
-    """What the laboratory has of an actuator: its recordings, reduced to links, and the chain with guessed K and D."""
+    """Return the recordings of a virtual actuator, reduced to links, and a chain with estimated K and D."""
     with tempfile.TemporaryDirectory() as folder:
         for name in (*TRAIN, HELD_OUT):
             write_netcdf(generate(name, body, seed=1).recording, Path(folder) / f"{name}.nc")
@@ -60,14 +60,14 @@ def recorded(body: str, links: int) -> tuple[dict[str, Experiment], Model]:
 
 
 def begun(entry: str | Parameter, before: FitResult | None) -> Parameter:
-    """A parameter that begins where the stage below ended."""
+    """Return a free parameter whose start value is the result of the previous stage."""
     p = Parameter(entry) if isinstance(entry, str) else entry
     found = before.values.get(p.name, before.values.get(p.name.removesuffix("_*"))) if before else None
     return p if found is None else p.with_(value=float(np.clip(found, p.lower, p.upper)))
 
 
 def line(name: str, exp: Experiment, fitted: FitResult, seconds: float) -> str:
-    """One row of the table: the held-out pulse."""
+    """Return one row of the table, for the held-out pulse."""
     modelled, _ = predict_held_out(exp, fitted)
     m = compare(exp, modelled["position"], 0.17)
     tip = 1e3 * float(np.sqrt(np.nanmean(np.sum((modelled["position"] - exp.position)[:, -1] ** 2, axis=-1))))
@@ -81,7 +81,7 @@ def line(name: str, exp: Experiment, fitted: FitResult, seconds: float) -> str:
 
 
 def main(bodies: str, links: int) -> None:
-    """The table of every actuator."""
+    """Print the table of every actuator."""
     for body in bodies:
         experiments, model = recorded(body, links)
         held = experiments[HELD_OUT]

@@ -1,11 +1,11 @@
-"""How well a body is followed in a film, by disturbance, and how fast; and what a model from a film predicts.
+"""Measure how accurately and how fast films are tracked under each disturbance, and how well models from films predict.
 
-    python benchmarks/camera.py                  # all of it, some ten minutes on one core
-    python benchmarks/camera.py noise clutter    # these disturbances alone
-    python benchmarks/camera.py model            # the model from films against the one from the fibre
+    python benchmarks/camera.py                  # everything, about ten minutes on one core
+    python benchmarks/camera.py noise clutter    # only these disturbances
+    python benchmarks/camera.py model            # the model from films compared with the model from the fibre
 
-Films of a virtual camera, 1920 x 1080 pixels (640 x 360 for the model), 60 frames a second, MPEG-4; the truth is the
-rod's. Times are of the processor, one thread.
+A virtual camera makes the films: 1920 x 1080 pixels (640 x 360 for the model), 60 frames a second, MPEG-4. The
+reference is the shape of the simulated rod. Times are processor times of one thread.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ MOTION = Scenario("filmed", "180 kPa for half a second", 1.1, pulse(180e3, 0.5, 
 
 
 def at_shares(lines: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Points (T, S, 2) at shares of the length of lines (T, N, 2)."""
+    """Return points (T, S, 2) at given fractions of the length of lines (T, N, 2)."""
     made = []
     for line in lines:
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
@@ -73,7 +73,7 @@ def at_shares(lines: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
 
 def curvature(points: np.ndarray) -> np.ndarray:
-    """(T, S - 4) from positions (T, S, 2) evenly along the body, 1/m."""
+    """Return curvature (T, S - 4) [1/m] from positions (T, S, 2) at equal arc lengths."""
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points[0], axis=0), axis=1)))
     line = CubicSpline(s, points, axis=1)
     d, dd = line(s[2:-2], 1), line(s[2:-2], 2)
@@ -81,7 +81,7 @@ def curvature(points: np.ndarray) -> np.ndarray:
 
 
 def judged(path: Path, view: View, look: Look, shutter: Shutter, how: Tracking) -> str:
-    """One row: errors in pixels, bias of curvature, gaps."""
+    """Return one row of the table: errors in pixels, bias of the curvature, number of gaps."""
     truth = film(MOTION, path, view=view, look=look, shutter=shutter)
     camera = {**view.table(), "exposure_ms": 1e3 * shutter.exposure, "readout_ms": 0.0}
     try:
@@ -103,7 +103,7 @@ def judged(path: Path, view: View, look: Look, shutter: Shutter, how: Tracking) 
 
 
 def flow(path: Path) -> None:
-    """Points of the rest shape carried along by optical flow alone (Lucas-Kanade, pyramids)."""
+    """Track points of the rest shape by optical flow alone (Lucas-Kanade with pyramids)."""
     view = VIEW
     look, shutter = replace(LOOK, marks="dots", clutter=60), replace(SHUTTER, noise=6.0)
     truth = film(MOTION, path, view=view, look=look, shutter=shutter)
@@ -120,7 +120,7 @@ def flow(path: Path) -> None:
 
 
 def speed(path: Path) -> None:
-    """Frames a second of following a silhouette, decoding apart."""
+    """Measure the tracked frames per second of a silhouette, and the time of decoding separately."""
     film(MOTION, path, view=VIEW, look=replace(LOOK, clutter=60), shutter=replace(SHUTTER, noise=4.0))
     reel = open_reel(path)
     began = time.process_time()
@@ -146,7 +146,7 @@ def speed(path: Path) -> None:
 
 
 def model(folder: Path) -> None:
-    """Fits on 60 and 180 kPa predict 119 kPa, from films and from the fibre, the same motions of the rod."""
+    """Fit models to 60 and 180 kPa from films and from the fibre, and predict 119 kPa; the motions are the same."""
     fibre = load_study(demo_study())
     fits = {"softening": fibre.fits["softening"].model_copy(update={"starts": 1, "held_out": ["pulse_119"]})}
     names = ("pulse_60", "pulse_180", "pulse_119")

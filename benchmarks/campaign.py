@@ -1,16 +1,15 @@
-"""How well models predict bodies of the whole family: interpolation, 1.3 and 2 times the pressure that taught them.
+"""Measure how well models predict bodies of a random family, at 0.66, 1.3 and 2 times the highest training pressure.
 
-    python benchmarks/campaign.py -o results/campaign --seeds 40            # goes on where it stopped
+    python benchmarks/campaign.py -o results/campaign --seeds 40            # resumes where it stopped
     python benchmarks/campaign.py -o results/campaign --seeds 40 --scheduler processes
     python benchmarks/campaign.py -o results/campaign --seeds 40 --figure docs/figures/campaign
 
-Each seed is another virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses of
-1.5 s at 60, 119, 180, 234 and 360 on the scale where 180 is its working pressure. Those at 60 and 180 train a
-selection of models (K, D and torque law; springs that soften; that stiffen again; lag of the pressure; K of each
-joint; creep),
-which takes the stage of the lowest BIC among those that the recordings determine; with ``--late`` stages that were
-passed over are tried once more at its end, as a study's model selection does. The others are held out from fit and
-choice alike, and only their edge times are fitted. The rod has 60 elements.
+Each seed is a different virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses
+of 1.5 s at 60, 119, 180, 234 and 360; pressures are scaled so that 180 is the working pressure. The recordings at 60
+and 180 train a model selection with the stages K, D and torque law; springs that soften; springs that stiffen again;
+lag of the pressure; K of each joint; creep. The model selection chooses the stage with the lowest BIC among those that
+the recordings determine. With ``--late`` skipped stages are tried once more at the end, as in a study. The other
+recordings are used neither in the fit nor in the choice; only their edge times are fitted. The rod has 60 elements.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ class Seeds(chunks.OneByOne):
     late: bool = False
 
     def work(self, chunk: int) -> Arrays:
-        """All numbers of one seed; what could not be had is not a number, and `told` says why."""
+        """Compute all numbers of one seed; missing numbers are NaN, and `told` states the reason."""
         seed, began = self.first + chunk, time.process_time()
         who = family_member(seed)
         who = replace(who, body=replace(who.body, elements=self.elements))
@@ -91,7 +90,9 @@ class Seeds(chunks.OneByOne):
 
 
 def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr.Dataset], Any]:
-    """The study of a member, its dense bodies in their plane and the chain laid through the strongest taught one."""
+    """Return the study of a member, its dense shapes in their plane, and the chain fitted to the strongest training
+    shape.
+    """
     for name, level in LEVELS.items():
         case = replace(SCENARIOS["pulse_119"], name=name, command=pulse(level, WIDTH), duration=DURATION)
         write_netcdf(generate(case, who, 1).recording, folder / f"{name}.nc")
@@ -110,7 +111,7 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
 
 
 def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False) -> dict[str, Any]:
-    """Stage, training error, and every metric of every held-out pulse of a member."""
+    """Return stage, training error and every metric of every held-out pulse of a member."""
     with tempfile.TemporaryDirectory() as folder:
         study, bodies, shape = recorded(who, Path(folder), links)
         experiments = {name: link_experiment(study, name, body, shape.links) for name, body in bodies.items()}
@@ -138,7 +139,7 @@ def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False
 
 
 def normalised(record: RecordOutcome) -> np.ndarray:
-    """Residuals over their predicted standard deviation at `COMMON` times (100, 2 links)."""
+    """Return residuals over their predicted standard deviation at the times `COMMON`, (100, 2 links)."""
     assert record.band is not None
     exp, rows = record.experiment, (record.experiment.compared - record.band.position) / record.band.std
     time = exp.time - exp.time[0]
@@ -147,7 +148,7 @@ def normalised(record: RecordOutcome) -> np.ndarray:
 
 
 def metrics(record: RecordOutcome, rows: np.ndarray, body: xr.Dataset, links: Any) -> dict[str, float]:
-    """What `METRICS` names, of one held-out pulse."""
+    """Return the metrics `METRICS` of one held-out pulse."""
     exp, m, length = record.experiment, record.metrics, float(links.node_arc_length[-1])
     off = 100.0 / length
     angle = joint_angles(rows) - joint_angles(exp.position)
@@ -165,13 +166,15 @@ def metrics(record: RecordOutcome, rows: np.ndarray, body: xr.Dataset, links: An
 
 
 def joint_angles(tips: np.ndarray) -> np.ndarray:
-    """Angles (T, n) of the links whose tips (T, n, 2) [m] are seen, each to the one before, rad; base at the origin."""
+    """Return joint angles (T, n) [rad] of links with tips (T, n, 2) [m]; the base is at the origin."""
     step = np.diff(tips, axis=1, prepend=0.0)
     return np.diff(np.unwrap(np.arctan2(-step[..., 0], step[..., 1]), axis=1), axis=1, prepend=0.0)
 
 
 def shape_error(rows: np.ndarray, exp: Experiment, body: xr.Dataset, links: Any) -> float:
-    """Distance of a spline through the predicted link tips from the measured body, RMS over body and time, m."""
+    """Return the RMS distance [m], over body and time, of a spline through the predicted link tips from the measured
+    body.
+    """
     s = body["arc_length"].values
     inside = (s > links.node_arc_length[0]) & (s <= links.node_arc_length[-1])
     at = np.clip(np.searchsorted(body["time"].values, exp.time), 0, body.sizes["time"] - 1)
@@ -182,12 +185,12 @@ def shape_error(rows: np.ndarray, exp: Experiment, body: xr.Dataset, links: Any)
 
 
 def rms(x: np.ndarray) -> float:
-    """Root mean square of what is there."""
+    """Return the root mean square of the finite values."""
     return float(np.sqrt(np.nanmean(np.square(x))))
 
 
 def table(samples: xr.Dataset) -> str:
-    """Median, 90 % and worst of every metric and case; of signed ones the quartiles."""
+    """Return median, 90th percentile and worst value of every metric and case; quartiles of signed metrics."""
     lines = []
     for name, (words, unit) in METRICS.items():
         for case, title in CASES.items():
@@ -206,7 +209,7 @@ def table(samples: xr.Dataset) -> str:
 
 
 def held_by_bands(samples: xr.Dataset, many: int = 5000) -> str:
-    """How much of a record the bands hold, beside a perfect band: spread of the share where it is 95 % on average.
+    """Compare the fraction of each record within the prediction band with the fractions of a perfect band.
 
     A perfect band's residuals are normal, of the standard deviation told at each time and coordinate, and hang together
     from time to time and from coordinate to coordinate as those of the seeds do: weighted sums of these.
@@ -226,7 +229,7 @@ def held_by_bands(samples: xr.Dataset, many: int = 5000) -> str:
 
 
 def worst(samples: xr.Dataset, many: int = 5) -> str:
-    """The seeds that are predicted worst at 1.3 times the pressure, those that no model predicts first."""
+    """Return the seeds with the largest errors at 1.3 times the pressure, seeds without any prediction first."""
     missed = np.nan_to_num(samples["beyond_tip_percent"].values, nan=np.inf)
     lines = []
     for k in np.argsort(-missed)[:many]:
@@ -240,7 +243,7 @@ def worst(samples: xr.Dataset, many: int = 5) -> str:
 
 
 def figure(samples: xr.Dataset, path: Path) -> None:
-    """Every seed as a dot, medians as bars, metric by metric."""
+    """Draw every seed as a dot and medians as bars, metric by metric."""
     from pliant.plotting import new_figure, style
 
     shown = [n for n in METRICS if n != "joint_bias_mrad"]
@@ -266,7 +269,7 @@ def figure(samples: xr.Dataset, path: Path) -> None:
 
 
 def main() -> None:
-    """Run what is not there yet; table, worst five and figure of all."""
+    """Compute missing seeds, then print the table and the five worst seeds, and draw the figure."""
     parser = chunks.options(__doc__, "campaign", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--stages", nargs="+", default=STAGE_NAMES, help="from the lowest up")

@@ -1,6 +1,6 @@
-"""What resumable benchmarks share: one thread for each process, chunks of one sample, their options and their results.
+"""Functions that resumable benchmarks share: one thread per process, chunks of one sample, options and results.
 
-Import it before NumPy: libraries read how many threads they may start when they are loaded.
+Import this module before NumPy, because libraries read the allowed number of threads when they are loaded.
 """
 
 # ruff: noqa: E402
@@ -25,7 +25,7 @@ from pliant.sweep.store import Store
 
 @dataclass(frozen=True)
 class OneByOne:
-    """Chunks of one sample each, for the sweep engine; `work(chunk)` is the benchmark's own."""
+    """Chunks of one sample each for the sweep engine; a benchmark implements `work(chunk)`."""
 
     count: int
 
@@ -35,12 +35,12 @@ class OneByOne:
         return self.count
 
     def bounds(self, chunk: int) -> tuple[int, int]:
-        """One sample a chunk."""
+        """Return the bounds of chunks with one sample each."""
         return chunk, chunk + 1
 
 
 def options(document: str, name: str, seeds: int) -> argparse.ArgumentParser:
-    """The options that all of them have; results go to benchmarks/results/`name` unless asked otherwise."""
+    """Return the common command line options; results go to benchmarks/results/`name` by default."""
     parser = argparse.ArgumentParser(description=document.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/results") / name)
     parser.add_argument("--seeds", type=int, default=seeds)
@@ -50,7 +50,7 @@ def options(document: str, name: str, seeds: int) -> argparse.ArgumentParser:
 
 
 def samples(work: Any, key: dict[str, Any], args: argparse.Namespace) -> xr.Dataset:
-    """All samples, those that were not there yet computed now unless `args.so_far`."""
+    """Return all samples; missing samples are computed unless `args.so_far` is set."""
     store = Store(args.output, key)
     if not args.so_far:
         began = time.perf_counter()

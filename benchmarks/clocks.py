@@ -1,8 +1,8 @@
-"""Offsets between two clocks, found from motion and pressure: error against the truth over random cases.
+"""Measure the error of clock offsets estimated from motion and pressure, over random cases.
 
-The motion is that of the bundled recordings of the virtual actuator, a rod with hysteresis and creep that shares
-nothing with the second-order body behind `sync`. Each case draws a recording, an offset, both rates, noise and
-resolution of both, how many points were tracked, and how much of the log is missing at its start. Run::
+The motions are bundled recordings of the virtual actuator, a rod with hysteresis and creep that shares no code with the
+second-order body of `sync`. Each case draws a recording, an offset, both sample rates, noise and resolution of both
+signals, the number of tracked points, and how much of the log is missing at its start. Run::
 
     python benchmarks/clocks.py [--cases 100] [--seed 1] [--json results/clocks.json]
 """
@@ -25,7 +25,7 @@ LATENCY = FibreSensor().latency  # s by which the virtual sensor's stamps are la
 
 
 def case(rng: np.random.Generator, recordings: dict) -> tuple[object, float, dict]:
-    """A recording of a random case, the true offset and what was drawn."""
+    """Return the recording of a random case, its true offset and the drawn values."""
     name = rng.choice(BUNDLED)
     ds = recordings[name]
     ds = ds.isel(time=np.isfinite(ds["position"].values).all(axis=(1, 2)))  # lost frames: noise is added below

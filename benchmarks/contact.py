@@ -1,12 +1,12 @@
-"""Contact on virtual actuators: found when, where, how hard, mapped how well, and how often by mistake.
+"""Measure contact detection on virtual actuators: delay, position, force, map and false alarms.
 
-    python benchmarks/contact.py b                        # pokes at the tip, then obstacles with the map of two of them
+    python benchmarks/contact.py b                        # contacts at the tip, then obstacles and a map of two of them
     python benchmarks/contact.py b --rate 250             # the same with a sensor of 250 Hz
-    python benchmarks/contact.py b --minutes 60           # false alarms in other free motion, nothing else
+    python benchmarks/contact.py b --minutes 60           # only false alarms in other free motion
 
-The noise was tuned on actuator a alone; the model's error of torque and what counts as steady were chosen with b and c
-in view. The models in examples/state are each actuator's own. The test learns from five minutes of free motion of
-the same body.
+The noise was tuned on actuator a alone. The model's torque error and the criterion for a steady contact were chosen
+with b and c in view. Each actuator has its own model in examples/state. The test learns from five minutes of free
+motion of the same body.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ HELD = Scenario("held", "", 4.0, pulse(119e3, 3.5, start=0.2))
 
 
 def random_pulses(seed, rate, duration=60.0):
-    """The paper's pressures for random times."""
+    """Return a command of the paper's pressures for random times."""
     rng, t, points = np.random.default_rng([77, seed]), 0.3, []
     while t < duration - 4.0:
         level, width = rng.choice([60e3, 119e3, 180e3, 240e3]), rng.uniform(0.5, 2.76)
@@ -42,7 +42,7 @@ def random_pulses(seed, rate, duration=60.0):
 
 
 def posted(name, share):
-    """A post that mid-body meets at this share of its way under 119 kPa, where the bare body would move on."""
+    """Return a post that mid-body touches at a fraction of its free displacement under 119 kPa."""
     made = generate("pulse_119", name, 1).truth
     t, x = made["time"].values, made["position"].values
     i = int(np.argmin(np.abs(made["arc_length"].values - 0.085)))
@@ -55,13 +55,13 @@ def posted(name, share):
 
 
 def poked(name, newton, begin, side, rate):
-    """Shape while 119 kPa hold and a force along `side` sets in at the tip at `begin` for 0.4 s."""
+    """Return the shape under constant 119 kPa while a force along `side` acts on the tip for 0.4 s from `begin`."""
     case = replace(HELD, name=f"poke_{newton}_{begin}")
     return pushed(case, name, lambda t: newton * ((t >= begin) & (t < begin + 0.4))[:, None] * side, rate)
 
 
 def pokes(name, chain, options, rate):
-    """Forces across the tip, both ways, at three moments of the hold."""
+    """Evaluate forces across the tip in both directions at three times during constant pressure."""
     end = run_rod(HELD, actuator(name), Laboratory()).position[2000]  # at 2 s
     side = np.array([end[-4, 1] - end[-1, 1], end[-1, 0] - end[-4, 0]]) / np.linalg.norm(end[-1] - end[-4])
     for newton in (0.02, 0.05, 0.1):
@@ -80,7 +80,7 @@ def pokes(name, chain, options, rate):
 
 
 def obstacles(name, chain, options, rate):
-    """Post, wall and soft ball, and a post at mid-body; medians while the pressure holds."""
+    """Evaluate a post, a wall, a soft ball and a post at mid-body; medians during constant pressure."""
     maps, gaps = [], []
     for case in (*map(scenario, ("contact_circle", "contact_wall", "contact_spring")), posted(name, 0.6),
                  posted(name, 0.8)):
@@ -107,14 +107,14 @@ def obstacles(name, chain, options, rate):
 
 
 def distances(point, thing):
-    """How far the map's surface points lie from the obstacle's surface, m."""
+    """Return the distances [m] of the map's surface points from the surface of the obstacle."""
     if isinstance(thing, Circle):
         return np.linalg.norm(point - thing.centre, axis=1) - thing.radius
     return point @ np.array(thing.normal) - thing.offset
 
 
 def false_alarms(name, chain, options, rate, minutes):
-    """Alarms in free motion that the test did not learn from."""
+    """Count alarms in free motion that the test did not learn from."""
     count, highest = 0, 0.0
     for k in range(minutes):
         found = find_contact(seen(random_pulses(OTHER + k, rate), name)[0], chain, **options)

@@ -1,13 +1,13 @@
-"""Closed loops on the virtual actuators: one table and one figure by one command.
+"""Measure closed control loops on the virtual actuators: one table and one figure.
 
     python benchmarks/control.py -o benchmarks/results/control.json --figure docs/figures/control_step
 
-Everything was tuned on actuator a and on variants of it; b and c are run with a's model and their own rest shape.
-`python benchmarks/control.py --speed` measures the time of a frame alone.
-Settling: 2 % of a step of 25 mm, of the true tip; none where the last fifth of the run is not inside. Error: mean of
-the last 0.4 s, of the true tip and of the tip that the estimator sees. Push: 50 mN at the cap, largest error 0.5 s
-later. Path: a sine between 7 and 23 mm at 1 Hz. Activity: change of the command from period to period, in the first
-half second and from one second on. Through the fibre: means over five seeds of the sensors, on observer and filter.
+All settings were tuned on actuator a and on variants of it; b and c are run with a's model and their own rest shape.
+`python benchmarks/control.py --speed` measures only the time of a frame. Settling: the true tip stays within 2 % of a
+step of 25 mm; there is no settling time if the last fifth of the run is not inside. Error: mean of the last 0.4 s, of
+the true and of the estimated tip. Push: 50 mN at the cap, and the error 0.5 s later. Path: a sine between 7 and 23 mm
+at 1 Hz. Activity: change of the command from period to period, in the first half second and after one second. Fibre:
+means over five seeds of the sensors, with observer and filter.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Loop:
         self.still = mechanics_of(self.body).tips(self.ready.estimator.state(0.0).angle)[-1]
 
     def go(self, seconds):
-        """True and seen displacement, command, and seconds of processor for each period."""
+        """Return true and estimated displacement, command, and processor time [s] of each period."""
         rows = []
         for _ in range(round(seconds / PERIOD)):
             self.clock.sleep_until(self.deadline)
@@ -91,7 +91,7 @@ def measure(body, model, kind, perfect, **how):
 
 
 def quiet(body, estimator):
-    """The loop through the fibre: means over several seeds of the sensors, with perfect sensors' settling beside."""
+    """Run the loop with the fibre's errors over several seeds, and add the settling time with perfect sensors."""
     kind = "LQR on a planned reference"
     ideal = measure(body, "a", kind, perfect=True, estimator=estimator)[0]
     rows = [measure(body, "a", kind, perfect=False, seed=s, estimator=estimator) for s in SEEDS]
@@ -117,7 +117,7 @@ def tracking(body, kind):
 
 
 def spent(call, frames=1, calls=300):
-    """Median time of a frame, us."""
+    """Return the median time of a frame, us."""
     clock, took = time.perf_counter_ns, []
     for _ in range(calls):
         began = clock()
@@ -127,7 +127,8 @@ def spent(call, frames=1, calls=300):
 
 
 def speed():
-    """Time of a frame called from Python, with observer or filter, and of the regulator's step alone; us."""
+    """Measure the time [us] of a frame called from Python, with observer or filter, and of the regulator's step alone.
+    """
     found = {}
     for estimator in ("observer", "filter"):
         run = Loop("a", "a", True, time=[0.0], displacement=[STEP], duration=1.0, estimator=estimator)

@@ -1,10 +1,10 @@
-"""Hold every column of the Jacobian of a fit to differences: all parameters, options, excitations and models.
+"""Compare every column of the Jacobian of a fit with finite differences, for all parameters, options and models.
 
     python benchmarks/derivatives.py [--models plain lengthens]
 
-The tests take a sample of each option and of each model; here is the full product (half an hour on one core). Prints,
-for each kind of parameter, how many columns were compared and the largest relative distance, and exits with 1 where one
-is above the limit of the tests.
+The tests check a sample of each option and of each model; this program checks the full product (half an hour on one
+core). It prints, for each kind of parameter, the number of compared columns and the largest relative difference. The
+exit code is 1 if a difference is above the limit of the tests.
 """
 
 from __future__ import annotations

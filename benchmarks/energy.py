@@ -1,10 +1,9 @@
-"""Motions of random models whose error goes unreported: the tip against a reference, by the time step.
+"""Count motions of random models whose error `simulate` does not report, by time step.
 
-Chains of one to five links, of fixed length and lengthening, are let go from small and large bends or driven by a pulse
-of pressure, many of them without damping, for half a second. `simulate` reports a motion when it warns
-(`AccuracyWarning`, `EnergyWarning`); the motion is wrong when its tip is off by more than 1 % of the length. The
-reference is `method="accurate"`, and every twentieth reference is held against LSODA, which shares the equation of
-motion alone.
+Chains of one to five links, of fixed length and lengthening, are released from small and large bends or driven by a
+pulse of pressure for half a second; many have no damping. `simulate` reports a motion by a warning (`AccuracyWarning`,
+`EnergyWarning`). A motion is wrong if its tip is off by more than 1 % of the length. The reference is
+`method="accurate"`. Every twentieth reference is compared with LSODA, which shares only the equation of motion.
 
 Usage: python benchmarks/energy.py [N] [STEPS...] [--seed S]; a step is `default` or a number of milliseconds.
 """
@@ -44,7 +43,7 @@ class Motion(NamedTuple):
 
 
 def random_model(rng: np.random.Generator, kind: str) -> Model:
-    """A chain whose masses and stiffnesses range over two decades and more."""
+    """Return a chain whose masses and stiffnesses range over two decades and more."""
     n = int(rng.integers(1, 6))
     length = rng.uniform(0.01, 0.08, n)
     springs = ()
@@ -63,7 +62,7 @@ def random_model(rng: np.random.Generator, kind: str) -> Model:
 
 
 def random_motion(rng: np.random.Generator, number: int) -> Motion | None:
-    """The motion of a number; none where the chain finds no rest."""
+    """Return the random motion with a given number; None if the chain has no equilibrium."""
     kind, how = KINDS[number % 2], STARTS[number // 2 % 3]
     try:
         model = random_model(rng, kind)
@@ -78,13 +77,13 @@ def random_motion(rng: np.random.Generator, number: int) -> Motion | None:
 
 
 def tips(motion: Motion, **how) -> tuple[np.ndarray, np.ndarray]:
-    """Times (T,) [s], and positions (T, 2) of the tip over the length."""
+    """Return times (T,) [s] and tip positions (T, 2) relative to the length."""
     made = pliant.simulate(motion.model, motion.pressure, initial_angle=motion.start, **how)
     return made.time.values, made.tip_position.values[:, -1] / motion.model.length
 
 
 def reference(motion: Motion) -> np.ndarray | None:
-    """Tips (T, 2) every millisecond, to a thousandth of the length; none where that cannot be computed."""
+    """Return tips (T, 2) every millisecond, accurate to a thousandth of the length; None if not computable."""
     try:
         return tips(motion, duration=DURATION, method="accurate", tolerance=1e-3)[1]
     except PliantError:
@@ -92,7 +91,7 @@ def reference(motion: Motion) -> np.ndarray | None:
 
 
 def judged(motion: Motion, truth: np.ndarray, step: float | None) -> tuple[str, float]:
-    """What became of the motion at a step [s], and its error, of the length."""
+    """Return the outcome of the motion at a step [s], and its error relative to the length."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -108,7 +107,7 @@ def judged(motion: Motion, truth: np.ndarray, step: float | None) -> tuple[str, 
 
 
 def independent(motion: Motion, truth: np.ndarray) -> float:
-    """Largest difference of a reference to LSODA over the first tenth of a second, of the length."""
+    """Return the largest difference of a reference from LSODA over the first tenth, relative to the length."""
     times = np.arange(101) * EVERY
     return float(np.linalg.norm(tips(motion, times=times, method="LSODA", rtol=1e-9)[1] - truth[:101], axis=1).max())
 

@@ -1,11 +1,12 @@
-"""Environment steps a second, beside MuJoCo with the exported MJCF, in one run on one core.
+"""Measure environment steps per second beside MuJoCo with the exported MJCF, in one run on one core.
 
     python benchmarks/environments.py -o benchmarks/results/environments.json
 
-Free motion of the paper's five links, 20 ms between actions. pliant: its vector environment (motion, observations,
-rewards, autoreset) at 1 ms. MuJoCo: one environment by `mj_step`, and a batch by `mujoco.rollout` on one thread with
-the same observations and rewards by the same NumPy, each at 1 ms and at the longest step at which some integrator of
-MuJoCo comes as near to the converged motion as pliant does at 1 ms. Processor times, the best of several.
+The task is free motion of the paper's five links, with 20 ms between actions. pliant runs its vector environment
+(motion, observations, rewards, autoreset) at 1 ms. MuJoCo runs one environment by `mj_step`, and a batch by
+`mujoco.rollout` on one thread, with the same observations and rewards computed by the same NumPy code. MuJoCo runs at 1
+ms and at the longest step at which one of its integrators is as accurate as pliant at 1 ms. Times are processor times,
+the best of several.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ INTEGRATORS = {name: int(getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}"))
 
 
 def best(run, repeats=5):
-    """Least processor time of a few runs, s."""
+    """Return the least processor time of a few runs, s."""
     times = []
     for _ in range(repeats):
         began = time.process_time()
@@ -70,7 +71,7 @@ def pliant_tips(model, step, method):
 
 
 def accuracy(model):
-    """Largest error of the tip (mm) of pliant at 1 ms, and MuJoCo's cheapest setting that is as near."""
+    """Return the largest tip error [mm] of pliant at 1 ms, and MuJoCo's cheapest setting with the same accuracy."""
     true = pliant_tips(model, 1e-3, "Radau")
 
     def error(tips):
@@ -89,7 +90,7 @@ def accuracy(model):
 
 
 def by_steps(model, step, integrator):
-    """Environment steps a second of one environment by mj_step."""
+    """Return environment steps per second of one environment by mj_step."""
     m = loaded(model, step, integrator)
     d, count = mujoco.MjData(m), round(PERIOD / step)
 
@@ -103,7 +104,7 @@ def by_steps(model, step, integrator):
 
 
 def by_rollout(model, step, integrator, size):
-    """Environment steps a second of a batch by mujoco.rollout on one thread."""
+    """Return environment steps per second of a batch by mujoco.rollout on one thread."""
     m = loaded(model, step, integrator)
     d, count = mujoco.MjData(m), round(PERIOD / step)
     kind, C = mujoco.mjtState.mjSTATE_FULLPHYSICS, m.nu
@@ -132,7 +133,7 @@ def by_rollout(model, step, integrator, size):
 
 
 def own(model, size, **options):
-    """Environment steps a second of pliant's vector environment."""
+    """Return environment steps per second of pliant's vector environment."""
     envs = gymnasium.make_vec("pliant/Reach-v0", num_envs=size, model=model, highest=HIGHEST, **options)
     envs.reset(seed=1)
     actions = np.random.default_rng(1).uniform(-1, 1, (ACTIONS, size, 1)).astype(np.float32)
@@ -146,7 +147,7 @@ def own(model, size, **options):
 
 
 def single(model):
-    """Environment steps a second of pliant/Reach-v0."""
+    """Return environment steps per second of pliant/Reach-v0."""
     env = gymnasium.make("pliant/Reach-v0", model=model, highest=HIGHEST).unwrapped
     env.reset(seed=1)
     action = np.zeros(1, dtype=np.float32)
@@ -159,7 +160,7 @@ def single(model):
 
 
 def measured(model):
-    """Everything, as a dictionary."""
+    """Return all measurements as a dictionary."""
     near = accuracy(model)
     told = {"accuracy": near, "mujoco_env_steps_per_s": {}, "pliant_env_steps_per_s": {"one": single(model)}}
     for name, step, integrator in (

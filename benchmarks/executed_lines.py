@@ -1,8 +1,7 @@
-"""Which test executes which line of the package, recorded by coverage: a plugin of pytest, and what is kept of it.
+"""A pytest plugin that records by coverage which test executes which line of the package.
 
-What a test starts as a process of its own is recorded too. A fixture that several tests share runs in the first of
-them: its lines count for all tests that take it. Kernels that Numba compiles leave no trace; tests that fail are left
-out.
+Processes that a test starts are recorded too. A fixture that several tests share runs in the first of them; its lines
+count for all tests that use it. Kernels compiled by Numba leave no record, and failed tests are left out.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ class Executed(NamedTuple):
     lines: dict[str, dict[str, list[int]]]  # source file, line -> numbers of the tests in `seconds`
 
     def of(self, module: str, lines: Iterable[int]) -> set[str]:
-        """Tests that executed one of some lines."""
+        """Return the tests that executed at least one of some lines."""
         names, done = list(self.seconds), self.lines.get(module, {})
         return {names[k] for line in lines for k in done.get(str(line), [])}
 
     def inside(self, module: str, source: str) -> set[str]:
-        """Tests that executed anything within a function of a module."""
+        """Return the tests that executed any line inside a function of a module."""
         functions = [f for f in ast.walk(ast.parse(source)) if isinstance(f, ast.FunctionDef)]
         return self.of(module, {line for f in functions for line in range(f.body[0].lineno, f.end_lineno + 1)})
 
 
 def by_line(data: Any, root: Path, seconds: dict[str, float], fixtures: dict[str, list[str]]) -> dict[str, Any]:
-    """Numbers of the tests that executed each line of each file."""
+    """Return the numbers of the tests that executed each line of each file."""
     number = {test: k for k, test in enumerate(seconds)}
 
     def tests_of(context: str) -> list[int]:
@@ -54,7 +53,7 @@ def by_line(data: Any, root: Path, seconds: dict[str, float], fixtures: dict[str
 
 
 class Recorder:
-    """Names the test, or the shared fixture, that is running."""
+    """Records which test, or which shared fixture, is running."""
 
     def __init__(self, folder: str) -> None:
         import coverage
@@ -68,7 +67,7 @@ class Recorder:
         os.environ["COVERAGE_PROCESS_START"] = f"{folder}/processes.ini"  # of processes that tests start
 
     def switch(self, context: str) -> str:
-        """Lines from now on are those of `context`; the one before is handed back."""
+        """Record the following lines under `context`, and return the previous context."""
         before, self.now = self.now, context
         self.coverage.switch_context(context)
         return before
@@ -99,12 +98,12 @@ class Recorder:
 
 
 def pytest_configure(config: Any) -> None:
-    """Start to record; pytest finds this by its name."""
+    """Start recording; pytest calls this hook by its name."""
     config.pluginmanager.register(Recorder(os.environ[OUT]), "pliant-recorder")
 
 
 def pytest_fixture_setup(fixturedef: Any, request: Any) -> Any:
-    """What a shared fixture executes is its own."""
+    """Record the lines that a shared fixture executes under the fixture's own name."""
     recorder = request.config.pluginmanager.getplugin("pliant-recorder")
     shared = fixturedef.scope != "function"
     before = recorder.switch(f"{fixturedef.baseid}::{fixturedef.argname} fixture") if shared else ""

@@ -1,10 +1,10 @@
-"""What left the house, measured in one run: equality, times, sizes; environments have `environments.py`.
+"""Measure exported models in one run: equality, times and sizes; `environments.py` measures the environments.
 
     python benchmarks/export.py -o benchmarks/results/export.json
 
-Peers of the same run: the C of `pliant export --to c99` against the compiled march of pliant, against C written by hand
-(`BY_HAND`: the same linearly implicit step, as loops over arrays), and against MuJoCo with the exported MJCF. What
-needs a peer that is not installed is null.
+The C code of `pliant export --to c99` is compared with pliant's compiled time integration, with hand-written C
+(`BY_HAND`: the same linearly implicit step, as loops over arrays), and with MuJoCo running the exported MJCF. Results
+that need a missing program are null.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def compiled(text, folder, name):
 
 
 def best(run, repeats=5):
-    """Least of a few times, s."""
+    """Return the least of a few times, s."""
     times = []
     for _ in range(repeats):
         began = time.perf_counter()
@@ -116,7 +116,7 @@ def arm_of(model, folder, name):
 
 
 def equality(model, library, rng):
-    """Largest difference of a link's angle to `Stepper` over all steps, rad."""
+    """Return the largest difference of a link's angle from `Stepper` over all steps, rad."""
     s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
     library.arm_defaults(p)
     library.arm_init(s)
@@ -129,7 +129,7 @@ def equality(model, library, rng):
 
 
 def times(model, library):
-    """Nanoseconds a step: C, and pliant's march with its output at the end alone."""
+    """Return nanoseconds per step of the C code and of pliant's time integration with output at the end alone."""
     s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
     library.arm_defaults(p)
     library.arm_init(s)
@@ -143,7 +143,8 @@ def times(model, library):
 
 
 def by_hand(folder):
-    """Nanoseconds a step of the paper's model in C written by hand, and how far it ends from pliant's, rad."""
+    """Return nanoseconds per step of hand-written C for the paper's model, and its final difference from pliant, rad.
+    """
     model = chen2018.model()
     words = {"LENGTH": model.link_length[0], "MASS": model.link_mass[0], "STIFF": model.stiffness[0],
              "DAMP": model.damping[0]}  # fmt: skip
@@ -162,7 +163,7 @@ def by_hand(folder):
 
 
 def mujoco_ns(model):
-    """Nanoseconds that MuJoCo with the exported MJCF takes for a step of 1 ms; contacts are not looked for."""
+    """Return the nanoseconds that MuJoCo takes for a step of 1 ms of the exported MJCF, without contact detection."""
     if find_spec("mujoco") is None:
         return None
     import mujoco
@@ -175,7 +176,7 @@ def mujoco_ns(model):
 
 
 def flash(folder):
-    """Bytes of code of the paper's model in single precision for a Cortex-M4, and of its state and parameters."""
+    """Return bytes of code, state and parameters of the paper's model in single precision on a Cortex-M4."""
     if shutil.which("arm-none-eabi-gcc") is None:
         return None
     model = chen2018.model()

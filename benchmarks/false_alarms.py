@@ -1,12 +1,12 @@
-"""False alarms of the contact test over hours of free motion, with many sets of instruments.
+"""Count false alarms of the contact test over hours of free motion, with many sets of sensors.
 
     python benchmarks/false_alarms.py -o results/false_alarms --seeds 20 --minutes 60     # 20 h; resumable
 
-A minute of motion of actuator a, b or c (pulses, ramps and pauses of random levels and lengths) is simulated once and
-seen by every seed of that actuator: seeds are sets of instruments (`benchmarks/touches.py`), each with the thresholds
-that it learnt from four other minutes, for one alarm an hour and for fewer (`RATES`). So the hours are those of the
-instruments; the motions differ from minute to minute, not from seed to seed. Beside the test stands the plain threshold
-on the same torques, for one alarm an hour. Nothing was tuned on these motions or seeds.
+One minute of motion of actuator a, b or c (pulses, ramps and pauses of random levels and lengths) is simulated once and
+measured by every seed of that actuator. Seeds are sets of sensors (`benchmarks/touches.py`). Each seed learns its
+thresholds from four other minutes, for one alarm an hour and for lower rates (`RATES`). The hours are therefore hours
+of the sensors; the motions differ from minute to minute, but not from seed to seed. A simple threshold on the same
+torques, for one alarm an hour, serves for comparison. No setting was tuned on these motions or seeds.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FIRST = 1000  # of the minutes that nobody learnt from
 
 @cache
 def learnt(name: str, seed: int) -> tuple[FreeMotion, np.ndarray, Plain]:
-    """What both tests know of free motion, with the instruments of a seed; thresholds of all `RATES` in the first's."""
+    """Return what both tests learn from free motion with the sensors of a seed, with thresholds for all `RATES`."""
     bodies = [seen(free(name, k), name, seed, f"free_{k}") for k in range(LEARN)]
     chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
     shown = shown_by(bodies, chain, **options)
@@ -49,7 +49,7 @@ class Minutes(chunks.OneByOne):
     seeds: int = 20
 
     def work(self, chunk: int) -> Arrays:
-        """Alarms of both tests (1, seeds), whether there was one at each of `RATES`; NaN for other actuators' seeds."""
+        """Return alarms of both tests (1, seeds) and for each of `RATES`; NaN for seeds of other actuators."""
         began, name = time.process_time(), NAMES[chunk % len(NAMES)]
         k = FIRST + chunk // len(NAMES)
         motion, options = free_minute(name, k), {"noise": NOISE, "latency": LATENCY[name]}
@@ -66,7 +66,7 @@ class Minutes(chunks.OneByOne):
 
 
 def table(samples: xr.Dataset) -> str:
-    """Alarms an hour by actuator and by seed."""
+    """Return alarms per hour by actuator and by seed."""
     lines = []
     for what, words in (("alarms", "likelihood ratio"), ("plain_alarms", "plain threshold")):
         by_seed = samples[what].sum("sample").values
@@ -91,7 +91,7 @@ def table(samples: xr.Dataset) -> str:
 
 
 def main() -> None:
-    """Run what is not there yet, then the table."""
+    """Compute missing minutes, then print the table."""
     parser = chunks.options(__doc__, "false_alarms", 20)
     parser.add_argument("--minutes", type=int, default=60, help="of motion that each seed sees")
     args = parser.parse_args()

@@ -1,8 +1,9 @@
-"""Fits beside their peers: same data and run, one core. K and D from 3 s of five tips, 13 to 15 parameters from 18 s.
+"""Time fits beside other programs: K and D from 3 s of five tips, and 13 to 15 parameters from 18 s.
 
-Peers: SciPy's least squares with finite differences around a compiled LSODA right-hand side (what a careful user
-writes), and mujoco.sysid where `pip install "mujoco[sysid]"` is there. The planar data come to the peer once as they
-are, z zero throughout, and once turned in space so that no coordinate is zero.
+All programs use the same data in the same run on one core. The other programs are SciPy's least squares with finite
+differences around a compiled LSODA right-hand side (as a careful user writes it), and mujoco.sysid if `pip install
+"mujoco[sysid]"` is installed. mujoco.sysid receives the planar data once unchanged, with z = 0 throughout, and once
+rotated in space so that no coordinate is zero.
 """
 
 # ruff: noqa: E402
@@ -29,19 +30,19 @@ PULSE = Trace([0.1, 0.1, 1.6, 1.6], [0.0, 119e3, 119e3, 0.0])
 
 
 def body(**changes) -> Model:
-    """The paper's chain as a rod, which every peer can model alike."""
+    """Return the paper's chain as a rod, which every program can model."""
     return chain_model(length=0.17, mass=0.069, links=5, stiffness=K, damping=D, torque=[6.6667e-7]).with_(**changes)
 
 
 def recorded(model: Model, name: str, pressure: Trace, times: np.ndarray, seed: int = 0) -> Experiment:
-    """Tips by LSODA at 1e-9, with white noise."""
+    """Return tips simulated by LSODA at a tolerance of 1e-9, with white noise."""
     clean = simulate(model, pressure, times=times, method="LSODA", rtol=1e-9)["station_position"].values
     noise = NOISE * np.random.default_rng(seed).standard_normal(clean.shape)
     return Experiment(name, times, clean + noise, tuple(p.name for p in model.points), "trace", pressure)
 
 
 def best_of(job, repeats: int = 3, clock=time.perf_counter):
-    """Best time [s] of a few warm runs, wall time unless another clock is given, and what they gave."""
+    """Return the best time [s] of a few warm runs (wall time by default) and their result."""
     job()
     times = []
     for _ in range(repeats):
@@ -52,7 +53,7 @@ def best_of(job, repeats: int = 3, clock=time.perf_counter):
 
 
 def with_scipy(exp: Experiment) -> tuple[float, float]:
-    """Finite differences around LSODA: K and D."""
+    """Fit K and D by finite differences around LSODA."""
     def residual(x):
         model = body(stiffness=np.full(5, x[0] * K), damping=np.full(5, x[1] * D))
         run = simulate(model, exp.pressure, times=exp.time, method="LSODA", rtol=1e-6)
@@ -63,7 +64,7 @@ def with_scipy(exp: Experiment) -> tuple[float, float]:
 
 
 def chain_xml(turned: bool) -> str:
-    """The same chain for MuJoCo; `turned` in space, so that no coordinate of a tip is zero."""
+    """Return the chain as MuJoCo XML; with `turned`, rotated in space so that no coordinate of a tip is zero."""
     m = body()
     l, mass = float(m.link_length[0]), float(m.link_mass[0])
     euler = "0.5 0.6 0.4" if turned else "0 0 0"
@@ -82,7 +83,7 @@ def chain_xml(turned: bool) -> str:
 
 
 def with_mujoco(exp: Experiment, turned: bool) -> tuple[float, float]:
-    """K and D by mujoco.sysid."""
+    """Fit K and D by mujoco.sysid."""
     import mujoco
     from mujoco import sysid
 
@@ -117,13 +118,13 @@ def with_mujoco(exp: Experiment, turned: bool) -> tuple[float, float]:
 
 
 def shown(name: str, seconds: float, stiffness: float, damping: float) -> None:
-    """One line of the table."""
+    """Return one line of the table."""
     off = 100 * (stiffness / K - 1), 100 * (damping / D - 1)
     print(f"{name:<46} {seconds:8.3f} s   K {off[0]:+7.3f} %   D {off[1]:+7.3f} %")
 
 
 def race() -> None:
-    """K and D from 3 s of five tips at 1 kHz with 0.3 mm noise."""
+    """Fit K and D from 3 s of five tips at 1 kHz with 0.3 mm of noise, with every program."""
     exp = recorded(body(), "p", PULSE, np.arange(0.0, 3.0005, 1e-3))
     started = [Parameter(n, v) for n, v in START.items()]
     seconds, found = best_of(lambda: fit([exp], body(), started, step=1e-3, starts=1), 5)
@@ -141,7 +142,7 @@ def race() -> None:
 
 
 def three_pulses() -> list[Experiment]:
-    """Three records of 6 s at 100 Hz of a body whose joints differ, behind a valve."""
+    """Return three records of 6 s at 100 Hz of a body with different joints behind a valve."""
     truth = body(
         stiffness=K * np.array([1.1, 0.95, 1.0, 1.05, 0.9]), damping=D * np.array([0.9, 1.0, 1.1, 1.0, 1.0]),
         torque=[5e-7, 1e-12], valve=Valve(rise_time=0.03, fall_time=0.05), base_angle=0.02,
@@ -152,7 +153,7 @@ def three_pulses() -> list[Experiment]:
 
 
 def timed(told: str, exps: list[Experiment], free: list[str], repeats: int, **how: int) -> None:
-    """One line on a fit of three pulses, in processor time."""
+    """Return one line about a fit of three pulses, in processor time."""
     guess, times = body(torque=[6.6667e-7]), []
     fit(exps, guess, free, starts=1, max_evaluations=2)  # compiles
     for _ in range(repeats):
@@ -166,7 +167,8 @@ def timed(told: str, exps: list[Experiment], free: list[str], repeats: int, **ho
 
 
 def large(quick: bool) -> None:
-    """Parameters of each joint, of the law and of the valve, by one start and by three, then with creep."""
+    """Fit parameters of each joint, of the torque law and of the valve, from one start and from three, then with creep.
+    """
     exps = three_pulses()
     wanted = ["stiffness_*", "damping_*", "torque_1", "valve_rise", "valve_fall"]
     timed("three starts, target 3 s", exps, wanted, 1)

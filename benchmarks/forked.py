@@ -1,7 +1,7 @@
-"""Many files for one start of Python: a server that has loaded the libraries forks a helper process for each file.
+"""Read many files with one start of Python: a server with loaded libraries forks a helper process for each file.
 
-`pliant.recording.apart` starts a fresh interpreter for each file. Here the same function of the same worker reads each
-file, in a process of its own under the same limits of time and memory; only the start is shared.
+`pliant.recording.apart` starts a fresh interpreter for each file. This module reads each file by the same function of
+the same worker, in a separate process with the same limits of time and memory; only the start of Python is shared.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ for line in sys.stdin:
 
 @contextmanager
 def forked() -> Iterator[None]:
-    """Within it `pliant.recording.apart` forks its helpers from one server."""
+    """Make `pliant.recording.apart` fork its helper processes from one server within this context."""
     command = [sys.executable, "-P", "-c", SERVER, apart.SOURCES]
     before = apart.run_helper
     with (

@@ -1,6 +1,7 @@
-"""How the cost of one step grows with the number of links: dense and articulated, as loops and as straight lines.
+"""Measure how the time of one step grows with the number of links, for dense and articulated-body steps.
 
-`chosen` is what every simulation runs; see `pliant.compiler.choose`.
+Each step exists as loops and as straight-line code. `chosen` is the step that every simulation uses; see
+`pliant.compiler.choose`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ CALLS, STEP, TORQUE = 500, 1e-4, 0.05
 
 
 def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
-    """Time of one step in a march, ns, and the angles after `CALLS` of them."""
+    """Return the time of one step in a time integration, ns, and the angles after `CALLS` steps."""
     model = chen2018.model(links=n)
     march = rebuild(march_loops.march, njit(**{**options(march_loops.march), "cache": False}), {"step": compiled})
     keep = np.append(np.full(CALLS - 1, -1), 0)
@@ -42,7 +43,7 @@ def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
 
 
 def kinds(n: int) -> dict[str, object]:
-    """The compiled steps that exist for n links."""
+    """Return the compiled steps that exist for n links."""
     made = {"dense": twin(step)}
     if n <= MOST_DENSE:
         made["dense_straight"] = straight(step, n)
@@ -52,7 +53,7 @@ def kinds(n: int) -> dict[str, object]:
 
 
 def main() -> None:
-    """Print a line a number of links, and write the table."""
+    """Print one line per number of links, and write the table."""
     rows = []
     names = ("dense", "dense_straight", "articulated", "articulated_straight", "chosen")
     print(f"{'links':>5} " + " ".join(f"{name:>20}" for name in names) + f" {'difference rad':>15}   (ns)")

@@ -1,15 +1,15 @@
-"""Nothing that comes in can hurt: damaged files, hostile models and studies, energy from nothing, a loop attacked.
+"""Test pliant with damaged files, malicious models and studies, energy balances of random chains, and an attacked loop.
 
     python benchmarks/hardness.py --files 100000 --models 20000 --loop --minutes 300     # the full size
-    python benchmarks/hardness.py --files 2000 --models 500                              # a look
+    python benchmarks/hardness.py --files 2000 --models 500                              # a short run
     python benchmarks/hardness.py --hdf5 20000                                           # HDF5 alone
-    python benchmarks/hardness.py --prices                                               # what the guards cost
+    python benchmarks/hardness.py --prices                                               # the cost of the checks
 
-Formats with a helper process of their own are read in one forked for each file (`forked.py`), under the limits of
-`pliant.recording.apart`. Every attempt runs in a process that is watched: one that ends by a signal or takes longer
-than `--patience` is counted and named by its seed, and the work goes on behind it. `silent` are changes that the
-format could show and that nobody told; `unseen` those that it cannot show (one number that became another, in a format
-without a checksum).
+Formats with a helper process are read in a process forked for each file (`forked.py`), under the limits of
+`pliant.recording.apart`. Every attempt runs in a supervised process. If a process ends by a signal or takes longer than
+`--patience`, the attempt is counted and named by its seed, and the work continues with the next attempt. `silent`
+counts changes that the format could reveal and that were not reported; `unseen` counts changes that the format cannot
+reveal (one number that became another, in a format without a checksum).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ BAD = ("silent", "crash", "signal", "hang")
 
 
 def work(kind: str, first: int, last: int, seed: int) -> None:
-    """In the helper: attempts first to last - 1 of a kind, one line of JSON each."""
+    """Run attempts first to last - 1 of a kind in the helper process, and print one line of JSON for each."""
     import forked
 
     with tempfile.TemporaryDirectory() as name, forked.forked():
@@ -46,7 +46,7 @@ def work(kind: str, first: int, last: int, seed: int) -> None:
 
 
 def attempts(kind: str, folder: Path):
-    """The function that makes one attempt from random numbers."""
+    """Return the function that makes one attempt from random numbers."""
     import hostile
 
     if kind in hostile.ATTEMPTS:
@@ -65,7 +65,7 @@ def attempts(kind: str, folder: Path):
 
 
 def watched(kind: str, count: int, seed: int, patience: float, until: float) -> tuple[Counter, list[str]]:
-    """All attempts of a kind, the helper started again behind every one that it did not survive."""
+    """Run all attempts of a kind, and restart the helper process after every attempt that ended it."""
     counted, bad, number = Counter(), [], 0
     while number < count and time.monotonic() < until:
         command = [sys.executable, __file__, "--work", kind, str(number), str(count), str(seed)]
@@ -109,7 +109,7 @@ def _pump(stream, lines: queue.Queue) -> None:
 
 
 def table(rows: dict[str, Counter]) -> str:
-    """The outcomes by kind, as Markdown."""
+    """Return the outcomes by kind as Markdown."""
     head = ["", "tried", *OUTCOMES]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += [f"| {kind} | {c.total()} | " + " | ".join(str(c[o]) for o in OUTCOMES) + " |" for kind, c in rows.items()]
@@ -117,7 +117,7 @@ def table(rows: dict[str, Counter]) -> str:
 
 
 def shares(files: int, hdf5: int = 0) -> dict[str, int]:
-    """Attempts for each format: `files` over all of them, or `hdf5` over those that are HDF5."""
+    """Return the number of attempts for each format: `files` over all formats, or `hdf5` over HDF5 formats."""
     import mutations
 
     with tempfile.TemporaryDirectory() as name:
@@ -127,7 +127,7 @@ def shares(files: int, hdf5: int = 0) -> dict[str, int]:
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", type=int, default=0)
     parser.add_argument("--hdf5", type=int, default=0, help="files of the HDF5 readers alone")

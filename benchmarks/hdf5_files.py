@@ -1,7 +1,7 @@
-"""HDF5 files of the formats that pliant reads, whole and hostile, made by code.
+"""Functions that write valid and malicious HDF5 files of the formats that pliant reads.
 
-Layouts of pandas as PyTables 3.11 writes them (`tests/recording/test_deeplabcut_hdf5.py` compares): names of columns
-are pickles of protocol 0. They are written here and never loaded.
+The layouts are those of pandas with PyTables 3.11 (`tests/recording/test_deeplabcut_hdf5.py` compares them). Names of
+columns are pickles of protocol 0, which this module writes and never loads.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ KEY = "df_with_missing"
 
 
 class Creates:
-    """An object whose pickle creates a file when somebody loads it."""
+    """An object whose pickle creates a file when it is loaded."""
 
     def __init__(self, path: Path) -> None:
         self.path = str(path)
@@ -31,23 +31,23 @@ class Creates:
 
 
 def text_pickle(value: object) -> np.bytes_:
-    """The pickle of protocol 0, as PyTables stores what is no number and no text."""
+    """Return a pickle of protocol 0, the form in which PyTables stores objects that are neither numbers nor text."""
     return np.bytes_(pickle.dumps(value, 0))
 
 
 def columns_of(points=POINTS) -> list[tuple[str, str, str]]:
-    """Names of the columns of one animal."""
+    """Return the column names of one animal."""
     return [(SCORER, name, coordinate) for name in points for coordinate in COORDS]
 
 
 def values_of(points: np.ndarray) -> np.ndarray:
-    """Table (T, 3 S) of points (T, S, 2) [pixels] with a likelihood of 0.99."""
+    """Return the table (T, 3 S) of points (T, S, 2) [pixels] with a likelihood of 0.99."""
     likelihood = np.full((*points.shape[:2], 1), 0.99)
     return np.concatenate([points, likelihood], axis=2).reshape(len(points), -1)
 
 
 def write_table(path: Path, columns: list, values: np.ndarray, levels=LEVELS, index=None) -> Path:
-    """Layout "table"."""
+    """Write the layout "table"."""
     rows = np.zeros(len(values), [("index", "<i8"), ("values_block_0", "<f8", values.shape[1:])])
     rows["index"] = np.arange(len(values)) if index is None else index
     rows["values_block_0"] = values
@@ -70,7 +70,7 @@ def write_table(path: Path, columns: list, values: np.ndarray, levels=LEVELS, in
 
 
 def write_fixed(path: Path, columns: list, values: np.ndarray, levels=LEVELS, index=None) -> Path:
-    """Layout "fixed"."""
+    """Write the layout "fixed"."""
     with h5py.File(path, "w") as file:
         group = file.create_group(KEY)
         group.attrs["CLASS"], group.attrs["pandas_type"] = np.bytes_("GROUP"), np.bytes_("frame")
@@ -91,7 +91,7 @@ def write_fixed(path: Path, columns: list, values: np.ndarray, levels=LEVELS, in
 
 
 def write_sleap(path: Path, points: np.ndarray, tracks: int = 1) -> Path:
-    """SLEAP's analysis file of points (T, S, 2) [pixels]; every further track lies 1000 pixels off."""
+    """Write SLEAP's analysis file of points (T, S, 2) [pixels]; each further track is 1000 pixels away."""
     moved = np.stack([points + 1000 * k for k in range(tracks)])
     with h5py.File(path, "w") as file:
         file["tracks"] = moved.transpose(0, 3, 2, 1)
@@ -105,7 +105,7 @@ def write_sleap(path: Path, points: np.ndarray, tracks: int = 1) -> Path:
 
 
 def write_mat73(path: Path, arrays: dict[str, np.ndarray]) -> Path:
-    """MATLAB 7.3: a user block of 512 bytes, axes reversed, each array with its class."""
+    """Write MATLAB 7.3: a user block of 512 bytes, reversed axes, and the class of each array."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in arrays.items():
             stored = file.create_dataset(name, data=np.asarray(value).T)
@@ -116,7 +116,7 @@ def write_mat73(path: Path, arrays: dict[str, np.ndarray]) -> Path:
 
 
 def external_link(path: Path, name: str, secret: Path) -> None:
-    """Replace a data set by a link into another HDF5 file."""
+    """Replace a data set by a link to another HDF5 file."""
     with h5py.File(secret, "w") as other:
         other["hidden"] = np.full(h5py.File(path, "r")[name].shape, 42.0)
     with h5py.File(path, "r+") as file:
@@ -125,7 +125,7 @@ def external_link(path: Path, name: str, secret: Path) -> None:
 
 
 def external_storage(path: Path, name: str, secret: Path) -> None:
-    """Replace a data set by one whose bytes lie in another file of any kind."""
+    """Replace a data set by one whose bytes are in another file of any kind."""
     with h5py.File(path, "r+") as file:
         shape, size = file[name].shape, file[name].size
         secret.write_bytes(b"A secret of another program. " * (1 + 8 * size // 29))
@@ -159,7 +159,7 @@ def group_circle(path: Path, _name: str, _secret: Path) -> None:
 
 
 def announced(path: Path, name: str, _secret: Path) -> None:
-    """Replace a data set by one that announces 300 million numbers and stores none."""
+    """Replace a data set by one that declares 300 million numbers and stores none."""
     with h5py.File(path, "r+") as file:
         rank = file[name].ndim
         del file[name]
@@ -168,7 +168,7 @@ def announced(path: Path, name: str, _secret: Path) -> None:
 
 
 def compressed(path: Path, name: str, _secret: Path) -> None:
-    """Replace a data set by 400 MB of zeros that take less than a megabyte."""
+    """Replace a data set by 400 MB of zeros that need less than a megabyte of storage."""
     with h5py.File(path, "r+") as file:
         start = (0,) * (file[name].ndim - 1)
         del file[name]
@@ -181,7 +181,7 @@ def compressed(path: Path, name: str, _secret: Path) -> None:
 
 
 def unknown_filter(path: Path, name: str, _secret: Path) -> None:
-    """Replace a data set by one under a filter that HDF5 would load as a library."""
+    """Replace a data set by one with a filter that HDF5 would load as a library."""
     with h5py.File(path, "r+") as file:
         shape = file[name].shape
         del file[name]
@@ -193,12 +193,12 @@ def unknown_filter(path: Path, name: str, _secret: Path) -> None:
 
 
 ATTACKS = {  # what is done to a data set -> words that the refusal must hold
-    external_link: r"a link \(external\) that is not followed",
+    external_link: r"a link \(external\) at .*, which is not followed",
     external_storage: "in other files, which are not read",
     virtual: "in other files, which are not read",
-    soft_circle: r"a link \(soft\) that is not followed",
+    soft_circle: r"a link \(soft\) at .*, which is not followed",
     group_circle: "contains itself",
-    announced: "announces 2400000000 bytes",
-    compressed: "announces",
+    announced: "states 2400000000 bytes",
+    compressed: "states more data",
     unknown_filter: "by filter 32001",
 }

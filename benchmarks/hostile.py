@@ -1,4 +1,6 @@
-"""Hostile model files, studies and packets; free motions of random chains; faults of a loop in real time; prices."""
+"""Test malicious model files and studies, free motions of random chains, faults of a real-time loop, and costs of
+checks.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,7 @@ Result = tuple[str, str]
 
 
 def judged(attempt: Callable[[], str]) -> Result:
-    """The outcome of an attempt: what it returns, refused by one sentence, or a crash."""
+    """Return the outcome of an attempt: its result, a refusal with one sentence, or a crash."""
     try:
         return attempt(), ""
     except PliantError as error:
@@ -62,7 +64,9 @@ def judged(attempt: Callable[[], str]) -> Result:
 
 
 def model_file(rng: np.random.Generator, folder: Path) -> Result:
-    """A model file with entries replaced, or with bits flipped; what loads must also stand, ring and move."""
+    """Test a model file with replaced entries or flipped bits; a model that loads must have an equilibrium and modes
+    and move.
+    """
     path = save_model(chen2018.model(links=2), folder / "m.json")
     if rng.random() < 0.3:
         data = bytearray(path.read_bytes())
@@ -91,7 +95,7 @@ def model_file(rng: np.random.Generator, folder: Path) -> Result:
 
 
 def _replace(content: dict, rng: np.random.Generator) -> None:
-    """One entry of a model file, at any depth, becomes something else, or a number another that a body may have."""
+    """Replace one entry of a model file, at any depth, by another object or another plausible number."""
     if rng.random() < 0.6:
         name = str(rng.choice(["link_length", "link_mass", "stiffness", "damping", "torque", "rest_angle", "gravity"]))
         if isinstance(content[name], list):
@@ -109,7 +113,7 @@ def _replace(content: dict, rng: np.random.Generator) -> None:
 
 
 def study(rng: np.random.Generator, folder: Path) -> Result:
-    """A study file with damage in its text, an entry replaced, or nested without end."""
+    """Test a study file with damaged text, a replaced entry, or endless nesting."""
     text, kind = STUDY, rng.random()
     if kind < 0.5:
         data = bytearray(text.encode())
@@ -132,7 +136,7 @@ def study(rng: np.random.Generator, folder: Path) -> Result:
 
 
 def packet(rng: np.random.Generator, _folder: Path) -> Result:
-    """A packet with bytes changed, cut or added: a sample or refused."""
+    """Test a packet with changed, missing or added bytes: the result is a sample or a refusal."""
     data = bytearray(pack(sample("shape", rng.normal(size=(5, 2)), int(rng.integers(2**62)), hold=0.02)))
     for place in rng.integers(0, min(len(data), 40), rng.integers(1, 6)):
         data[place] = int(rng.integers(256))
@@ -141,7 +145,7 @@ def packet(rng: np.random.Generator, _folder: Path) -> Result:
 
 
 def free_motion(rng: np.random.Generator, _folder: Path) -> Result:
-    """A random chain let go: no energy from nothing unless it is told, and the motion of the reference."""
+    """Test the release of a random chain: no unreported gain of energy, and agreement with the reference."""
     n = int(rng.integers(1, 5))
     model = Model(
         link_length=rng.uniform(0.01, 0.08, n), link_mass=10 ** rng.uniform(-3, 0, n),
@@ -256,20 +260,20 @@ SIGNALS = ("SIGTERM", "SIGHUP", "SIGINT", "SIGQUIT", "SIGUSR1", "SIGALRM", "SIGT
 
 
 class Marked:
-    """The commands of a source, and when it said that its fault begins."""
+    """A source that records its commands and the time at which its fault begins."""
 
     def __init__(self, source: UdpSource) -> None:
         self._source, self.finished, self.at = source, False, 0.0
 
     def read(self):
-        """The next command."""
+        """Return the next command."""
         while (arrived := self._source.read()) is not None and arrived.name == "fault":
             self.at = time.perf_counter()
         return arrived
 
 
 def loop_fault(fault: str) -> tuple[float, float]:
-    """Pressure [Pa] at which a fault leaves the valve, and the time [ms] from its beginning until it was vented."""
+    """Return the pressure [Pa] at which a fault leaves the valve, and the time [ms] until the valve vents."""
     source, clock, seen = UdpSource(), SystemClock(), []
     marked = Marked(source)
     valve = ValveReceiver(marked, lambda p: seen.append((time.perf_counter(), p.max())), 1e5, clock)
@@ -297,7 +301,7 @@ def loop_fault(fault: str) -> tuple[float, float]:
 
 
 def loop_table() -> str:
-    """Every fault in real time: at what pressure the valve was left, and after how long."""
+    """Run every fault in real time; return the pressure at the valve and the time until it vents."""
     lines = ["", "| fault | valve left at (kPa) | vented after (ms) |", "|---|---|---|"]
     for fault in (*INSIDE, *SIGNALS):
         left, after = loop_fault(fault)
@@ -309,7 +313,7 @@ def loop_table() -> str:
 
 
 def each(function: Callable[[], object], seconds: float = 0.5) -> float:
-    """Least time of one call, s, over runs that take about so many seconds together."""
+    """Return the least time of one call, s, over runs that together take about the given time."""
     began, calls = time.perf_counter(), 0
     while time.perf_counter() - began < 0.1:
         function()
@@ -324,7 +328,7 @@ def each(function: Callable[[], object], seconds: float = 0.5) -> float:
 
 
 def sent_and_obeyed(key: bytes | None) -> float:
-    """Time of one command, s, from the loop's socket to the drive of the valve."""
+    """Return the time of one command, s, from the loop's socket to the driver of the valve."""
     source, clock = UdpSource(key=key), SystemClock(shared=True)
     sink, valve = UdpSink(source.address, key), ValveReceiver(source, lambda _p: None, 1e5, clock)
 
@@ -341,7 +345,7 @@ def sent_and_obeyed(key: bytes | None) -> float:
 
 
 def prices() -> str:
-    """What the guards cost: microseconds a period and a step, milliseconds a file."""
+    """Return the costs of the checks: microseconds per period and step, milliseconds per file."""
     import mutations
 
     shape, stream = np.random.default_rng(0).normal(size=(212, 2)), streams(5_000_000, -1)[0]

@@ -1,10 +1,11 @@
-"""How often the 95 % intervals of a fit hold the truth: bodies of two chambers, every number of them drawn anew.
+"""Measure how often the 95 % intervals of a fit contain the true values, for random bodies with two chambers.
 
-Each seed draws a chain of four links (stiffness, damping, gains and valves, each within 25 % of its middle), which
-SciPy's LSODA moves through three records: each chamber alone, and both. Two stations are seen with noise of 0.3 mm,
-white or coloured (each frame keeps 0.8 of the one before). The fit begins in the middle of the ranges and marches by
-1 ms steps. A share of seeds is told with its 95 % interval (Clopper and Pearson); parameters of one fit are not
-independent, so that of all parameters together comes from the scatter of the seeds' own shares.
+Each seed draws a chain of four links (stiffness, damping, gains and valves, each within 25 % of its middle). SciPy's
+LSODA simulates three records: each chamber alone, and both. Two stations are measured with noise of 0.3 mm, white or
+coloured (each frame keeps 0.8 of the previous one). The fit starts in the middle of the ranges and integrates in steps
+of 1 ms. The percentage of each parameter has a 95 % interval (Clopper and Pearson). Parameters of one fit are not
+independent, so the interval of the percentage over all parameters comes from the scatter between seeds.
+
 Usage: python benchmarks/intervals.py [seeds]
 """
 
@@ -37,7 +38,7 @@ NOISE, KEPT, STEP = 3e-4, {"white": 0.0, "coloured": 0.8}, 1e-3  # m, share of t
 
 
 def chain(body: str) -> Model:
-    """The body with every number in the middle of its range."""
+    """Return the body with every parameter in the middle of its range."""
     chambers = tuple(Chamber(torque=[1e-6], joint_gain=gain, name=name)
                      for name, gain in zip(("first", "second"), BODIES[body], strict=True))  # fmt: skip
     model = Model(link_length=[0.0425] * LINKS, link_mass=[0.017] * LINKS, stiffness=1.0, damping=1e-3,
@@ -46,7 +47,7 @@ def chain(body: str) -> Model:
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], kept: float) -> np.ndarray:
-    """First-order noise of unit deviation, each frame keeping a share of the one before."""
+    """Return first-order noise of unit standard deviation; each frame keeps a fraction of the previous one."""
     noise = rng.standard_normal(shape)
     for k in range(1, shape[0]):
         noise[k] = kept * noise[k - 1] + np.sqrt(1.0 - kept**2) * noise[k]
@@ -54,7 +55,7 @@ def coloured(rng: np.random.Generator, shape: tuple[int, ...], kept: float) -> n
 
 
 def records(model: Model, kept: float, rng: np.random.Generator) -> list[Experiment]:
-    """The three records of a body, by LSODA, with noise."""
+    """Return the three records of a body, simulated by LSODA, with noise."""
     made = []
     for name, levels in RECORDS.items():
         drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
@@ -66,7 +67,7 @@ def records(model: Model, kept: float, rng: np.random.Generator) -> list[Experim
 
 
 def errors(body: str, kept: float, seed: int) -> np.ndarray:
-    """Errors of all parameters in standard errors (P,) of one draw."""
+    """Return errors of all parameters (P,) of one draw, in standard errors."""
     rng = np.random.default_rng([seed, 2])
     truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
     seen = records(apply(chain(body), truth), kept, rng)
@@ -76,7 +77,7 @@ def errors(body: str, kept: float, seed: int) -> np.ndarray:
 
 
 def share(held: np.ndarray) -> str:
-    """A share with its 95 % interval."""
+    """Return a fraction with its 95 % interval."""
     low, high = binomtest(int(held.sum()), held.size).proportion_ci()
     return f"{100 * held.mean():5.1f} ({100 * low:.1f} to {100 * high:.1f})"
 

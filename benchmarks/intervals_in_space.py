@@ -1,15 +1,17 @@
-"""How often the 95 % intervals of a fit in space hold the truth: arms moved by MuJoCo, every number drawn anew.
+"""Measure how often the 95 % intervals of a fit in space contain the true values, for random arms simulated by MuJoCo.
 
-The body is MuJoCo's: three rods on ball joints, turned by three chambers. No line of its mechanics is pliant's; what
-acts at a joint, a spring and a damper on swing and twist, is written here, in MuJoCo's angular velocities, and acts at
-every stage of its Runge-Kutta steps. The two motions agree: for the record with a force beside the axis they differ by
-0.0074, 0.0018, 0.0005 and 0.0001 mm rms for pliant's steps of 2, 1, 0.5 and 0.25 ms. Each seed draws stiffness, damping
-and the gain and azimuth of each chamber, within 25 % and 0.15 rad of the middle. Two records show three stations, one
-of them beside the axis, with white noise of 1 mm. A fit of all nine parameters begins in the middle of the ranges,
-stated. With "unstated" it gets their names alone, and a model whose stiffness and damping are off by one factor, drawn
-between 1/100 and 100. Shares are given as in `intervals.py`, of the fits that reach the noise.
-With "twist", the torsional stiffness is drawn and fitted too, and in a third record a known force pulls at the station
-beside the axis: without it twist hardly shows (37 % of itself from the other two records).
+The body is MuJoCo's: three rods on ball joints, driven by three chambers. Its mechanics share no code with pliant. The
+torques at a joint, a spring and a damper on swing and twist, are computed here in MuJoCo's angular velocities, at every
+stage of its Runge-Kutta steps. For equal parameters the two motions agree: for the record with a force beside the axis
+they differ by 0.0074, 0.0018, 0.0005 and 0.0001 mm rms for pliant's steps of 2, 1, 0.5 and 0.25 ms. Each seed draws
+stiffness, damping, and the gain and azimuth of each chamber, within 25 % and 0.15 rad of the middle. Two records show
+three stations, one of them beside the axis, with white noise of 1 mm. A fit of all nine parameters starts from stated
+values in the middle of the ranges. With "unstated", the fit gets only the names of the parameters, and a model whose
+stiffness and damping are wrong by one factor, drawn between 1/100 and 100. Percentages are as in `intervals.py`, of the
+fits whose residuals are as small as the noise. With "twist", the torsional stiffness is drawn and fitted too, and in a
+third record a known force pulls at the station beside the axis. Without this force the data hardly determine the
+torsional stiffness (standard error 37 % from the other two records).
+
 Usage: python benchmarks/intervals_in_space.py [seeds] [first seed] [twist] [unstated]
 """
 
@@ -45,7 +47,7 @@ NOISE, STEP, TICK = 1e-3, 2e-3, 5e-4  # m, s of a step of the fit and of MuJoCo
 
 
 def chain() -> Model:
-    """The chain in the middle of all ranges."""
+    """Return the chain in the middle of all ranges."""
     chambers = [Chamber(torque=[LAW], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=n) for n, a in AZIMUTHS.items()]
     return chain_model(
         length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", gravity=(0.0, 0.0, 9.81), **MIDDLE,
@@ -55,13 +57,13 @@ def chain() -> Model:
 
 
 def middle() -> dict[str, float]:
-    """Values of all parameters in the middle of their ranges."""
+    """Return the values of all parameters in the middle of their ranges."""
     gains = {n: {f"{n}.gain_x": np.sin(a), f"{n}.gain_y": -np.cos(a)} for n, a in AZIMUTHS.items()}
     return {**MIDDLE, "stiffness_ratio": 1.0, **{k: v for pair in gains.values() for k, v in pair.items()}}
 
 
 def drawn(rng: np.random.Generator, *, twist: bool = False) -> dict[str, float]:
-    """Values of all parameters of one body."""
+    """Return random values of all parameters of one body."""
     truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
     truth["stiffness_ratio"] = 1.0
     for name, azimuth in AZIMUTHS.items():
@@ -71,7 +73,8 @@ def drawn(rng: np.random.Generator, *, twist: bool = False) -> dict[str, float]:
 
 
 def arm() -> mujoco.MjModel:
-    """The arm in MuJoCo's words, hanging from the origin along +z; what its joints' springs do is added by `moved`."""
+    """Return the arm as MuJoCo XML, hanging from the origin along +z; `moved` adds the torques of the joints' springs.
+    """
     density = MASS / LENGTH
     text = end = ""
     for length, before in zip(PARTS[1:], PARTS[:-1], strict=True):
@@ -87,7 +90,7 @@ def arm() -> mujoco.MjModel:
 
 
 def moment_of(q: np.ndarray, rate: np.ndarray, force: np.ndarray, spring: np.ndarray, damper: np.ndarray) -> np.ndarray:
-    """Moment in the turned frame of a joint at the quaternion q, whose body turns at `rate` (3,) [rad/s] there.
+    """Return the moment in the frame of a joint at quaternion q whose body turns at `rate` (3,) [rad/s].
 
     Its work is (force - spring x - damper x') . dx for x = (a, b, c), the swing before a twist c about the link: its
     angular velocity there is Rz(c)^T J_r (da, db, 0) + z dc.
@@ -149,14 +152,14 @@ def moved(
 
 
 def place(data: mujoco.MjData, link: int, along: float, aside: float) -> np.ndarray:
-    """Position (3,) of a point of a link, m."""
+    """Return the position (3,) of a point of a link, m."""
     return data.xpos[link + 1] + data.xmat[link + 1].reshape(3, 3) @ (aside, 0.0, along)
 
 
 def seen(
     truth: dict[str, float], levels: dict[str, tuple[float, ...]], pull: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Positions (T, S, 3) of the stations under pressures, m."""
+    """Return positions (T, S, 3) of the stations under pressures, m."""
     gains = LAW * np.array([[truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]] for n in levels])
     return moved(truth, levels, lambda pressure, _: pressure @ gains, pull=pull)
 
@@ -165,7 +168,7 @@ def record(
     name: str, shape: np.ndarray, levels: dict[str, tuple[float, ...]], rng: np.random.Generator,
     pull: np.ndarray | None = None,
 ) -> Experiment:
-    """A record of a shape (T, S, 3) [m] with noise, under inputs of these levels and a known force at `side`."""
+    """Return a record of a shape (T, S, 3) [m] with noise, under inputs of given levels and a known force at `side`."""
     drives = {c: Trace(KNOTS, np.array(p)) for c, p in levels.items()}
     noisy = shape + NOISE * rng.standard_normal(shape.shape)
     forces = () if pull is None else (PointForce(KNOTS, pull, "side"),)
@@ -173,7 +176,7 @@ def record(
 
 
 def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict[str, float], FitResult]]) -> None:
-    """Print the coverage of each parameter, % of the fits that reach the noise, and of all.
+    """Print the coverage of each parameter and of all, in % of the fits whose residuals are as small as the noise.
 
     `fitted` makes a body's true values and the fit to its records from a seed.
     """

@@ -1,13 +1,14 @@
-"""How often intervals hold the truth of an arm that tendons with friction pull, moved by MuJoCo.
+"""Measure how often intervals contain the true values of an arm with tendons and friction, simulated by MuJoCo.
 
-The body is that of intervals_in_space.py: MuJoCo's three rods on ball joints. The friction is written here, from the
-equation of a rope on a bent path, dT/ds = -mu kappa T w / sqrt(w^2 + w_0^2): the tension is integrated along the arc of
-each joint in so many parts, w being the rate at which the rope runs past the middle of each, and a joint feels the mean
-of the tension over its arc. Pliant has one rate for each joint, and the mean of the tensions before and behind it. With
-1 part only that mean differs, by (mu swing)^2 / 12 of it; more parts show what three joints make of a rope that slips
-forth on one side of a joint and back on the other. Each seed draws friction, gain and azimuth of both tendons and the
-body's stiffness and damping; two records of known tensions that rise and fall, noise of 1 mm. Shares as in
+The body is that of intervals_in_space.py: three rods on ball joints in MuJoCo. The friction is computed here from the
+equation of a rope on a bent path, dT/ds = -mu kappa T w / sqrt(w^2 + w_0^2). The tension is integrated along the arc of
+each joint in several parts; w is the rate at which the rope passes the middle of each part, and a joint feels the mean
+tension over its arc. pliant has one rate for each joint, and the mean of the tensions before and behind the joint. With
+1 part, only this mean differs, by a fraction (mu swing)^2 / 12. With more parts, a rope can also slip in opposite
+directions on the two sides of a joint. Each seed draws friction, gain and azimuth of both tendons and the body's
+stiffness and damping. Two records have known tensions that rise and fall, with noise of 1 mm. Percentages are as in
 intervals_in_space.py.
+
 Usage: python benchmarks/intervals_tendons.py [seeds] [first seed] [parts of an arc]
 """
 
@@ -32,7 +33,7 @@ RECORDS = {
 
 
 def tendon_arm() -> Model:
-    """The chain in the middle of all ranges."""
+    """Return the chain in the middle of all ranges."""
     cord = {"driven_by": "tension", "lever": LEVER, "friction": FRICTION, "slip_rate": EDGE}
     return chain().with_(
         chambers=[Tendon.at_azimuth(a, np.ones(LINKS), name=name, **cord) for name, a in AZIMUTHS.items()]
@@ -40,7 +41,7 @@ def tendon_arm() -> Model:
 
 
 def drawn(rng: np.random.Generator | None = None) -> dict[str, float]:
-    """Values of all parameters of one body, those in the middle without `rng`."""
+    """Return random values of all parameters of one body; values in the middle without `rng`."""
 
     def near(value: float, part: float = 0.25) -> float:
         return value * (1.0 if rng is None else rng.uniform(1.0 - part, 1.0 + part))
@@ -54,7 +55,7 @@ def drawn(rng: np.random.Generator | None = None) -> dict[str, float]:
 
 
 def swings(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """Swings of the joints and their rates (n, 2), rad and rad/s, of rods that do not twist."""
+    """Return swings of the joints [rad] and their rates [rad/s], each (n, 2), of rods that do not twist."""
     q, w = data.qpos.reshape(-1, 4), data.qvel.reshape(-1, 3)
     half = np.arctan2(np.linalg.norm(q[:, 1:], axis=1), q[:, 0])
     axis = q[:, 1:] / np.maximum(np.linalg.norm(q[:, 1:], axis=1, keepdims=True), 1e-300)
@@ -70,7 +71,7 @@ def swings(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
 def felt(
     T: float, lever: np.ndarray, mu: float, bent: np.ndarray, moving: np.ndarray, parts: int = 1,
 ) -> np.ndarray:
-    """Generalised forces (n, 2) [N m] of a rope pulled by T [N]; it has the lever (2,) [m] at every joint.
+    """Return generalised forces (n, 2) [N m] of a rope with tension T [N] and the lever (2,) [m] at every joint.
 
     bent, moving : swings of the joints and their rates (n, 2)
     """
@@ -88,7 +89,7 @@ def felt(
 
 
 def seen(truth: dict[str, float], levels: dict[str, tuple[float, ...]], parts: int = 1) -> np.ndarray:
-    """Positions (T, S, 3) of the stations under tensions, m."""
+    """Return positions (T, S, 3) of the stations under tensions, m."""
     cords = [(LEVER * np.array([truth[f"{n}.gain_x"], truth[f"{n}.gain_y"]]), truth[f"{n}.friction"]) for n in levels]
 
     def forces(tensions: np.ndarray, data: mujoco.MjData) -> np.ndarray:

@@ -1,8 +1,9 @@
-"""Energy and angular momentum about gravity of chains in space over a million steps, without dampers.
+"""Measure energy and angular momentum about gravity of chains in space over a million steps, without dampers.
 
-Three bodies of two hanging links, 0.2 m and 0.1 kg each: free swings, swings with springs of all terms, and a first
-joint that turns freely about gravity, sprung twist behind it. Printed are the largest changes: of the energy in parts
-of the kinetic energy at the start, of the angular momentum in parts of itself. `--steps N` takes another number.
+There are three bodies of two hanging links of 0.2 m and 0.1 kg: free swings, swings with springs of all terms, and a
+first joint that turns freely about gravity, with twist on a spring behind it. The program prints the largest changes:
+of the energy relative to the kinetic energy at the start, and of the angular momentum relative to itself. `--steps N`
+sets another number of steps.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LOOKS = 500  # times at which energy and momentum are taken
 
 
 def hanging(stiffness: Array, hardening: Array) -> Chain:
-    """Two links that hang; springs (N,) and their terms (ROWS, N)."""
+    """Return two hanging links with springs (N,) and their terms (ROWS, N)."""
     length, mass, none = np.array([0.05, 0.2, 0.2]), np.full(2, 0.1), np.zeros(stiffness.size)
     body = SpatialBody(length, mass, length[1:] / 2, mass * length[1:] ** 2 / 12, mass * 1e-4,
                        np.tile(np.eye(3), (2, 1, 1)), np.eye(3), 0.0, 0.0, 9.81, np.zeros((0, none.size)),
@@ -31,7 +32,7 @@ def hanging(stiffness: Array, hardening: Array) -> Chain:
 
 
 def bodies() -> dict[str, Chain]:
-    """The three bodies by name."""
+    """Return the three bodies by name."""
     K = np.full(4, 0.5)
     twist = np.array([0.3, 0.3, 0.3, 0.3, 0.0, 0.05])
     return {
@@ -42,7 +43,7 @@ def bodies() -> dict[str, Chain]:
 
 
 def invariants(chain: Chain, x: Array, v: Array) -> Array:
-    """Energy [J] and momentum about gravity [N m s].
+    """Return energy [J] and angular momentum about gravity [N m s].
 
     A turn of the body about gravity turns every swing (a, b), or where the first joint twists, its swing and twist.
     """
@@ -58,7 +59,7 @@ def invariants(chain: Chain, x: Array, v: Array) -> Array:
 
 
 def changes(chain: Chain, h: float, steps: int) -> Array:
-    """Largest changes of energy and momentum over so many steps of h [s]."""
+    """Return the largest changes of energy and momentum over a number of steps of h [s]."""
     rng = np.random.default_rng(3)
     size = len(chain.joints.K)
     x, v, still, work = rng.uniform(-0.7, 0.7, size), rng.normal(0, 3, size), np.zeros(size), chain.work()

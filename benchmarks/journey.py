@@ -1,7 +1,8 @@
-"""What a person waits for: whole commands as processes of their own, cold and warm, and what they compile.
+"""Time whole commands as separate processes, with and without compiled kernels, and the compiling of each kernel.
 
-Cold is an empty cache of kernels, warm the same command again; medians of ``--runs`` (5). The processor's time (user
-and system, all children) stands beside the wall's: on a busy machine it is the one that says something.
+Cold means an empty cache of kernels; warm means the same command again. Times are medians of ``--runs`` (5) runs. The
+processor time (user and system, all child processes) is printed beside the wall-clock time, because it is more
+meaningful on a busy computer.
 
     python benchmarks/journey.py [--runs 5] [--only simulate demo] [--studies examples/a.toml ...] [-o journey.json]
 """
@@ -66,7 +67,7 @@ main()
 
 
 def commands(folder: Path) -> dict[str, list[str]]:
-    """The journey's commands, each with what it needs."""
+    """Return the commands to time, each with the files that it needs."""
     model, task, pulse = folder / "model.json", folder / "task.toml", str(FOLDER / "pulse_119.nc")
     save_model(chen2018.model(), model)
     example = subprocess.run(
@@ -85,7 +86,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
 
 
 def run(command: list[str], cache: Path) -> tuple[float, float]:
-    """Wall time and processor's time of a command, s."""
+    """Return wall-clock time and processor time of a command, s."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
     kept = {"NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": ""}  # a person's second command finds bytecode
     done = subprocess.run(command, env={**os.environ, **kept}, capture_output=True, text=True, check=False)
@@ -96,13 +97,13 @@ def run(command: list[str], cache: Path) -> tuple[float, float]:
 
 
 def medians(once: Callable[[], tuple[float, float]], runs: int) -> dict[str, float]:
-    """Medians of the two times of `run`."""
+    """Return medians of the two times of `run`."""
     walls, processor = zip(*(once() for _ in range(runs)), strict=True)
     return {"wall_s": median(walls), "processor_s": median(processor)}
 
 
 def measure(command: list[str], folder: Path, runs: int) -> dict[str, object]:
-    """Cold and warm times of one command, and the seconds that each kernel takes to compile."""
+    """Return cold and warm times of one command, and the compile time of each kernel, s."""
 
     def cold() -> tuple[float, float]:
         with tempfile.TemporaryDirectory(dir=folder) as empty:
@@ -120,7 +121,7 @@ def measure(command: list[str], folder: Path, runs: int) -> dict[str, object]:
 
 
 def table(results: dict[str, dict[str, object]]) -> str:
-    """All commands, then all kernels, as text."""
+    """Return all commands, then all kernels, as text."""
     titles = (
         "command", "warm: wall, processor (s)", "target", "cold: wall, processor (s)", "target", "kernels",
         "compiling (s)",

@@ -1,10 +1,11 @@
-"""What a chain that lengthens finds again of a virtual rod that does, and how well it predicts both chambers together.
+"""Compare the parameters of a fitted chain that lengthens with those of the virtual rod, and test its predictions.
 
-The body `lengthening` is recorded by motion capture, with its noise and lost markers and by the transducers of both
-chambers: pulses of 50 and 120 kPa in one chamber, then in the other, and one of 60 kPa in both. The three markers of
-the base, whose places on it are known, give the frame. A chain of six links with one axial strain learns from these,
-places of its markers from the first frames, and predicts pulses in both chambers. What is found is held against the
-rod's own numbers, which share nothing with the chain.
+Motion capture records the body `lengthening` with noise and lost markers, and pressure sensors record both chambers:
+pulses of 50 and 120 kPa in one chamber, then in the other, and one of 60 kPa in both. The three markers of the base,
+whose positions on the base are known, define the frame. A chain of six links with one axial strain is trained on these
+recordings, with marker positions from the first frames, and predicts pulses in both chambers. The fitted parameters are
+compared with the true values of the rod, which shares no code with the chain.
+
 Usage: python benchmarks/lengthening.py [seeds of the sensors]
 """
 
@@ -39,7 +40,8 @@ MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
 
 
 def planar(recording: xr.Dataset) -> xr.Dataset:
-    """The recording in the frame of its base, whose markers' mean places are laid on the known ones (Kabsch)."""
+    """Return the recording in the frame of its base, whose mean marker positions are fitted to the known ones (Kabsch).
+    """
     position, known = recording["position"].values, np.array(BASE)
     seen = np.nanmean(position[:, : len(BASE)], axis=0)
     turn, _ = Rotation.align_vectors(known - known.mean(axis=0), seen - seen.mean(axis=0))
@@ -53,7 +55,7 @@ def planar(recording: xr.Dataset) -> xr.Dataset:
 
 
 def recorded(seed: int, names: Iterable[str], rod: RodParameters | None = None) -> tuple[dict[str, Experiment], Model]:
-    """What the laboratory has of the body, and the chain with guessed numbers."""
+    """Return the recordings of the body, and the chain with estimated parameters."""
     rod = rod or actuator("lengthening")
     cases, chambers = {**TRAIN, **HELD_OUT}, [c.name for c in CHAMBERS["lengthening"]]
     with tempfile.TemporaryDirectory() as folder:
@@ -77,13 +79,13 @@ def recorded(seed: int, names: Iterable[str], rod: RodParameters | None = None) 
 
 
 def taught(train: Iterable[Experiment], model: Model, more: Iterable[str] = ()) -> FitResult:
-    """The fit to some recordings: one law, one axial gain and one pair of edges for each chamber."""
+    """Fit the chain to some recordings: one law, one axial gain and one pair of edges for each chamber."""
     own = [f"{c.name}.{name}" for c in model.chambers for name in ("torque_1", "axial_gain", "valve_rise")]
     return fit(list(train), model, [*RUBBER, *own, "base_angle", *more], starts=1)
 
 
 def truth(rod: RodParameters) -> dict[str, float]:
-    """The rod's own numbers: EA, its viscosity, and thrust over moment per pressure of each chamber."""
+    """Return the rod's true values: EA, its viscosity, and thrust over moment per pressure of each chamber."""
     body = build_body(rod)
     found = {"axial_stiffness": rod.axial_stiffness, "axial_damping": rod.loss_time * rod.axial_stiffness}
     lever = np.abs(body.gain @ body.weight) / rod.length
@@ -92,7 +94,8 @@ def truth(rod: RodParameters) -> dict[str, float]:
 
 
 def missed(exp: Experiment, fitted: FitResult) -> tuple[float, float, float]:
-    """RMS error of all markers in % of the travel, and the growth of base to tip, modelled and measured, mm."""
+    """Return the RMS error of all markers in % of the peak displacement, and the modelled and measured extension, mm.
+    """
     made = predict_held_out(exp, fitted)[0]["position"]
     error = 100.0 * float(np.sqrt(np.nanmean(np.sum((made - exp.position) ** 2, axis=-1)))) / exp.travel
     far = [np.linalg.norm(rows[:, -1], axis=-1) for rows in (made, exp.position)]
@@ -100,7 +103,7 @@ def missed(exp: Experiment, fitted: FitResult) -> tuple[float, float, float]:
 
 
 def main(seeds: int) -> None:
-    """Print what was found and how well it predicts."""
+    """Print the fitted parameters and the prediction errors."""
     true = truth(actuator("lengthening"))
     for seed in range(1, seeds + 1):
         experiments, model = recorded(seed, {**TRAIN, **HELD_OUT})

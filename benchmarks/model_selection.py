@@ -1,7 +1,7 @@
-"""Which model recordings support: the model selections of "Judging a fit", as tables.
+"""Print the model selections of "Judging a fit" as tables.
 
-Usage: python benchmarks/model_selection.py [demo|short|arm|regulator|four ...]; recordings of the `arm`, of what its
-`regulator` does and of the arm with `four` chambers come by `pliant data fetch`.
+Usage: python benchmarks/model_selection.py [demo|short|arm|regulator|four ...]. The recordings for `arm` (the silicone
+arm), `regulator` (its pressure regulator) and `four` (the arm with four chambers) come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SELECTIONS = {  # study, entries of its [model_selection]
 
 
 def selected(name: str) -> ModelSelection:
-    """A model selection by its name."""
+    """Return a model selection by its name."""
     path, entries = SELECTIONS[name]
     study = load_study(path).model_copy(update={"model_selection": SelectionEntry.model_validate(entries)})
     ready = prepare_all(study, lambda _line: None)
@@ -46,7 +46,7 @@ def selected(name: str) -> ModelSelection:
 
 
 def table(name: str, made: ModelSelection) -> str:
-    """A model selection as a table."""
+    """Return a model selection as a table."""
     lines = [f"{name}: {made.reason}", "", "| stage | free | training | held out | BIC | why not |", "|---" * 6 + "|"]
     for s in made.steps:
         train, held_out = (f"{np.mean(list(e.values())):.3g}" if e else "" for e in (s.train, s.held_out))

@@ -1,11 +1,12 @@
-"""Random mutants of the package's text, each tried on the quick tests that execute it; survivors are printed.
+"""Change the code of the package at random, run the quick tests that execute each change, and print unnoticed changes.
 
     python benchmarks/mutants.py --count 34 --seed 1 model validation estimation batch preprocessing video
 
-A mutant changes one operator, comparison, number, sign, condition or statement. Which quick tests execute which line is
-recorded first, which takes as long as the tests and is kept for as long as neither source nor tests change. The tests
-that execute a mutant run quickest first, until one fails or they have taken `--budget` seconds. Killed means that a
-test failed or that the time ran out; the tests that killed are run unchanged at the end, where none may fail.
+A mutant changes one operator, comparison, number, sign, condition or statement. The program first records which quick
+tests execute which line; the record takes as long as the tests, and is kept while neither source nor tests change. The
+tests that execute a mutant run in order of their time, until one fails or they have taken `--budget` seconds. A mutant
+is killed if a test fails or if the time runs out. The tests that killed mutants run at the end on the unchanged code,
+where none may fail.
 """
 
 from __future__ import annotations
@@ -46,31 +47,31 @@ class Mutant(NamedTuple):
     text: str  # what stands there now
 
     def apply(self, source: str) -> str:
-        """The changed source."""
+        """Return the changed source."""
         lines = source.encode().splitlines(keepends=True)
         (first, a), (last, b) = self.start, self.end
         head, tail = lines[first - 1][:a], lines[last - 1][b:]
         return b"".join([*lines[: first - 1], head + self.text.encode() + tail, *lines[last:]]).decode()
 
     def told(self, source: str) -> str:
-        """The change in words."""
+        """Return the change in words."""
         was = source.encode().splitlines()[self.start[0] - 1].decode().strip()
         return f"{self.module}:{self.start[0]}: {was}  ->  {self.text}"
 
 
 def changed(node: ast.AST) -> Iterator[ast.AST]:
-    """The node with one change of its own."""
+    """Return the node with one change."""
     yield from CHANGES.get(type(node), lambda _node: iter(()))(node)
 
 
 def operated(node: ast.BinOp) -> Iterator[ast.AST]:
-    """Plus for minus."""
+    """Replace an arithmetic operator, such as plus by minus."""
     if type(node.op) in BINARY and not isinstance(node.left, ast.Constant | ast.List):
         yield ast.BinOp(node.left, BINARY[type(node.op)](), node.right)
 
 
 def compared(node: ast.Compare) -> Iterator[ast.AST]:
-    """At most for less than; the opposite of an order."""
+    """Replace a comparison, such as less than by at most, or by the opposite order."""
     for k, op in enumerate(node.ops):
         if type(op) not in COMPARED:
             continue
@@ -81,23 +82,23 @@ def compared(node: ast.Compare) -> Iterator[ast.AST]:
 
 
 def joined(node: ast.BoolOp) -> Iterator[ast.AST]:
-    """Or for and."""
+    """Replace `and` by `or`, and the reverse."""
     yield ast.BoolOp(ast.And() if isinstance(node.op, ast.Or) else ast.Or(), node.values)
 
 
 def bare(node: ast.UnaryOp) -> Iterator[ast.AST]:
-    """Without its sign, or its not."""
+    """Remove the sign or the `not`."""
     if isinstance(node.op, ast.Not | ast.USub):
         yield node.operand
 
 
 def chosen_else(node: ast.IfExp) -> Iterator[ast.AST]:
-    """The other branch."""
+    """Exchange the two branches of a condition."""
     yield ast.IfExp(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse)
 
 
 def moved(node: ast.Constant) -> Iterator[ast.AST]:
-    """Another number."""
+    """Replace a number by another one."""
     if isinstance(node.value, bool):
         yield ast.Constant(not node.value)
     elif isinstance(node.value, int):
@@ -107,19 +108,19 @@ def moved(node: ast.Constant) -> Iterator[ast.AST]:
 
 
 def removed(node: ast.AugAssign | ast.Expr) -> Iterator[ast.AST]:
-    """Nothing in place of a statement."""
+    """Remove a statement."""
     if isinstance(node, ast.AugAssign) or isinstance(node.value, ast.Call):
         yield ast.Pass()
 
 
 def whole(node: ast.Subscript) -> Iterator[ast.AST]:
-    """All in place of a slice."""
+    """Replace a slice by all elements."""
     if isinstance(node.ctx, ast.Load) and isinstance(node.slice, ast.Slice):
         yield node.value
 
 
 def renamed(node: ast.Call) -> Iterator[ast.Call]:
-    """A call of the opposite function: max for min."""
+    """Replace a function by its opposite, such as min by max."""
     function = copy.deepcopy(node.func)
     if isinstance(function, ast.Name) and function.id in SWAPPED:
         function.id = SWAPPED[function.id]
@@ -137,7 +138,7 @@ CHANGES: dict[type, Callable] = {
 
 
 def mutable(node: ast.AST) -> Iterator[ast.AST]:
-    """Nodes whose change is one of behaviour: no annotations, texts, imports for types, or decorators.
+    """Return nodes whose change affects behaviour: no annotations, texts, imports for types, or decorators.
 
     Nor the `strict` of a zip, which only guards against lengths that differ where none do.
     """
@@ -155,7 +156,7 @@ def mutable(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def mutants(module: str, source: str) -> list[Mutant]:
-    """Every mutant of a file."""
+    """Return every mutant of a file."""
     found = []
     for node in mutable(ast.parse(source)):
         if not hasattr(node, "end_lineno"):
@@ -170,7 +171,7 @@ def mutants(module: str, source: str) -> list[Mutant]:
 
 
 def drawn(subpackages: list[str], count: int, seed: int) -> list[Mutant]:
-    """So many mutants of each subpackage, drawn with a seed, each place of the text with the same chance."""
+    """Draw mutants of each subpackage with a seed; each position in the text has the same probability."""
     rng, chosen = np.random.default_rng(seed), []
     for name in subpackages:
         files = sorted((ROOT / "src" / "pliant" / name).rglob("*.py"))
@@ -181,7 +182,7 @@ def drawn(subpackages: list[str], count: int, seed: int) -> list[Mutant]:
 
 
 def statement(tree: ast.Module, line: int) -> tuple[range, set[str]]:
-    """Lines of the statement around a line, of a compound one its head; and what it names where importing executes it.
+    """Return the lines of the statement around a line (the head of a compound one), and names defined at import.
 
     These are the constants that it sets, or the class or function whose body or head it is part of.
     """
@@ -201,13 +202,13 @@ def statement(tree: ast.Module, line: int) -> tuple[range, set[str]]:
 
 
 def mentions(source: str, names: set[str]) -> list[int]:
-    """Lines of functions that mention names."""
+    """Return the lines of functions that mention some names."""
     return [line for name in names for line in lines_by_name(source).get(name, [])]
 
 
 @cache
 def lines_by_name(source: str) -> dict[str, list[int]]:
-    """Lines of functions that mention each name."""
+    """Return the lines of functions that mention each name."""
     found: dict[str, list[int]] = {}
     for function in (f for f in ast.walk(ast.parse(source)) if isinstance(f, ast.FunctionDef)):
         for node in (n for statement in function.body for n in ast.walk(statement)):
@@ -217,12 +218,12 @@ def lines_by_name(source: str) -> dict[str, list[int]]:
 
 
 def compiled(module: str) -> bool:
-    """Whether Numba compiles a module, so that not every test that runs it is recorded."""
+    """Return whether Numba compiles a module, so that the record of executed lines is incomplete."""
     return module.endswith("_loops.py") or module.split("/")[2] in ("equations", "numerics")
 
 
 def users(module: str, root: Path) -> set[str]:
-    """Modules that import one, directly or through compiled ones."""
+    """Return the modules that import a module, directly or through compiled modules."""
     every = {str(p.relative_to(root)): imported(p.read_text()) for p in (root / "src").rglob("*.py")}
     found, todo = set[str](), [module]
     while todo:
@@ -234,7 +235,7 @@ def users(module: str, root: Path) -> set[str]:
 
 
 def tests_of(mutant: Mutant, copied: Copy, record: Executed) -> list[str]:
-    """Quick tests that may see a mutant, those that import its module or stand beside it first.
+    """Return quick tests that may notice a mutant, first those that import its module or belong to its package.
 
     Those that executed its statement; where importing executes it, those that executed a line of the package that
     mentions what it names, or anything of its module where no line does. Of what Numba compiles there is no record:
@@ -263,7 +264,7 @@ def tests_of(mutant: Mutant, copied: Copy, record: Executed) -> list[str]:
 
 
 def ordered(tests: list[str], seconds: dict[str, float], budget: float) -> list[str]:
-    """As many tests as take so many seconds, those of a file together."""
+    """Return tests up to a total time in seconds; tests of one file stay together."""
     until = np.cumsum([seconds[test] for test in tests])
     tests = tests[: max(int(np.searchsorted(until, budget)), 1)]
     files = list(dict.fromkeys(test.partition("::")[0] for test in tests))
@@ -271,7 +272,7 @@ def ordered(tests: list[str], seconds: dict[str, float], budget: float) -> list[
 
 
 def tried(mutant: Mutant, copied: Copy, record: Executed, budget: float) -> tuple[str, str]:
-    """The test that killed a mutant, or nothing, and what there is to say of it."""
+    """Return the test that killed a mutant, or nothing, and a remark."""
     every = tests_of(mutant, copied, record)
     if not every:
         return "", "no quick test executes it"
@@ -287,7 +288,7 @@ def tried(mutant: Mutant, copied: Copy, record: Executed, budget: float) -> tupl
 
 
 def main() -> None:
-    """Draw, try, print."""
+    """Draw mutants, try them, and print the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("subpackages", nargs="+", help="folders of src/pliant")
     parser.add_argument("--count", type=int, default=20, help="mutants of each")

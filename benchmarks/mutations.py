@@ -1,4 +1,5 @@
-"""Damaged recordings, and an oracle that knows which bytes were touched and what their format can show."""
+"""Functions that damage recordings, and decide from the changed bytes and the format whether the damage is detectable.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ KINDS = ("bits", "bytes", "cut", "lose", "double", "swap", "number", "unit", "en
 
 
 class Original(NamedTuple):
-    """A whole file of one format."""
+    """A valid file of one format."""
 
     name: str
     suffix: str
@@ -49,14 +50,14 @@ class Original(NamedTuple):
 
 
 class Whole(NamedTuple):
-    """What an original holds when it is read."""
+    """The content of a valid file when it is read."""
 
     recording: xr.Dataset
     findings: tuple[str, ...]
 
 
 def read_whole(original: Original, folder: Path) -> Whole:
-    """Read an original, undamaged."""
+    """Read a valid, undamaged file."""
     path = folder / f"damaged{original.suffix}"
     path.write_bytes(original.data)
     ds = read(path, mapping=original.mapping)
@@ -64,7 +65,7 @@ def read_whole(original: Original, folder: Path) -> Whole:
 
 
 def c3d() -> bytes:
-    """A C3D file that states its facts in header and parameters."""
+    """Write a C3D file that states its properties in header and parameters."""
 
     def parameter(name: bytes, kind: int, dims: list[int], content: bytes) -> bytes:
         value = struct.pack("bB", kind, len(dims)) + bytes(dims) + content + b"\0"
@@ -85,7 +86,7 @@ def c3d() -> bytes:
 
 
 def luna() -> str:
-    """A Luna table."""
+    """Write a Luna table."""
     rows = [f"2023-09-06 12:51:28.{888946 + 20 * k:06d}\tmeasurement\tstrain\t{k:.1f}\t{2 * k:.1f}\t{-k:.1f}"
             for k in range(FRAMES)]  # fmt: skip
     head = ["Test name:\tbench", "Gage Pitch (mm):\t50", "Units:\tmicrostrain", "-----", "x-axis\t\t\t0.00\t0.05\t0.10"]
@@ -93,7 +94,7 @@ def luna() -> str:
 
 
 def motive() -> str:
-    """A Motive export of three markers."""
+    """Write a Motive export of three markers."""
     names = [n for n in ("base", "mid", "tip") for _ in "xyz"]
     head = [f"Format Version,1.23,Total Exported Frames,{FRAMES},Export Frame Rate,50.0,Length Units,Meters", "",
             ",Type" + ",Marker" * 9, ",Name," + ",".join(names), ",ID," + ",".join(str(i // 3) for i in range(9)),
@@ -103,7 +104,7 @@ def motive() -> str:
 
 
 def tracker_texts() -> dict[str, str]:
-    """What trackers and small loggers write as text: tables of points in pixels, and a log of an angle."""
+    """Write text files of trackers and small loggers: tables of points in pixels, and a log of an angle."""
     names, pixels = ("base", "mid", "tip"), 500.0 + 1e3 * GENTLE[..., :2]
     rows = [",".join([str(k), *(f"{x:.3f},{y:.3f},0.99" for x, y in frame)]) for k, frame in enumerate(pixels)]
     scored = ["scorer" + ",net" * 9, "bodyparts," + ",".join(n for n in names for _ in range(3)),
@@ -127,7 +128,7 @@ def tracker_texts() -> dict[str, str]:
 
 
 def hdf5_originals(folder: Path) -> list[Original]:
-    """One whole file of each layout of HDF5 beside netCDF."""
+    """Write one valid file of each HDF5 layout other than netCDF."""
     pixels = 500.0 + 1e3 * GENTLE[..., :2]
     columns, values = hdf5_files.columns_of(), hdf5_files.values_of(pixels)
     paths = {
@@ -143,7 +144,7 @@ def hdf5_originals(folder: Path) -> list[Original]:
 
 
 def originals(folder: Path) -> list[Original]:
-    """One whole file of each format, made in `folder`."""
+    """Write one valid file of each format in `folder`."""
     pressure = np.linspace(0, 5e4, FRAMES)
     ds = make_recording(TIME, GENTLE, pressure=pressure, pressure_time=TIME)
     write(ds, folder / "own.nc")
@@ -184,7 +185,7 @@ def originals(folder: Path) -> list[Original]:
 
 
 def damaged(original: Original, rng: np.random.Generator) -> tuple[bytes, str, int]:
-    """A damaged copy, what was done to it, and the first byte that was touched."""
+    """Return a damaged copy, a description of the damage, and the position of the first changed byte."""
     kinds = KINDS if original.text else ("bits", "bytes", "cut", "lose", "double", "unit", "append", "zeros")
     kinds = (*kinds, *HDF5_KINDS) if original.name in HDF5 else kinds
     kind = str(rng.choice(kinds))
@@ -193,7 +194,7 @@ def damaged(original: Original, rng: np.random.Generator) -> tuple[bytes, str, i
 
 
 def resealed(data: bytes) -> bytes:
-    """The same with a checksum that is right: anybody can write one."""
+    """Return the file with a recomputed checksum, as an attacker could write it."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "a.nc"
         path.write_bytes(data)
@@ -202,7 +203,9 @@ def resealed(data: bytes) -> bytes:
 
 
 def _hostile(original: Original, kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
-    """A well-formed HDF5 file that leads out of itself, announces too much, or holds a pickle or an odd attribute."""
+    """Return a well-formed HDF5 file that refers to other files, declares too much, or holds a pickle or an odd
+    attribute.
+    """
     if kind == "size":  # a count of rows or bytes, wherever one lies, becomes huge
         small = [at for at in range(0, len(original.data) - 8, 4)
                  if 0 < int.from_bytes(original.data[at : at + 8], "little") < 10_000]  # fmt: skip
@@ -235,7 +238,7 @@ def _odd_attribute(path: Path, kind: str, rng: np.random.Generator) -> None:
 
 
 def _broken(original: Original, kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
-    """Bytes changed, lost or doubled."""
+    """Return the bytes with some changed, lost or doubled."""
     data, size = original.data, len(original.data)
     at, length = int(rng.integers(0, size)), int(rng.choice([1, 1, 2, 3, 4, 7, 16, 100, 512]))
     if kind in ("bits", "bytes"):
@@ -271,7 +274,7 @@ def _encoded(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _cells(original: Original, lines: list[bytes], kind: str, rng: np.random.Generator) -> tuple[bytes, str, int]:
-    """Columns swapped, or one number replaced."""
+    """Swap columns, or replace one number."""
     separator = {".csv": b",", ".tsv": b"\t", ".lvm": b"\t", ".txt": b" "}[original.suffix]
     row = int(rng.integers(0, len(lines) - 1))
     cells = lines[row].split(separator)
@@ -285,7 +288,7 @@ def _cells(original: Original, lines: list[bytes], kind: str, rng: np.random.Gen
 
 
 def can_show(original: Original, kind: str, at: int, data: bytes) -> bool:
-    """Whether the format holds anything by which this change could be known: what it cannot show is no fault of ours.
+    """Return whether the format contains information that reveals the change.
 
     A number that became another number in a format without a checksum shows nothing; a length does, where the format
     says how long it is, and so does the missing line end of a text that was cut inside a line.
@@ -300,7 +303,7 @@ def can_show(original: Original, kind: str, at: int, data: bytes) -> bool:
 
 
 def outcome(original: Original, data: bytes, kind: str, at: int, whole: Whole, folder: Path) -> tuple[str, str]:
-    """Read a damaged file: (right, refused, told, unseen, silent or crash; the sentence)."""
+    """Read a damaged file; return right, refused, told, unseen, silent or crash, and the message."""
     result = _outcome(original, data, kind, at, whole, folder)
     if MARKER.exists():
         MARKER.unlink()

@@ -1,6 +1,6 @@
-"""Order selection of 10,000 frames x 212 points x n = 2 ... 8 on one core: time, and memory above the recording.
+"""Measure time and memory of the order selection for 10,000 frames x 212 points x n = 2 ... 8 on one core.
 
-Run as a script; the number of threads of the linear algebra is set to one before NumPy loads.
+Run this file as a script; it sets the number of threads of the linear algebra to one before NumPy is loaded.
 """
 
 # ruff: noqa: E402
@@ -24,7 +24,7 @@ TARGET_S = 2.0
 
 
 def body(frames: int = FRAMES, axes: int = 2):
-    """A body that bends and rings, as a planar recording or, with three axes, as a tracker sees it."""
+    """Return a body that bends and oscillates, as a planar recording or, with three axes, in the axes of a tracker."""
     s = np.linspace(0, LENGTH, STATIONS)
     t = np.arange(frames)[:, None] / 75
     kappa = (8 + 4 * np.sin(31 * t)) * (1 + 0.3 * np.sin(7 * s / LENGTH)) + 10 * np.sin(3 * t) * np.cos(19 * s)
@@ -34,7 +34,7 @@ def body(frames: int = FRAMES, axes: int = 2):
 
 
 def timed(recording, repeats: int = 3, **options) -> float:
-    """Best wall time of a few runs, s."""
+    """Return the best wall-clock time of a few runs, s."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -44,7 +44,7 @@ def timed(recording, repeats: int = 3, **options) -> float:
 
 
 def peak_memory(recording) -> float:
-    """Peak memory of a selection beside the recording, in multiples of its positions."""
+    """Return the peak memory of a selection in addition to the recording, in multiples of its positions."""
     tracemalloc.start()
     select_order(recording, bound=1e-3)
     peak = tracemalloc.get_traced_memory()[1]
@@ -53,7 +53,7 @@ def peak_memory(recording) -> float:
 
 
 def main() -> None:
-    """Print one line a case."""
+    """Print one line per case."""
     for axes in (2, 3):
         recording = body(axes=axes)
         for options in ({}, {"boundary": "natural"}, {"placement": "best"}, {"metric": "closest"}):

@@ -1,4 +1,5 @@
-"""More peers: CVODE, IDA and IDAS on the same equations, a step by hand on Pinocchio."""
+"""Further solvers for the common problem: CVODE, IDA and IDAS on the same equations, and a step in Python on Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from pliant.mechanics import mechanics_of
 
 
 def cvode(problem: Problem) -> list[Method]:
-    """SUNDIALS CVODE (scikit-sundae) with the compiled right-hand side and Jacobian, called from Python."""
+    """Solve by SUNDIALS CVODE (scikit-sundae) with the compiled right-hand side and Jacobian, called from Python."""
     if find_spec("sksundae") is None:
         return []
     from sksundae.cvode import CVODE
@@ -34,7 +35,7 @@ def cvode(problem: Problem) -> list[Method]:
 
 
 def ida(problem: Problem) -> list[Method]:
-    """SUNDIALS IDA (scikit-sundae) on y' - f(y) = 0, with the compiled right-hand side and Jacobian."""
+    """Solve y' - f(y) = 0 by SUNDIALS IDA (scikit-sundae) with the compiled right-hand side and Jacobian."""
     if find_spec("sksundae") is None:
         return []
     from sksundae.ida import IDA
@@ -55,7 +56,7 @@ def ida(problem: Problem) -> list[Method]:
 
 
 def idas(problem: Problem) -> list[Method]:
-    """CasADi's IDAS on the text of the kernels, traced into symbols; everything runs in C++."""
+    """Solve by CasADi's IDAS on the kernels traced into symbols; everything runs in C++."""
     if find_spec("casadi") is None:
         return []
     import casadi as ca
@@ -102,7 +103,7 @@ def idas(problem: Problem) -> list[Method]:
 
 
 def pinocchio(problem: Problem) -> list[Method]:
-    """The same implicit midpoint rule written by hand in Python on Pinocchio's algorithms."""
+    """Solve by the same implicit midpoint rule, written in Python with Pinocchio's algorithms."""
     if find_spec("pinocchio") is None:
         return []
     import pinocchio as pin
@@ -140,7 +141,7 @@ def pinocchio(problem: Problem) -> list[Method]:
 
 
 def all_peers(problem: Problem) -> list[Method]:
-    """Those that are installed; a peer that does not load is named and left out."""
+    """Return the installed solvers; a solver that cannot be loaded is named and left out."""
     found = []
     for make in (cvode, ida, idas, pinocchio):
         try:

@@ -1,8 +1,8 @@
-"""False alarms of the plausibility checks: all recordings of the shared data, examples and demonstrations.
+"""Count false alarms of the plausibility checks on all recordings of the shared data, examples and demonstrations.
 
-    python benchmarks/plausibility.py            # a table: recordings, checks, and each sentence that a check says
+    python benchmarks/plausibility.py            # a table: recordings, checks, and every warning of a check
 
-Nothing here is wrong in a way that a check names, but for recordings of a body that nobody moved.
+No recording has a mistake that a check names, except recordings of a body that nobody moved.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ BUNDLED = ROOT / "src" / "pliant" / "testbed" / "bundled"
 
 
 def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
-    """Group, recording, and the doubts about it."""
+    """Return group, recording and warnings of every recording."""
     for group, (pattern, mapping) in RAW.items():
         for path in sorted(DATA.glob(pattern)):
             yield group, path.name, quality(read(path, mapping=mapping)).doubts

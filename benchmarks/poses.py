@@ -1,10 +1,10 @@
-"""Settled poses of a robot and of a tentacle with tendons: the example studies, their errors pooled, and a figure.
+"""Evaluate settled poses of a robot and of a tentacle with tendons: example studies, pooled errors, and a figure.
 
     PLIANT_DATA=../shared/data python benchmarks/poses.py robot
     PLIANT_DATA=../shared/data python benchmarks/poses.py tentacle --figure tentacle.png
 
-Errors are root mean squares of the distance over all poses and stations: of training poses, and of those that a fit did
-not see. The tentacle's fits leave out a pose each.
+Errors are root mean squares of the distance over all poses and stations, of training poses and of poses that a fit did
+not see. The fits of the tentacle leave out one pose each.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ STUDIES = {"robot": "spatial_tendon_robot", "tentacle": "spatial_tentacle"}
 
 
 def distances(fit: FitOutcome, role: str) -> Array:
-    """Distance of modelled from measured stations in all poses of a role, m."""
+    """Return distances of modelled from measured stations in all poses of a role, m."""
     parts = [r.modelled - r.experiment.position for r in fit.records if r.role == role]
     return np.concatenate([np.linalg.norm(part, axis=-1).ravel() for part in parts] or [np.zeros(0)])
 
 
 def drawn(outcome: StudyOutcome, name: str, path: Path) -> None:
-    """Draw the poses: measured thick and grey, modelled thin and dark."""
+    """Draw the poses, measured thick and grey, modelled thin and dark."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(7.2, 3.4), layout="constrained")
@@ -54,7 +54,7 @@ def drawn(outcome: StudyOutcome, name: str, path: Path) -> None:
 
 
 def main() -> None:
-    """Run a study, print its errors."""
+    """Run a study and print its errors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", choices=STUDIES)
     parser.add_argument("--fits", nargs="*", help="names of the fits to make; default: all")

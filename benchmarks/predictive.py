@@ -1,12 +1,12 @@
-"""How often predictive control finds no command: random bodies, limits, states and targets, all of them feasible.
+"""Count how often predictive control finds no command, for random bodies, limits, states and targets that are feasible.
 
     python benchmarks/predictive.py --problems 10000 --seed 1
 
-Bodies of two to six links under one to three chambers, behind no valve or one of first or second order, with dead time
-or without; periods of 2 to 10 ms; slew limits that take 0.02 to 2 s from no pressure to the highest. The state is a
-rest under random pressures with 0.1 rad and 1 rad/s of noise; the target the tip under other random pressures, or the
-rest without any. Every problem is feasible, since the command may stay where it is, and strictly convex. Solutions are
-held against their conditions of optimality, whose multipliers SciPy's `nnls` finds.
+The bodies have two to six links and one to three chambers, without valve or behind a valve of first or second order,
+with or without dead time. Periods are 2 to 10 ms. Slew limits take 0.02 to 2 s from no pressure to the highest. The
+state is an equilibrium under random pressures with 0.1 rad and 1 rad/s of noise. The target is the tip under other
+random pressures, or the rest without any. Every problem is feasible, since the command may stay constant, and strictly
+convex. Solutions are compared with their conditions of optimality, whose multipliers come from SciPy's `nnls`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def a_valve(rng: np.random.Generator) -> Valve:
 
 
 def a_body(rng: np.random.Generator, highest: float) -> Model:
-    """A chain whose first mode lies near 1.5 to 12 Hz; full pressure bends it by 0.4 to 2.4 rad."""
+    """Return a chain whose first mode is at about 1.5 to 12 Hz and which full pressure bends by 0.4 to 2.4 rad."""
     n, length, count = int(rng.integers(2, 7)), rng.uniform(0.05, 0.3), int(rng.integers(1, 4))
     omega, damping, mass = 2 * np.pi * rng.uniform(1.5, 12.0), rng.uniform(0.03, 0.4), 200.0 * length**2
     mass *= rng.uniform(0.3, 3.0)
@@ -53,7 +53,7 @@ def a_body(rng: np.random.Generator, highest: float) -> Model:
 
 
 def a_state(rng: np.random.Generator, body: Model, pressure: np.ndarray) -> State:
-    """Near the rest under a pressure."""
+    """Return a state near the equilibrium under a pressure."""
     n, angle = body.n, mechanics_of(body).coordinates(equilibrium(body, pressure))
     none = np.zeros((2, n))
     return State(
@@ -81,7 +81,9 @@ class Checked:
 
 
 def suboptimal(H, g, rows, bounds, found) -> float:
-    """Slope of the cost that no active limit holds, as a fraction of the largest slope; or how far beyond limits."""
+    """Return the slope of the cost that no active limit balances, relative to the largest slope; or the excess over
+    limits.
+    """
     value, (low, high) = rows @ found, bounds
     near = 1e-4 * float(np.abs(high).max())  # of the highest pressure
     held = np.vstack([rows[value <= low + near], -rows[value >= high - near]])
@@ -92,13 +94,13 @@ def suboptimal(H, g, rows, bounds, found) -> float:
 
 
 def tip_at(body: Model, pressure: np.ndarray | float) -> np.ndarray:
-    """Tip (2,) at rest under a pressure, m."""
+    """Return the tip (2,) at equilibrium under a pressure, m."""
     chain = mechanics_of(body)
     return chain.tips(chain.coordinates(equilibrium(body, pressure)))[-1]
 
 
 def tried(seed: int, problems: int, *, slew: bool, zero: bool) -> dict[str, float]:
-    """Counts over random problems, ten for each body, one after the other."""
+    """Return counts over random problems, ten for each body, one after the other."""
     rng, count, failed, refused, worst = np.random.default_rng(seed), 0, 0, 0, 0.0
     while count < problems:
         highest, period = rng.uniform(2e4, 3e5), rng.uniform(2e-3, 1e-2)

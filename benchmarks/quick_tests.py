@@ -1,4 +1,4 @@
-"""A copy of the project whose quick tests run in forks of this process, so that libraries are imported once."""
+"""Run the quick tests of a copy of the project in forks of this process, so that libraries are imported only once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ QUICK = ["-q", "-p", "no:randomly", "-p", "no:cacheprovider", "-m", "not slow", 
 
 
 class Copy:
-    """Source, tests and compiled kernels in a folder of their own; nothing of the working tree is changed."""
+    """Source, tests and compiled kernels in a separate folder; the working tree does not change."""
 
     def __init__(self, folder: Path) -> None:
         self.root, self.said, self.time = folder / "pliant", folder / "said", int(time.time())
@@ -46,7 +46,7 @@ class Copy:
         }
 
     def record(self, tests: list[str]) -> Executed:
-        """Run the quick ones of some tests under coverage: what each of them executed."""
+        """Run quick tests under coverage, and return which lines each of them executed."""
         from coverage import CoverageData
         from coverage.exceptions import DataError
 
@@ -70,13 +70,14 @@ class Copy:
             return Executed(told["seconds"], by_line(data, self.root, told["seconds"], told["fixtures"]))
 
     def prepare(self) -> None:
-        """Import libraries, none of them the package, for all forks to come."""
+        """Import libraries, but not the package, for all later forks."""
         os.environ |= self.environment
         for name in LIBRARIES:
             import_module(name)
 
     def run(self, tests: list[str], limit: float, *, first: bool = True) -> tuple[int, list[str]]:
-        """Exit code of pytest (-1: time ran out) and the names of tests that failed, only the first by default."""
+        """Return the exit code of pytest (-1: time ran out) and the names of failed tests, by default only the first.
+        """
         child = os.fork()
         if not child:
             self.become(["-x"] * first + tests)
@@ -96,7 +97,7 @@ class Copy:
         return abs(status), [name.split(" - ")[0] for name in failed]
 
     def become(self, arguments: list[str]) -> None:
-        """Be pytest in the copy, for good."""
+        """Turn this process into pytest in the copy."""
         try:
             os.setsid()
             output = os.open(self.said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
@@ -112,7 +113,7 @@ class Copy:
 
     @contextmanager
     def changed(self, module: str, text: str) -> Iterator[None]:
-        """A module with another text, for a while."""
+        """Replace the text of a module within this context."""
         path = self.root / module
         source = path.read_text()
         try:
@@ -122,14 +123,14 @@ class Copy:
             self.write(path, source)
 
     def write(self, path: Path, text: str) -> None:
-        """Write a file at a time that no file of its bytecode has."""
+        """Write a file with a modification time that differs from that of its bytecode."""
         path.write_text(text)
         self.time += 10
         os.utime(path, (self.time, self.time))
 
 
 def kept_record(file: Path, copied: Copy, tests: list[str]) -> Executed:
-    """The record in a file, made anew where source or tests are not those of the record."""
+    """Return the record from a file, or make it again if source or tests have changed."""
     texts = sorted(p for name in ("src", "tests") for p in (copied.root / name).rglob("*.py"))
     state = sha256(b"".join([repr(tests).encode(), *(p.read_bytes() for p in texts)])).hexdigest()
     if file.exists() and (kept := json.loads(file.read_text()))["state"] == state:
@@ -142,7 +143,7 @@ def kept_record(file: Path, copied: Copy, tests: list[str]) -> Executed:
 
 @cache
 def imported(source: str) -> set[str]:
-    """Modules and names that a source imports, as pliant.model.limits."""
+    """Return modules and names that a source imports, such as pliant.model.limits."""
     names = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom) and node.module:

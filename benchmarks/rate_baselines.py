@@ -1,7 +1,8 @@
-"""What a good engineer would take for rates from angles, without a model of the body; each is tuned on one record.
+"""Methods that compute rates from angles without a model of the body, each tuned on one record.
 
-Angles (T, n) [rad] at even steps in, rates (T, n) [rad/s] out. `tuned` picks the setting of the smallest error on a
-record whose rates are known, which is more than an engineer has: the baselines are as good as they can be.
+Input are angles (T, n) [rad] at equal time steps; output are rates (T, n) [rad/s]. `tuned` chooses the setting with the
+smallest error on a record whose rates are known. An engineer does not have this information, so the baselines are as
+good as possible.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ Rates = Callable[[Array, float], Array]
 
 
 def lowpass(angle: Array, rate: float, cutoff: float | None) -> Array:
-    """Differences behind a Butterworth low-pass of second order; None: behind nothing."""
+    """Differences behind a Butterworth low-pass filter of second order; None: without filter."""
     raw = np.diff(angle, axis=0, prepend=angle[:1]) * rate
     return raw if cutoff is None else np.asarray(lfilter(*butter(2, cutoff / (0.5 * rate)), raw, axis=0))
 
 
 def causal_polynomial(angle: Array, rate: float, window: int, order: int) -> Array:
-    """Slope at the last of `window` frames of the polynomial that fits them best."""
+    """Return the slope at the last of `window` frames of the polynomial that fits them best."""
     taps = savgol_coeffs(window, order, deriv=1, delta=1.0 / rate, pos=window - 1, use="dot")
     padded = np.concatenate([np.repeat(angle[:1], window - 1, axis=0), angle])
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, window, axis=0) @ taps)
@@ -47,7 +48,7 @@ def constant_acceleration(angle: Array, rate: float, jerk: float) -> Array:
 
 
 def centred_polynomial(angle: Array, rate: float, window: int, order: int) -> Array:
-    """Savitzky-Golay: slope in the middle of a window that looks as far ahead as back."""
+    """Savitzky-Golay filter: slope in the middle of a symmetric window."""
     return np.asarray(savgol_filter(angle, window, order, deriv=1, delta=1.0 / rate, axis=0, mode="nearest"))
 
 
@@ -65,7 +66,7 @@ def tuned(
     kinds: dict[str, tuple[Callable[..., Array], list[tuple[float | None, ...]]]], angle: Array, truth: Array,
     rate: float, error: Callable[[Array, Array], float],
 ) -> dict[str, tuple[Rates, tuple[float | None, ...]]]:
-    """Of every kind the setting of the smallest error on one record."""
+    """Return, for every kind, the setting with the smallest error on one record."""
     found: dict[str, tuple[Rates, tuple[float | None, ...]]] = {}
     for name, (make, settings) in kinds.items():
         best = min(settings, key=lambda s, make=make: error(make(angle, rate, *s), truth))
@@ -77,11 +78,11 @@ def errors(
     methods: dict[str, tuple[Rates, tuple[float | None, ...]]], angle: Array, truth: Array, rate: float,
     error: Callable[[Array, Array], float],
 ) -> dict[str, float]:
-    """Error of every tuned method on a record."""
+    """Return the error of every tuned method on a record."""
     return {name: error(made(angle, rate), truth) for name, (made, _) in methods.items()}
 
 
 def span(values: Iterable[float]) -> str:
-    """Smallest to largest."""
+    """Return the smallest and the largest value."""
     found = sorted(values)
     return f"{found[0]:.2f} to {found[-1]:.2f}"

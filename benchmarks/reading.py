@@ -24,7 +24,7 @@ CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|^---\n.*?^---$", re.MULTILINE | re.D
 
 
 class Message(NamedTuple):
-    """What is said, of which kind, and where."""
+    """One text of the package: its kind, its position and its words."""
 
     kind: str
     place: str
@@ -32,7 +32,7 @@ class Message(NamedTuple):
 
 
 def text_of(node: ast.AST) -> str:
-    """The text of a string expression, what it fills in as {name}; '' for anything else."""
+    """Return the text of a string expression, with inserted values as {name}; '' for anything else."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.JoinedStr):
@@ -46,12 +46,12 @@ def text_of(node: ast.AST) -> str:
 
 
 def name_of(call: ast.Call) -> str:
-    """The last part of the name that is called."""
+    """Return the last part of the name that is called."""
     return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
 
 
 def messages(path: Path) -> Iterator[Message]:
-    """Every message of a file: arguments of errors and of calls that tell or warn, sentences of a verdict."""
+    """Yield every message of a file: arguments of errors, messages and warnings, and sentences of a verdict."""
     place = path.relative_to(SOURCE).as_posix()
     tree = ast.parse(path.read_text(encoding="utf-8"))
     taken = set()
@@ -70,12 +70,12 @@ def messages(path: Path) -> Iterator[Message]:
 
 
 def all_messages() -> list[Message]:
-    """Every message of the package, by kind and place."""
+    """Return every message of the package, sorted by kind and position."""
     return sorted({m for path in SOURCE.rglob("*.py") for m in messages(path)})
 
 
 def docstrings() -> list[Message]:
-    """The first paragraph of every docstring of a public name."""
+    """Return the first paragraph of the docstring of every public name."""
     found = []
     for path in sorted(SOURCE.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -88,7 +88,7 @@ def docstrings() -> list[Message]:
 
 
 def sentences() -> list[Message]:
-    """Sentences of the documentation, without code, tables and formulas."""
+    """Return the sentences of the documentation, without code, tables and formulas."""
     found = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         text = CODE.sub("", page.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The test bed's implicit rod beside PyElastica: a cantilever let go, first frequency and time per second of motion."""
+"""Compare the test bed's implicit rod with PyElastica: first frequency and computing time of a released cantilever."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ SECONDS = 1.0
 
 
 def frequency(tip: np.ndarray, dt: float) -> float:
-    """Frequency of a free vibration, Hz, from a windowed spectrum with its peak interpolated by zero padding."""
+    """Return the frequency of a free vibration, Hz, from a windowed spectrum with zero padding."""
     spectrum = np.abs(np.fft.rfft((tip - tip.mean()) * np.hanning(tip.size), 64 * tip.size))
     return float(np.fft.rfftfreq(64 * tip.size, dt)[np.argmax(spectrum)])
 
 
 def implicit(elements: int, dt: float = 2.5e-4) -> dict[str, float]:
-    """The test bed's discrete elastic rod, with its inextensible layer."""
+    """Simulate the test bed's discrete elastic rod, with its inextensible layer."""
     p = RodParameters(elements=elements).uniform(bending_stiffness=EI)
     start = settle(p, (0.0, PULL, 0.0, 0.0))
     steps = np.zeros((round(SECONDS / dt), 4))
@@ -43,7 +43,7 @@ class Cantilever(
 
 
 class Tip(elastica.CallBackBaseClass):
-    """Keeps the tip's deflection."""
+    """Stores the deflection of the tip."""
 
     def __init__(self, every: int, keep: list[float]) -> None:
         super().__init__()
@@ -55,7 +55,8 @@ class Tip(elastica.CallBackBaseClass):
 
 
 def cosserat(elements: int, axial: float) -> dict[str, float]:
-    """PyElastica's explicit rod with that axial stiffness, N, at 0.5 of the stretch wave's limit."""
+    """Simulate PyElastica's explicit rod with a given axial stiffness, N, at 0.5 of the stretch wave's stability limit.
+    """
     radius = np.sqrt(4 * EI / axial)  # a circle with both stiffnesses
     area = np.pi * radius**2
     world, keep = Cantilever(), []
@@ -85,7 +86,7 @@ def cosserat(elements: int, axial: float) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print a line a method, and write the table."""
+    """Print one line per method, and write the table."""
     cases = {
         "pliant, implicit, 50 elements": implicit(50),
         "pliant, implicit, 100 elements": implicit(100),

@@ -1,8 +1,9 @@
-"""Chains in space beside rods: the 45 degree bend, the roll-up, a helix, and 500 static shapes and 10 free decays.
+"""Compare chains in space with rods: the 45 degree bend, the roll-up, a helix, 500 static shapes and 10 free decays.
 
-The shapes and decays are those of a Cosserat rod by another program, `../shared/data/spatial_rod_reference`. A chain
-has n joints in the middle of n segments; each swings and twists. Its numbers are those of the rod, nothing is fitted.
-Errors are distances of the tip in % of the length. `--shapes K` takes every K-th static shape.
+The shapes and decays are those of a Cosserat rod simulated by another program, `../shared/data/spatial_rod_reference`.
+A chain has n joints in the middle of n segments; each joint swings and twists. The parameters of the chain are those of
+the rod; nothing is fitted. Errors are distances of the tip in % of the length. `--shapes K` takes every K-th static
+shape.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ RODS = {
 
 
 class Chain(NamedTuple):
-    """What the kernels take."""
+    """The arrays that the kernels take."""
 
     body: SpatialBody
     joints: SpatialJoints
@@ -73,7 +74,7 @@ class Chain(NamedTuple):
 
 
 def chain(n: int, length: float, bending: float, torsion: float, *, turn: float = 0.0) -> Chain:
-    """A chain without mass; in its rest shape every joint turns by `turn` [rad] in the plane x-y."""
+    """Return a chain without mass; in its rest shape every joint turns by `turn` [rad] in the plane x-y."""
     links = np.full(n + 1, length / n)
     links[0] = links[-1] = length / n / 2
     rest = np.tile(Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix(), (n, 1, 1))
@@ -87,7 +88,7 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
 
 
 def heavy(rod: Rod, n: int, gravity: Array, damping_time: float = 0.0) -> Chain:
-    """The chain of a rod, damping_time [s] the ratio of its damping to its stiffness."""
+    """Return the chain of a rod; damping_time [s] is the ratio of its damping to its stiffness."""
     light = chain(n, rod.length, rod.bending, rod.torsion)
     links, area = light.body.length[1:], np.pi * rod.radius**2
     mass, moment = rod.density * area * links, rod.density * area * rod.radius**2 / 4 * links
@@ -99,12 +100,12 @@ def heavy(rod: Rod, n: int, gravity: Array, damping_time: float = 0.0) -> Chain:
 
 
 def of_kind(record: tuple, kind: type) -> tuple:
-    """A record as a kind of numbers."""
+    """Return a record with numbers of a given type."""
     return type(record)(*(np.asarray(a, kind) if isinstance(a, np.ndarray) else kind(a) for a in record))
 
 
 class Statics:
-    """Equilibria of a chain by Newton's method on the kernels, their slopes by complex steps."""
+    """Equilibria of a chain by Newton's method on the kernels, with slopes by complex steps."""
 
     def __init__(self, chain: Chain) -> None:
         self.chain, self.work, self.size = chain, chain.work(complex), 3 * chain.n
@@ -114,7 +115,7 @@ class Statics:
         )]  # fmt: skip
 
     def forces(self, x: Array, body: SpatialBody, load: Array) -> Array:
-        """What is left of springs, weight and loads at x, complex, N m."""
+        """Return the sum of springs, weight and loads at x, complex, N m."""
         pose, springs, weight, add_loads = self.kernels
         work = self.work
         pose(x, body, work)
@@ -125,7 +126,7 @@ class Statics:
         return left
 
     def equilibrium(self, load: Array, parts: int = 4) -> Array:
-        """Coordinates at rest; load (n + 1, 3, 5) and weight grow in equal parts."""
+        """Return coordinates at equilibrium; load (n + 1, 3, 5) and weight grow in equal parts."""
         x, body = np.zeros(self.size), self.chain.body
         for k in range(1, parts + 1):
             share = k / parts
@@ -157,7 +158,7 @@ def add_wrench(load: Array, link: int, along: float, wrench: Array, share: float
 
 
 def wrenches(chain: Chain, middle: Array, tip: Array) -> Array:
-    """Loads of wrenches at half the length and at the tip; one at a joint acts half on either side."""
+    """Return loads of wrenches at half the length and at the tip; a wrench at a joint acts half on either side."""
     load, n, length = np.zeros((chain.n + 1, 3, 5)), chain.n, chain.body.length
     if n % 2:
         add_wrench(load, n // 2, 0.0, middle, 0.5)
@@ -169,7 +170,8 @@ def wrenches(chain: Chain, middle: Array, tip: Array) -> Array:
 
 
 def bend(n: int, force: float) -> Array:
-    """Tip of the 45 degree bend under a force out of its plane: radius 100, section 1 x 1, E 1e7, G 0.5e7."""
+    """Return the tip of the 45 degree bend under a force out of its plane: radius 100, section 1 x 1, E 1e7, G 0.5e7.
+    """
     arc = chain(n, 25 * np.pi, 1e7 / 12, 0.5e7 * 0.1406, turn=np.pi / 4 / n)
     load = np.zeros((n + 1, 3, 5))
     add_wrench(load, n - 1, arc.body.length[-1], np.array([0, 0, 0, 0, 0, force]))
@@ -178,7 +180,7 @@ def bend(n: int, force: float) -> Array:
 
 
 def end_moment(n: int, bending: float, moment: Array) -> tuple[Array, Array]:
-    """Tip of a straight rod of length 1 along x under a moment at its end, and the exact one.
+    """Return the tip of a straight rod of length 1 along x under a moment at its end, and the exact tip.
 
     The tangent turns about the moment by |moment| / bending for each unit of length: a circle or a helix.
     """
@@ -193,7 +195,7 @@ def end_moment(n: int, bending: float, moment: Array) -> tuple[Array, Array]:
 
 
 def static_shapes(rod: str) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Gravity, wrenches at the middle and the tip, and the tip, of every static shape of a rod."""
+    """Return gravity, wrenches at the middle and the tip, and the tip, of every static shape of a rod."""
     with (DATA / f"statics_{rod}.csv").open(encoding="utf-8") as file:
         rows = list(csv.reader(file))[2:]
     for k in range(0, len(rows), 6):
@@ -202,7 +204,7 @@ def static_shapes(rod: str) -> Iterator[tuple[Array, Array, Array, Array]]:
 
 
 def static_errors(name: str, n: int, every: int = 1) -> Array:
-    """Distances of tips, % of the length."""
+    """Return distances of tips, % of the length."""
     rod, errors = RODS[name], []
     for gravity, middle, tip, expected in list(static_shapes(name))[::every]:
         made = heavy(rod, n, gravity)
@@ -213,7 +215,7 @@ def static_errors(name: str, n: int, every: int = 1) -> Array:
 
 
 def free_decay(name: str, number: int, n: int, seconds: float = 4.0) -> tuple[Array, Array]:
-    """Tips (T, 3) of a chain let go and of the rod, every 5 ms.
+    """Return tips (T, 3) of a released chain and of the rod, every 5 ms.
 
     The `damping ratio` of the files is the ratio of damping to stiffness, in seconds.
     """
@@ -232,7 +234,7 @@ def free_decay(name: str, number: int, n: int, seconds: float = 4.0) -> tuple[Ar
 
 
 def decay_errors(name: str, number: int, n: int) -> tuple[float, float]:
-    """Rms of the tip's error over the first second in % of its amplitude, and of the first frequency, %.
+    """Return the rms error of the tip over the first second in % of its amplitude, and of the first frequency, %.
 
     The amplitude is the largest distance from the mean of the motion's last second.
     """
@@ -244,7 +246,7 @@ def decay_errors(name: str, number: int, n: int) -> tuple[float, float]:
 
 
 def frequency(tips: Array, reference: Array) -> float:
-    """First frequency, Hz: the highest peak along the direction in which the reference moves most."""
+    """Return the first frequency, Hz: the highest peak along the main direction of the reference motion."""
     direction = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=False)[2][0]
     moved = tips @ direction
     spectrum = np.abs(np.fft.rfft((moved - moved.mean()) * np.hanning(moved.size), 64 * moved.size))

@@ -1,6 +1,7 @@
-"""Every part of the benchmark, peers in the same run; prints ratios and writes benchmarks/results/bench.json.
+"""Run every part of the benchmark with other programs, print ratios, and write benchmarks/results/bench.json.
 
-`python benchmarks/run.py` runs all in less than ten minutes; names of parts, or of scripts beside this one, run those.
+`python benchmarks/run.py` runs all parts in less than ten minutes. Names of parts, or of scripts in this folder, select
+what to run.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def parts(names: list[str]) -> None:
 
 
 def script(name: str) -> None:
-    """Run a script beside this one; what takes too long is stopped, and said so."""
+    """Run a script of this folder; a script that takes too long is stopped with a message."""
     path = HERE / f"{name}.py"
     if not path.exists():
         return
@@ -67,7 +68,7 @@ def script(name: str) -> None:
 
 
 def main() -> None:
-    """Everything, or what is named."""
+    """Run everything, or the named parts."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before NumPy loads
     began = perf_counter()
     parser = argparse.ArgumentParser(description=__doc__)

@@ -1,8 +1,8 @@
-"""What pliant computes for random models, stored and compared: whether a rebuilding has changed a number.
+"""Store and compare the numbers that pliant computes for random models, to see whether a change of code changed them.
 
-`python benchmarks/same_numbers.py store FILE` before, `python benchmarks/same_numbers.py compare FILE` after. Models
-are drawn with a seed: 1 to 8 links, fixed or lengthening, one or two chambers, hysteresis states, gravity.
-`--demo` adds the numbers of `pliant demo`. A difference is reported relative to the largest entry.
+Run `python benchmarks/same_numbers.py store FILE` before the change, and `python benchmarks/same_numbers.py compare
+FILE` after it. Models are drawn with a seed: 1 to 8 links, fixed or lengthening, one or two chambers, hysteresis
+states, gravity. `--demo` adds the numbers of `pliant demo`. A difference is reported relative to the largest entry.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Numbers = dict[str, np.ndarray]
 
 
 def random_model(rng: np.random.Generator, k: int) -> pliant.Model:
-    """The k-th model: its options cycle, its numbers are drawn."""
+    """Return the k-th model: its options cycle, and its numbers are random."""
     n = 1 + k % 8
     chambers = [
         pliant.Chamber(
@@ -51,12 +51,12 @@ def random_model(rng: np.random.Generator, k: int) -> pliant.Model:
 
 
 def of_dataset(data: xr.Dataset) -> Numbers:
-    """Numeric variables of a dataset."""
+    """Return numeric variables of a dataset."""
     return {name: np.asarray(v.values, dtype=float) for name, v in data.data_vars.items() if v.dtype.kind in "fiub"}
 
 
 def of_model(model: pliant.Model) -> Numbers:
-    """Rest, modes, motion, linear model, contact, estimate and exports of one model."""
+    """Return equilibrium, modes, motion, linear model, contact, estimate and exports of one model."""
     C = len(model.chambers)
     levels = [40e3 + 15e3 * c for c in range(C)]
     pressure = np.array(levels) if C > 1 else levels[0]
@@ -80,7 +80,7 @@ def of_model(model: pliant.Model) -> Numbers:
 
 
 def estimated(model: pliant.Model, motion: xr.Dataset, C: int) -> Numbers:
-    """States that the filter finds in the motion of the observed points."""
+    """Return states that the filter estimates from the motion of the observed points."""
     noise = 1e-4 * np.random.default_rng(3).standard_normal(motion.station_position.shape)
     shown = make_recording(
         motion.time.values, motion.station_position.values + noise, station=[p.name for p in model.points],
@@ -96,7 +96,7 @@ def estimated(model: pliant.Model, motion: xr.Dataset, C: int) -> Numbers:
 
 
 def exported(model: pliant.Model) -> Numbers:
-    """Bytes of the text exports."""
+    """Return the bytes of the text exports."""
     numbers: Numbers = {}
     with tempfile.TemporaryDirectory() as folder:
         for target, ending in (("c99", ".c"), ("mjcf", ".xml"), ("urdf", ".urdf")):
@@ -112,7 +112,7 @@ def exported(model: pliant.Model) -> Numbers:
 
 
 def of_demo() -> Numbers:
-    """Metrics of the bundled demo, as its file holds them."""
+    """Return metrics of the bundled demo, as in its file."""
     from typer.testing import CliRunner
 
     from pliant.cli import app
@@ -125,7 +125,7 @@ def of_demo() -> Numbers:
 
 
 def flat(name: str, value: object) -> Numbers:
-    """Numbers of nested lists and dicts by their path."""
+    """Return numbers of nested lists and dicts by their path."""
     if isinstance(value, dict):
         return {k: v for key, part in value.items() for k, v in flat(f"{name}/{key}", part).items()}
     if isinstance(value, list):
@@ -134,7 +134,7 @@ def flat(name: str, value: object) -> Numbers:
 
 
 def everything(demo: bool) -> Numbers:
-    """All numbers by their names."""
+    """Return all numbers by their names."""
     rng, numbers = np.random.default_rng(SEED), {}
     for k in range(MODELS):
         model = random_model(rng, k)
@@ -143,7 +143,7 @@ def everything(demo: bool) -> Numbers:
 
 
 def compare(before: Numbers, after: Numbers, allowed: float) -> int:
-    """Print what differs; the number of differences beyond `allowed`."""
+    """Print the differences, and return the number of differences beyond `allowed`."""
     bad, rounded, worst = 0, 0, 0.0
     for name in sorted(before.keys() | after.keys()):
         if name not in before or name not in after:
@@ -168,7 +168,7 @@ def compare(before: Numbers, after: Numbers, allowed: float) -> int:
 
 
 def main() -> None:
-    """Store or compare."""
+    """Store or compare the numbers."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("store", "compare"))
     parser.add_argument("file", type=Path)

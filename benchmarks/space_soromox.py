@@ -1,11 +1,12 @@
-"""Time of a second of motion in space: pliant beside soromox, to equal error of the tip, in one run.
+"""Time one second of motion in space with pliant and soromox at equal errors of the tip, in one run.
 
-The body is that of space_speed.py: five segments of 0.17 m and 69 g in all, let go from a bend in space under gravity
-across it, first with bending alone, then with twist. Soromox (piecewise constant strain, JAX compiled for the
-processor, double precision) has the same stiffness and dampers on the same coordinates, arcs where pliant has joints.
-Each is compared with itself at a far finer step; how far both lie from a pliant chain of 40 links is printed. Of
-soromox the fastest of its solvers counts: semi-implicit Euler, Tsitouras' 5(4) and Kvaerno's implicit 5(4) with
-adaptive steps. Wall time; compiling does not count. Needs `pip install soromox`; `--seconds S`: how long each is timed.
+The body is that of space_speed.py: five segments with a total of 0.17 m and 69 g, released from a bend in space under
+gravity across it, first with bending alone, then with twist. soromox (piecewise constant strain, JAX compiled for the
+processor, double precision) has the same stiffness and dampers on the same coordinates, with arcs where pliant has
+joints. Each program is compared with itself at a far finer step; the distance of both from a pliant chain of 40 links
+is printed. The fastest solver of soromox counts: semi-implicit Euler, Tsitouras' 5(4) or Kvaerno's implicit 5(4) with
+adaptive steps. Times are wall-clock times without compiling. Needs `pip install soromox`; `--seconds S` sets the time
+of each measurement.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ MANY = 40  # links of the chain that stands for the rod
 
 
 def arm(turns: int) -> PCS:
-    """The arm, with twist where `turns` is 3: its base points along z as pliant's does, gravity is along x."""
+    """Return the arm, with twist if `turns` is 3; its base points along z as pliant's does, and gravity is along x."""
     turning = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * SEGMENT**2  # from angles of a segment to strains
     density = MASS / (np.pi * RADIUS**2 * LENGTH)
     link = LinkSpec.circular(
@@ -69,14 +70,16 @@ def arm(turns: int) -> PCS:
 
 
 def begin(turns: int) -> Array:
-    """Strains and rates of the bend of `space_speed.start`: per segment twist, if any, curvatures about y and -x."""
+    """Return strains and rates of the bend of `space_speed.start`: per segment twist, if any, curvatures about y and
+    -x.
+    """
     a, b = start(2).reshape(LINKS, 2).T / SEGMENT
     strains = np.column_stack([0.0 * a, b, -a])[:, 3 - turns :]
     return np.concatenate([strains.ravel(), np.zeros(strains.size)])
 
 
 def runner(robot: PCS, turns: int, solver: Any, *, adaptive: bool) -> Callable[[float], Array]:
-    """A function from a step [s], or a tolerance, to tips (LOOKS, 3)."""
+    """Return a function from a step [s], or a tolerance, to tips (LOOKS, 3)."""
     looks = jnp.linspace(0.0, END, LOOKS + 1)[1:]
 
     @jax.jit
@@ -96,7 +99,7 @@ def runner(robot: PCS, turns: int, solver: Any, *, adaptive: bool) -> Callable[[
 
 
 def rod_tips(turns: int) -> Array:
-    """Tips (LOOKS, 3) of a chain of many links of the same rod."""
+    """Return tips (LOOKS, 3) of a chain of many links of the same rod."""
     scale = MANY / LINKS
     model = chain_model(length=LENGTH, mass=MASS, links=MANY, joint_placement="midsegment",
                         stiffness=STIFFNESS * scale, damping=DAMPING * scale, gravity=[9.81, 0.0, 0.0],
@@ -109,7 +112,7 @@ def rod_tips(turns: int) -> Array:
 
 
 def compare(turns: int, seconds: float) -> None:
-    """Print how far apart both are, and the time of each to each error of the tip."""
+    """Print the distance between both programs, and the time of each for each error of the tip."""
     robot, chain = arm(turns), partial(pliant_tips, turns=turns)
     solvers = {
         "semi-implicit Euler": (runner(robot, turns, SemiImplicitEuler(robot), adaptive=False), EULER),
@@ -136,7 +139,7 @@ def compare(turns: int, seconds: float) -> None:
 
 
 def main() -> None:
-    """Print."""
+    """Print the comparison."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--seconds", type=float, default=2.0)
     seconds = asked.parse_args().seconds

@@ -1,10 +1,11 @@
-"""Time of a step in space: pliant beside plain C in one run, and beside MuJoCo and Pinocchio to equal error of the tip.
+"""Time a step in space beside plain C, and a motion beside MuJoCo and Pinocchio at equal errors of the tip.
 
-The body is an arm of 0.17 m and 69 g in five links, let go from a bend in space under gravity across it. One joint has
-the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; how far the two models'
-tips differ is printed. Every method is compared with itself at a tiny step. Of Pinocchio, semi-implicit Euler in
-Python, the forward dynamics alone count. The step with six tendons, of which some are taut and some slack, stands
-beside the one without. The shortest of many runs of processor time counts; `--seconds S`: how long.
+The body is an arm of 0.17 m and 69 g in five links, released from a bend in space under gravity across it. Each joint
+has the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; the difference
+between the tips of the two models is printed. Every method is compared with itself at a tiny step. Pinocchio runs
+semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of them taut and
+some slack, is compared with the step without tendons. The shortest processor time of many runs counts; `--seconds S`
+sets the duration.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ POINTER = ctypes.POINTER(ctypes.c_double)
 
 @cache
 def arm(turns: int, tendons: int = 0) -> Any:
-    """The mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia.
+    """Return the mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia.
 
     Tendons run around it to its tip, every other one to its third joint, and are held where the arm is straight.
     """
@@ -63,14 +64,14 @@ def arm(turns: int, tendons: int = 0) -> Any:
 
 
 def start(turns: int) -> Array:
-    """Coordinates of a bend in space."""
+    """Return coordinates of a bend in space."""
     x = np.zeros(turns * LINKS)
     x[: 2 * LINKS : 2], x[1 : 2 * LINKS : 2] = np.linspace(0.1, 0.4, LINKS), np.linspace(0.3, -0.3, LINKS)
     return x
 
 
 def many_steps(count, looks, x, v, h, torque, body, joints, work, seen):
-    """Take `count` steps between looks at the coordinates, seen (looks, N)."""
+    """Take `count` steps between outputs of the coordinates `seen` (looks, N)."""
     for k in range(looks):
         for _ in range(count):
             step(x, v, h, torque, body, joints, work)  # noqa: F821  given by `loop`
@@ -80,13 +81,13 @@ def many_steps(count, looks, x, v, h, torque, body, joints, work, seen):
 
 @cache
 def loop(turns: int, tendons: int = 0) -> Any:
-    """`many_steps` about the compiled step of the arm."""
+    """Return `many_steps` with the compiled step of the arm."""
     made = twin(motion.step, LINKS, 0, turns, tendons)  # what stands for it in space
     return rebuild(many_steps, njit(**options(many_steps)), {"step": made})
 
 
 def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
-    """Time of one step, ns."""
+    """Return the time of one step, ns."""
     chain, x, v = arm(turns, tendons), np.zeros(turns * LINKS), np.zeros(turns * LINKS)
     seen, still, work = np.zeros((1, x.size)), np.zeros(x.size + tendons), chain.workspace()
     run = loop(turns, tendons)
@@ -99,7 +100,7 @@ def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
 
 
 def c_step_ns(turns: int, seconds: float) -> float:
-    """Time of one step of speed/space.c, ns; compared with pliant's first."""
+    """Return the time of one step of speed/space.c, ns, after a comparison with pliant's step."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "space.so"
         source = Path(__file__).parent / "speed" / "space.c"
@@ -130,7 +131,7 @@ def c_step_ns(turns: int, seconds: float) -> float:
 
 
 def pliant_tips(h: float, turns: int = 3) -> Array:
-    """Tips (LOOKS, 3) of the arm, with twist where each joint has 3 turns."""
+    """Return tips (LOOKS, 3) of the arm, with twist if each joint has 3 turns."""
     chain, count = arm(turns), round(END / LOOKS / h)
     x, seen = start(turns), np.zeros((LOOKS, turns * LINKS))
     still = np.zeros(x.size)
@@ -143,13 +144,13 @@ def pliant_tips(h: float, turns: int = 3) -> Array:
 
 
 def quaternions() -> Array:
-    """Starts (LINKS, 4) of the ball joints, the real part last."""
+    """Return initial quaternions (LINKS, 4) of the ball joints, with the real part last."""
     x = start(2).reshape(LINKS, 2)
     return Rotation.from_rotvec(np.column_stack([x, np.zeros(LINKS)])).as_quat()
 
 
 def mujoco_runner(integrator: int) -> Callable[[float], Array]:
-    """A function from a step [s] to tips (LOOKS, 3), by ball joints."""
+    """Return a function from a step [s] to tips (LOOKS, 3), with ball joints."""
     import mujoco
 
     mujoco.set_mju_user_warning(lambda _text: None)
@@ -182,7 +183,7 @@ def mujoco_runner(integrator: int) -> Callable[[float], Array]:
 
 
 def pinocchio_runner() -> tuple[Callable[[float], Array], Callable[[], Any]]:
-    """A function from a step [s] to tips by semi-implicit Euler, and one evaluation of the forward dynamics."""
+    """Return a function from a step [s] to tips by semi-implicit Euler, and one evaluation of the forward dynamics."""
     import pinocchio as pin
 
     body, model, parent = arm(2).body, pin.Model(), 0
@@ -214,7 +215,8 @@ def pinocchio_runner() -> tuple[Callable[[float], Array], Callable[[], Any]]:
 
 
 def to_target(solve: Callable[[float], Array], truth: Array, target: float, steps: list[float]) -> tuple[float, float]:
-    """Longest step [s] from which on the largest error of the tip stays within `target` [mm], and that error."""
+    """Return the longest step [s] from which on the largest error of the tip is within `target` [mm], and that error.
+    """
     kept = (np.nan, np.nan)
     for h in reversed(steps):
         with np.errstate(all="ignore"):
@@ -227,7 +229,7 @@ def to_target(solve: Callable[[float], Array], truth: Array, target: float, step
 
 
 def race(seconds: float) -> dict[str, dict[str, Any]]:
-    """Step, error and time of each method at each target."""
+    """Return step, error and time of each method at each target."""
     found: dict[str, dict[str, Any]] = {}
     truth = pliant_tips(FINEST)
     for target in TARGETS:
@@ -263,7 +265,7 @@ def race(seconds: float) -> dict[str, dict[str, Any]]:
 
 
 def main() -> None:
-    """Print and write."""
+    """Print and write the results."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--seconds", type=float, default=2.0)
     seconds = asked.parse_args().seconds

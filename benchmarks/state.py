@@ -1,10 +1,11 @@
-"""Rates and filter time on virtual actuators: the numbers of docs/benchmarks.md.
+"""Measure rates and filter times on virtual actuators, for docs/benchmarks.md.
 
-    python benchmarks/state.py rates      # filter and smoother against the best of what needs no model
+    python benchmarks/state.py rates      # filter and smoother compared with the best methods without a model
     python benchmarks/state.py speed      # compiled time of a frame, and of one call of the running filter
 
-The models in examples/state come from free pulses of each actuator and known pushes, by the study there (identify.py);
-the last two pulses of `rates` are none of them. The noise is that of actuator a.
+The models in examples/state come from free pulses of each actuator and known external forces, by the study in the same
+folder (identify.py). The last two pulses of `rates` are not training data. The noise parameters are those of actuator
+a.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ def model(name):
 
 
 def true_rates(motion, chain, at):
-    """Joint rates (T, n) of the chain whose nodes lie on the rod."""
+    """Return joint rates (T, n) of the chain whose nodes are on the rod."""
     return joint_rates(motion, chain.base_length + np.append(0.0, np.cumsum(chain.link_length)), at)
 
 
 def recorded(case, chain, rod, lab):
-    """What is seen of a scenario, its link angles without gaps, and the true rates."""
+    """Return the recording of a scenario, its link angles without gaps, and the true rates."""
     motion = run_rod(case, rod, lab)
     at = np.arange(0.0, case.duration - 5e-4, 1 / RATE)
     seen = body_of_fibre(record(motion, rod, lab, at, seed=1, attrs={"scenario": case.name}), FIBRE)[0]
@@ -143,7 +144,9 @@ def seen(case, name):
 
 
 def pushed(case, name, force, rate=RATE):
-    """Shape under a scenario's pressure and a force (T, 2) [N] at the tip, a function of time; free at first."""
+    """Return the shape under a scenario's pressure and a force (T, 2) [N] at the tip, a function of time; free at
+    first.
+    """
     rod, lab = actuator(name), Laboratory()
     fine = max(1, round(case.step / SUPPLY_STEP))
     t = np.arange(round(case.duration / case.step) * fine + 1) * case.step / fine

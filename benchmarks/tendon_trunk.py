@@ -1,10 +1,10 @@
-"""A trunk in space with six motors: fitted to a part of a public recording, judged on others and under a payload.
+"""Fit a trunk in space with six motors to a part of a public recording, and predict other recordings and a payload.
 
     PLIANT_DATA=../shared/data python benchmarks/tendon_trunk.py
 
-Model, recordings and start values are those of examples/spatial_tendon_trunk.toml, which `pliant run` takes as well;
-here the fit stops after a few evaluations. Errors leave out the first second of each recording: the model begins at
-rest, the trunk moves.
+Model, recordings and start values are in examples/spatial_tendon_trunk.toml, which `pliant run` takes as well; here the
+fit stops after a few evaluations. Errors leave out the first second of each recording, because the model begins at rest
+and the trunk moves.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SETTLED = 1.0  # s
 
 
 def drawn(parts: dict[str, tuple[Array, Array, Array]], path: Path) -> None:
-    """Draw the tip in two recordings: measured thick and grey, modelled thin and dark."""
+    """Draw the tip in two recordings, measured thick and grey, modelled thin and dark."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, len(parts), figsize=(7.2, 3.2), sharex="col", squeeze=False, layout="constrained")
@@ -42,7 +42,7 @@ def drawn(parts: dict[str, tuple[Array, Array, Array]], path: Path) -> None:
 
 
 def main() -> None:
-    """Fit, predict, print."""
+    """Fit, predict and print the errors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--evaluations", type=int, default=6, help="0: the start values as they are")
     parser.add_argument("--figure", type=Path, help="file for a figure of the tip")

@@ -1,15 +1,15 @@
-"""Steady touches at many places and moments: found after how long, and placed how well.
+"""Measure how soon steady touches at many positions and times are detected, and how well they are located.
 
-    python benchmarks/touches.py -o results/touches --seeds 20                # goes on where it stopped
-    python benchmarks/touches.py bound                                        # what no detector can beat
+    python benchmarks/touches.py -o results/touches --seeds 20                # resumes where it stopped
+    python benchmarks/touches.py bound                                        # the best result of any detector
 
-A seed is a set of instruments (`seed` of the virtual fibre and gauge) on actuator a, b or c, each with its own model
-(examples/state), and some runs, each pushed at another node of the last 60 % of the body: at rest, while a pulse is
-held, while the pressure creeps up, and while it is held again, by forces of 20, 50, 100 and 200 mN across the body, in
-an order drawn by the seed, for 0.8 s. The test learns from some minutes of free motion seen by the same instruments.
-Beside it stands a plain threshold on the disturbance torques of the same filter, its threshold found on the same free
-motion by the same tail for the same rate of false alarms, one an hour (`false_alarms.py` counts them). Nothing here was
-tuned on these seeds; whoever tunes does so on seeds 0 to 9 and tells 10 to 19.
+A seed is a set of sensors (`seed` of the virtual fibre and gauge) on actuator a, b or c, each with its own model
+(examples/state), and some runs. Each run is touched at another node of the last 60 % of the body: at rest, during a
+constant pulse, while the pressure rises slowly, and while it is constant again. The forces of 20, 50, 100 and 200 mN
+act across the body, in random order, for 0.8 s. The test learns from some minutes of free motion measured by the same
+sensors. A simple threshold on the disturbance torques of the same filter serves for comparison. Its value comes from
+the same free motion by the same tail for the same rate of false alarms, one an hour (`false_alarms.py` counts them). No
+setting was tuned on these seeds; tune only on seeds 0 to 9 and report 10 to 19.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ LEARN, RUNS, DURATION = 4, 2, 9.2
 
 
 def moved(name: str, command: Command, duration: float, node: int, force: np.ndarray | None) -> RodMotion:
-    """The rod of an actuator under a command, a force (T, 2) [N] at a node from touch to touch."""
+    """Simulate the rod of an actuator under a command and a force (T, 2) [N] at a node, from touch to touch."""
     fine = round(STEP / SUPPLY_STEP)
     t = np.arange(round(duration / STEP) * fine + 1) * STEP / fine
     loads = np.zeros(((t.size - 1) // fine, 4))
@@ -61,14 +61,14 @@ def moved(name: str, command: Command, duration: float, node: int, force: np.nda
 
 
 def seen(motion: RodMotion, name: str, seed: int, label: str) -> xr.Dataset:
-    """The body as the instruments of a seed see a motion."""
+    """Return the body as the sensors of a seed measure a motion."""
     at = np.arange(0.0, motion.time[-1] - 0.5 * RECORD, 1.0 / RATE)
     raw = record(motion, actuator(name), Laboratory(), at, seed=seed, attrs={"scenario": label})
     return body_of_fibre(raw, FIBRE.model_copy(update={"rest": REST}))[0]
 
 
 def free_minute(name: str, k: int) -> RodMotion:
-    """A minute of free motion: pulses, ramps and pauses of random levels and lengths."""
+    """Return a minute of free motion: pulses, ramps and pauses of random levels and lengths."""
     rng, t, points = np.random.default_rng([79, k]), 0.3, [(0.0, 0.0), (0.3, 0.0)]
     while t < 56.0:
         level, rise, width = rng.uniform(0.0, 200e3), rng.choice([0.002, 0.4, 2.0]), rng.uniform(0.4, 2.5)
@@ -81,7 +81,7 @@ free = cache(free_minute)  # the minutes that every seed learns from
 
 
 def touched(name: str, seed: int, run: int) -> tuple[RodMotion, int, np.ndarray]:
-    """A run with four touches at one node: the motion, the node, and the forces [N] in their order."""
+    """Return a run with four touches at one node: the motion, the node, and the forces [N] in their order."""
     rng = np.random.default_rng([83, seed, run])
     node, low, high = int(rng.integers(40, 101)), *np.sort(rng.uniform(60e3, 180e3, 2))
     strength = rng.permutation(FORCES) * rng.choice([-1.0, 1.0], 4)
@@ -102,7 +102,7 @@ class Touches(chunks.OneByOne):
     """Chunks of one seed each."""
 
     def work(self, chunk: int) -> Arrays:
-        """Delays, places and forces (1, runs, touches), and false alarms, of one seed."""
+        """Return delays, positions and forces (1, runs, touches), and false alarms, of one seed."""
         began, name = time.process_time(), "abc"[chunk % 3]
         chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
         bodies = [seen(free(name, k), name, chunk, f"free_{k}") for k in range(LEARN)]
@@ -133,7 +133,7 @@ class Touches(chunks.OneByOne):
 
 
 def sudden_changes(shown: ShownFree) -> np.ndarray:
-    """Covariance (n, n) [N^2 m^2] of the steps of torque that free motion seems to make, by 0.17 s of innovations each.
+    """Return the covariance (n, n) [N^2 m^2] of apparent torque steps in free motion, from 0.17 s of innovations each.
 
     They are the best that frames up to 0.17 s after an onset can know of its torques; longer waits add drift.
     """
@@ -149,7 +149,7 @@ def sudden_changes(shown: ShownFree) -> np.ndarray:
 
 
 def place_sd(chain: object, covariance: np.ndarray, arc: float) -> float:
-    """Standard deviation [mm N] of the place of a force at an arc length [m], divided by the force, at best.
+    """Return the smallest standard deviation [mm N] of the position of a force at an arc length [m], times the force.
 
     The bound of Cramer and Rao for one force across a body at rest, from torques of such a covariance.
     """
@@ -166,7 +166,7 @@ def place_sd(chain: object, covariance: np.ndarray, arc: float) -> float:
 
 @dataclass(frozen=True)
 class Plain:
-    """The plain test: the disturbance torques' normalised square over a threshold."""
+    """The simple test: a threshold on the normalised square of the disturbance torques."""
 
     chain: object
     options: dict
@@ -175,7 +175,7 @@ class Plain:
 
     @classmethod
     def learnt(cls, bodies: list[xr.Dataset], chain: object, options: dict) -> Plain:
-        """Scale and threshold from free motion, by the tail that the other test uses."""
+        """Return scale and threshold from free motion, by the tail that the other test uses."""
         torque = [estimate(b, chain, **options)["disturbance"].values for b in bodies]
         pooled = np.concatenate(torque)
         covariance = pooled.T @ pooled / len(pooled)
@@ -183,14 +183,14 @@ class Plain:
         return cls(chain, options, covariance, tail(highest, len(pooled) / RATE, 1.0)[0])
 
     def alarms(self, body: xr.Dataset) -> np.ndarray:
-        """Times [s] at which the threshold is crossed upwards."""
+        """Return the times [s] at which the value exceeds the threshold."""
         found = estimate(body, self.chain, **self.options)
         over = normalised(found["disturbance"].values, self.covariance) > self.threshold
         return found["time"].values[np.flatnonzero(over & ~np.append(False, over[:-1]))]
 
 
 def placed(found: xr.Dataset, onset: float, arc: float, newton: float) -> tuple[float, float]:
-    """Error of the place [mm] and of the force [%], medians over the steady part of a touch."""
+    """Return the error of the position [mm] and of the force [%], medians over the steady part of a touch."""
     t = found["time"].values - onset
     hold = found["in_contact"].values & (t > JUDGED[0]) & (t < JUDGED[1])
     if not hold.any():
@@ -201,7 +201,7 @@ def placed(found: xr.Dataset, onset: float, arc: float, newton: float) -> tuple[
 
 
 def told(s: xr.Dataset) -> None:
-    """Tables: by force, and blind seeds apart."""
+    """Print tables by force, with blind seeds separate."""
     newton = np.abs(s["newton"].values)
     for title, seeds in (("seeds 0 to 9", s["seed"].values < 10), ("seeds 10 to 19", s["seed"].values >= 10)):
         print(title)
@@ -236,7 +236,8 @@ def told(s: xr.Dataset) -> None:
 
 
 def bound() -> None:
-    """Shortest delay at which a likelihood ratio of a known signature finds a force across the tip half of the time.
+    """Return the shortest delay at which a likelihood ratio of a known signature detects half of all forces across the
+    tip.
 
     Innovations are a sufficient statistic of the frames, so no test of the same frames is quicker under the same noise.
     A false alarm an hour among independent tests of 50 ms each asks for 4.2 standard deviations.
@@ -261,14 +262,14 @@ def bound() -> None:
 
 
 def measured(chain: object, rate: float) -> Measurement:
-    """What is measured of a chain at some rate of frames; the angles themselves do not count."""
+    """Return what a chain shows at some frame rate; the values of the angles themselves do not matter."""
     body = seen(moved("a", Command("steps", ((0.4, 60e3),)), 0.8, 0, None), "a", 1, "bound")
     made = measurement_of(body, chain, NOISE, None)
     return made._replace(time=np.arange(made.time.size) / rate)
 
 
 def main() -> None:
-    """Run what is not there yet, then the tables; or the bound."""
+    """Compute missing seeds, then print the tables; or print the bound."""
     if sys.argv[1:] == ["bound"]:
         bound()
         return

@@ -1,14 +1,15 @@
-"""Learned models of the tendon-driven trunk beside pliant's: the same recordings, free run, seen and unseen.
+"""Compare learned models of the tendon-driven trunk with pliant's, on the same recordings, seen and unseen.
 
     python benchmarks/trunk_learned.py --data ../shared/data/spatial_tendon_trunk --results results/spatial_tendon_trunk
 
-All run freely: they are given the six motor angles, and a dynamic model the first measured frames. Printed is the root
-mean square distance [mm] of the middle disk and of the tip: of models fitted to all of controlled_1 there, on another
-command and under a payload that no learned model has a parameter for; and, left out, of each fifth of the blocks of
-7.5 s by models fitted to the others. Orders and regularisation are chosen on one in four of the training blocks, never
-on what is judged. Frozen frames are left out and held angles made lines, as studies do.
+All models run without feedback from measurements: their inputs are the six motor angles and, for a dynamic model, the
+first measured frames. The program prints the root mean square distance [mm] of the middle disk and of the tip. Models
+fitted to all of controlled_1 are evaluated there, under another command, and under a payload that no learned model has
+a parameter for. For "left out", each fifth of the blocks of 7.5 s is predicted by models fitted to the others. Orders
+and regularisation are chosen on one in four of the training blocks, never on test data. Frozen frames are left out and
+held angles are replaced by lines, as in studies.
 
-The rows of pliant come from a run of its study (`--results`), whose splits are its own: records by name and role.
+The rows of pliant come from a run of its study (`--results`) with the study's own splits: recordings by name and role.
 """
 
 from __future__ import annotations
@@ -61,13 +62,13 @@ def monomials(degree: int, values: Array) -> Array:
 
 
 def shifted(values: Array, lags: Sequence[int]) -> Array:
-    """Return the columns at each lag side by side, (T, K * lags); before the beginning its first row."""
+    """Return the columns at each lag side by side, (T, K * lags); before the beginning, the first row."""
     rows = np.arange(len(values))[:, None] - np.array(lags)
     return values[np.maximum(rows, 0)].reshape(len(values), -1)
 
 
 def ridge(design: Array, wanted: Array, size: float) -> Array:
-    """Least squares with a penalty on all but the first column, in units of each column's spread."""
+    """Solve least squares with a penalty on all but the first column, in units of each column's spread."""
     known = np.isfinite(wanted).all(axis=1) & np.isfinite(design).all(axis=1)
     spread = design[known].std(axis=0)
     spread[spread == 0] = 1.0
@@ -78,7 +79,7 @@ def ridge(design: Array, wanted: Array, size: float) -> Array:
 
 
 class Static:
-    """A map from the angles, now and at earlier moments, to the places."""
+    """A map from the angles, now and at earlier times, to the positions."""
 
     def __init__(self, degree: int, lags: Sequence[int], size: float) -> None:
         self.degree, self.lags, self.size = degree, lags, size
@@ -99,7 +100,7 @@ class Static:
 
 
 class Linear:
-    """DMD with control on delayed places, of a rank; with one delay more in the angles. ARX where the rank is full.
+    """DMD with control on delayed positions, of a given rank, with one more delay in the angles; ARX at full rank.
 
     The input may be monomials of the angles (a Hammerstein model).
     """
@@ -159,7 +160,7 @@ FAMILIES: dict[str, list[Callable[[], Model]]] = {
 
 
 def off(found: Array, run: Run, used: Array) -> tuple[float, float]:
-    """Root mean square distance [mm] of the middle disk and the tip in the frames `used`."""
+    """Return the root mean square distance [mm] of the middle disk and the tip in the frames `used`."""
     both = []
     for disk in (MIDDLE, TIP):
         square = ((found[used, disk] - run.places[used, disk]) ** 2).sum(axis=1)
@@ -168,7 +169,7 @@ def off(found: Array, run: Run, used: Array) -> tuple[float, float]:
 
 
 def chosen(makers: list[Callable[[], Model]], run: Run, train: Array, block: Array) -> Model:
-    """Return the member of a family that runs best through one in four training blocks, fitted to all of them."""
+    """Return the member of a family with the smallest error on one in four training blocks, fitted to all of them."""
     inner = train & (np.searchsorted(np.unique(block[train]), block) % 4 == 1)
     best = min(makers, key=lambda make: off(make().fit(run, train & ~inner).predict(run), run, inner)[1]) \
         if len(makers) > 1 else makers[0]
@@ -176,7 +177,7 @@ def chosen(makers: list[Callable[[], Model]], run: Run, train: Array, block: Arr
 
 
 def of_pliant(folder: Path) -> None:
-    """Print the middle and the last station of every record of a run study."""
+    """Print the middle and the last station of every recording of a finished study."""
     for fit in load_outcome(folder).fits:
         for record in fit.records:
             away = np.sqrt(np.nanmean(((record.modelled - record.experiment.position) ** 2).sum(-1), axis=0))
@@ -185,7 +186,7 @@ def of_pliant(folder: Path) -> None:
 
 
 def main() -> None:
-    """Fit all families, run them freely, print the table."""
+    """Fit all families, run them without feedback, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--results", type=Path, help="folder of a run of the trunk's study")

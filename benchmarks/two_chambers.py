@@ -1,9 +1,10 @@
-"""How well a model taught by one chamber at a time predicts both: virtual bodies of two segments and of two sides.
+"""Measure how well a model trained on one chamber at a time predicts both, for virtual bodies with two chambers.
 
-Each body is recorded by the virtual fibre, with all its errors and by the transducers of both chambers, under pulses of
-60 and 150 kPa in one chamber at a time. A chain of six links learns from these and predicts pulses in both chambers.
-What is found of the chambers is held against the rod's own numbers, which share nothing with the chain; last, what
-recordings teach in which both chambers follow one command.
+The virtual fibre with all its errors, and the pressure sensors of both chambers, record each body under pulses of 60
+and 150 kPa in one chamber at a time. A chain of six links is trained on these recordings and predicts pulses in both
+chambers. The fitted chamber parameters are compared with the true values of the rod, which shares no code with the
+chain. Finally the program evaluates recordings in which both chambers follow one command.
+
 Usage: python benchmarks/two_chambers.py [seeds of the sensors]
 """
 
@@ -37,7 +38,7 @@ UNEVEN = Parameter("stiffness_*", shrink=0.3)
 
 
 def chambers(body: str) -> list[dict[str, object]]:
-    """The chambers as a study states them: which joints each turns, and which way."""
+    """Return the chambers as a study states them: the joints of each, and the direction."""
     made = []
     for c in CHAMBERS[body]:
         joints = range(round(c.start * LINKS) + 1, round(c.stop * LINKS) + 1)
@@ -46,7 +47,7 @@ def chambers(body: str) -> list[dict[str, object]]:
 
 
 def recorded(body: str, seed: int, names: Iterable[str] = CASES) -> tuple[dict[str, Experiment], Model]:
-    """What the laboratory has of a body: its recordings, reduced to links, and the chain with guessed numbers."""
+    """Return the recordings of a body, reduced to links, and the chain with estimated parameters."""
     with tempfile.TemporaryDirectory() as folder:
         recordings = {}
         for name in names:
@@ -65,19 +66,21 @@ def recorded(body: str, seed: int, names: Iterable[str] = CASES) -> tuple[dict[s
 def taught(
     body: str, train: Sequence[Experiment], model: Model, more: Sequence[str | Parameter] = (),
 ) -> FitResult:
-    """The fit to some recordings; one gain for each chamber, one stiffness unless `more` frees that of each joint."""
+    """Fit some recordings with one gain for each chamber and one stiffness, or with the stiffness of each joint
+    (`more`).
+    """
     plain = PLAIN[UNEVEN in more:]
     return fit(train, model, [*plain, *(f"{c.name}.torque_1" for c in CHAMBERS[body]), *more], starts=1)
 
 
 def missed(exp: Experiment, fitted: FitResult) -> float:
-    """Root mean square error of all link tips in a held-out record, % of its travel."""
+    """Return the root mean square error of all link tips in a held-out recording, % of the peak displacement."""
     error = predict_held_out(exp, fitted)[0]["position"] - exp.position
     return 100.0 * float(np.sqrt(np.nanmean(np.sum(error**2, axis=-1)))) / exp.travel
 
 
 def compliance(body: str, fitted: FitResult) -> tuple[np.ndarray, np.ndarray]:
-    """Bend of the body per pressure of each chamber at small pressure, rad/Pa: as found, and the rod's own."""
+    """Return the bend per pressure of each chamber at small pressure, rad/Pa: fitted, and of the rod."""
     c = np.array([chamber.torque[0] * np.sum(chamber.joint_gain / fitted.model.stiffness)
                   for chamber in fitted.model.chambers])  # fmt: skip
     rod = build_body(actuator(body))
@@ -86,7 +89,7 @@ def compliance(body: str, fitted: FitResult) -> tuple[np.ndarray, np.ndarray]:
 
 
 def told(body: str, fitted: FitResult) -> str:
-    """What was found of the chambers against the rod's own, with the standard errors of their gains."""
+    """Return the fitted chambers compared with the rod's, with the standard errors of their gains."""
     std = {p.name: 100.0 * p.std / abs(p.value) for p in fitted.parameters if p.free and p.std is not None}
     return "bend per pressure against the rod's " + " and ".join(
         f"{100 * (f / t - 1):+.1f} % (gain +- {std[f'{c.name}.torque_1']:.1f} %)"

@@ -1,6 +1,6 @@
-"""Fits of the examples with one term more, less or another: the tables of "Hysteresis and creep".
+"""Fit the examples with one term added, removed or replaced: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|stiffening|creep|levels ...]; recordings come by
+Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|stiffening|creep|levels ...]; the recordings come by
 `pliant data fetch`.
 """
 
@@ -71,7 +71,7 @@ SLIP = free("slip_share_1", "slip_angle_1", "slip_share_2", "slip_angle_2")
 
 
 def beam() -> None:
-    """The released beam: both loads taught, then each predicted from the other."""
+    """Fit the released beam to both loads, and to each load to predict the other."""
     study = load_study(EXAMPLES / "silicone_cantilever.toml")
     held = {name: r.model_copy(update={"held": "unloaded"}) for name, r in study.recordings.items()}
     study = study.model_copy(update={"recordings": held})
@@ -85,7 +85,7 @@ def beam() -> None:
 
 
 def trunk() -> None:
-    """The hanging trunk: with friction, with all trials moved to one rest, and with Payne's curve there."""
+    """Fit the hanging trunk with friction, with all trials moved to one rest position, and with Payne's curve."""
     study = load_study(EXAMPLES / "trunk_free_decay.toml")
     plain = study.fits["unknown_mass"]
     slipping = plain.model_copy(update={"title": "two slip elements", "parameters": {**plain.parameters, **SLIP}})
@@ -105,7 +105,7 @@ def trunk() -> None:
 
 
 def swings() -> None:
-    """Half swings of the free decays, each with its frequency and damping ratio; where the trunk comes to rest."""
+    """Print half swings of the free decays with frequency and damping ratio, and the rest positions of the trunk."""
     for name, least in (("silicone_cantilever", 0.25), ("trunk_free_decay", 2.0)):  # mm that a swing must span
         study = load_study(EXAMPLES / f"{name}.toml")
         for exp in prepare_all(study, lambda _line: None).experiments.values():
@@ -128,7 +128,7 @@ def swings() -> None:
 
 
 def pulses() -> None:
-    """The pneumatic arm at 400 mbar from 100, 200, 300: creep in the place of the settling, and one term more."""
+    """Predict the pneumatic arm at 400 mbar from 100, 200, 300, with creep instead of settling and one term more."""
     study = load_study(EXAMPLES / "pneumatic_arm_pulses.toml")
     plain = study.fits["no_settling_beyond"]
     for name, more in BEYOND.items():
@@ -138,7 +138,7 @@ def pulses() -> None:
 
 
 def stiffening() -> None:
-    """The demo's actuator at 240 kPa, taught by 60 and 180: with and without springs that stiffen again."""
+    """Predict the demo's actuator at 240 kPa from 60 and 180, with and without springs that stiffen again."""
     study, pulses = load_study(demo_study()), {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
     for name, more in DETAIL.items():
         for last in ({}, free("cubic_stiffening")):
@@ -147,7 +147,7 @@ def stiffening() -> None:
 
 
 def creep() -> None:
-    """The demo's first fit, and the same with a creep branch."""
+    """Fit the demo's first fit, and the same with a creep branch."""
     study = load_study(demo_study())
     plain = study.fits["softening"]
     creeping = {**plain.parameters, **free("creep_share_1", "creep_time_1")}
@@ -156,7 +156,7 @@ def creep() -> None:
 
 
 def levels() -> None:
-    """What no model at all misses of the eight levels: the tip's measured curves, interpolated over the pressure."""
+    """Print the error of interpolating the tip's measured time series between the eight levels, without a model."""
     bodies = [one.body for one in all_aligned(load_study(EXAMPLES / "pneumatic_arm_levels.toml")).values()]
     level = np.array([b.attrs["nominal_pressure"] for b in bodies])
     tips = np.stack([b.position.sel(station="tip").to_numpy() for b in bodies])
@@ -174,7 +174,7 @@ def levels() -> None:
 
 
 def show(study: object) -> None:
-    """Run a study of one fit, and print a line for each record, parameter with its error, and forecast."""
+    """Run a study of one fit, and print a line for each recording, parameter with its error, and forecast."""
     outcome = run_study(study).to_dict()
     ((_, fit),) = outcome["fits"].items()
     print(fit["title"])
@@ -190,7 +190,7 @@ def show(study: object) -> None:
 
 
 def rounded(content: object) -> str:
-    """Numbers to four digits."""
+    """Return numbers rounded to four digits."""
     return json.dumps(json.loads(json.dumps(content), parse_float=lambda text: float(f"{float(text):.4g}")))
 
 

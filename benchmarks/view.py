@@ -1,7 +1,8 @@
-"""What report and live page cost: ``python benchmarks/view.py``.
+"""Measure the report and the live page: ``python benchmarks/view.py``.
 
-Bytes of the demo's report, seconds to write it and to keep its results, seconds until Chromium has drawn it; of the
-live page its frames per second and how long a slider takes to be seen. Needs the extras view and browser.
+The program measures the size of the demo's report, the time to write the report and its results, and the time until
+Chromium has drawn it. For the live page it measures the frame rate and the delay of a slider. Needs the extras view and
+browser.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""How often 95 % intervals hold the truth: a hyperelastic wall with J_m, by data and by a prior.
+"""Measure how often 95 % intervals contain the true values of a hyperelastic wall with J_m, by data and by a prior.
 
 Usage: python benchmarks/wall_coverage.py [seeds, default 200]; odd seeds draw J_m from its prior, at levels that hardly
-show it.
+determine it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TIME, STEP, NOISE = np.arange(0.0, 0.6, 0.01), 2e-3, 3e-4  # s, s, m
 
 
 def held(seed: int) -> tuple[str, dict[str, bool]]:
-    """Which parameters' intervals hold the truth in one virtual experiment, and what J_m rests on."""
+    """Return which parameters' intervals contain the true value in one virtual experiment, and the source of J_m."""
     rng, kind = np.random.default_rng(seed), ("data", "prior")[seed % 2]
     bound = max(rng.normal(20.0, 4.0), 5.0) if kind == "prior" else rng.uniform(2.0, 6.0)
     true = {"inflation_limit": 5e4, "inflation_time": 0.03, "inflation_jm": bound}

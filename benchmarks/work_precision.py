@@ -25,7 +25,7 @@ MARKERS = "os^vD<>Pp*Xh8d"
 
 
 def draw(curves: dict[str, list[dict[str, float]]], processor: str):
-    """The diagram: one line a method, told apart by markers and by the darkness of the line."""
+    """Draw the diagram with one line per method, distinguished by markers and brightness."""
     fig, ax = plt.subplots(figsize=(7.5, 6.2), layout="constrained")
     for k, (name, rows) in enumerate(curves.items()):
         ours = name.startswith("pliant")
@@ -47,7 +47,7 @@ def draw(curves: dict[str, list[dict[str, float]]], processor: str):
 
 
 def main() -> None:
-    """Race, draw and write."""
+    """Race the methods, draw the figure and write it."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--seconds", type=float, default=float("inf"))
     limit = asked.parse_args().seconds

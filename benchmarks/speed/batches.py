@@ -27,19 +27,19 @@ COPIED = 64 * 2**20  # bytes: more than a cache holds
 
 
 def bandwidth() -> float:
-    """Bytes a second that one core reads and writes in a plain copy."""
+    """Return the bytes per second that one core reads and writes in a plain copy."""
     source = np.zeros(COPIED // 8)
     target = np.empty_like(source)
     return 2.0 * COPIED / best(lambda: np.copyto(target, source), clock=process_time)
 
 
 def lanes_of(flags: set[str]) -> int:
-    """Doubles in the widest register that a processor with these flags has; 2 where it tells none."""
+    """Return the number of doubles in the widest register of a processor with these flags; 2 if the flags name none."""
     return 8 if "avx512f" in flags else 4 if "avx" in flags else 2
 
 
 def batches() -> dict[str, Any]:
-    """Speed-up by lanes on one core, by a second core, and the largest difference from single runs.
+    """Return the speed-up by SIMD vectors on one core, by a second core, and the largest difference from single runs.
 
     The plain loop is the compiled march of one sample after the other with everything before it done once: what lanes
     are compared with is the arithmetic alone, the batch with all that it needs; both in processor time, which a busy

@@ -17,7 +17,7 @@ RATE = 1000.0  # Hz
 
 
 def fitting() -> dict[str, Any]:
-    """Time of the fit, its evaluations, and how far the two numbers lie from the truth."""
+    """Return the time of the fit, its evaluations, and the errors of the two parameters."""
     model, pressure = chen2018.model(), Pulse(chen2018.PULSE_PRESSURE, 0.12, 1.5)
     times = np.arange(round(3.0 * RATE) + 1) / RATE
     tips = simulate(model, pressure, times=times, step=5e-4)["tip_position"].values

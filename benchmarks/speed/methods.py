@@ -37,7 +37,7 @@ class Method:
 
 
 def pliant_midpoint(problem: Problem) -> Method:
-    """The default of pliant, from model and input to tips; the label on the arrays is not counted."""
+    """Solve by pliant's default method, from model and input to tips; labelling the arrays is not counted."""
     model = problem.model
 
     def solve(h: float) -> Array:
@@ -50,7 +50,7 @@ def pliant_midpoint(problem: Problem) -> Method:
 
 
 def pliant_extrapolated(problem: Problem) -> Method:
-    """Two midpoint marches, one with half the step, extrapolated at the output times."""
+    """Solve by two midpoint integrations, one with half the step, extrapolated at the output times."""
     model = problem.model
 
     def solve(h: float) -> Array:
@@ -96,7 +96,7 @@ Piece = Callable[[RightHandSide, Array, Array, float], Array]
 
 
 def in_pieces(name: str, problem: Problem, piece: Piece, settings: Sequence[float] = TOLERANCES) -> Method:
-    """A solver started afresh at each edge of the pulse; `piece` returns states (T, 2n) at the times given to it."""
+    """Restart a solver at each edge of the pulse; `piece` returns states (T, 2n) at given times."""
     rhs = RightHandSide(problem)
 
     def solve(setting: float) -> Array:
@@ -110,7 +110,7 @@ def in_pieces(name: str, problem: Problem, piece: Piece, settings: Sequence[floa
 
 
 def scipy_methods(problem: Problem) -> list[Method]:
-    """SciPy's solvers on the compiled right-hand side."""
+    """Return SciPy's solvers on the compiled right-hand side."""
 
     def ivp(method: str) -> Piece:
         def piece(rhs: RightHandSide, y: Array, times: Array, rtol: float) -> Array:
@@ -134,13 +134,13 @@ def scipy_methods(problem: Problem) -> list[Method]:
 
 
 def solved(problem: Problem) -> Problem:
-    """`problem` with its truth, by a solver of another kind at its tightest."""
+    """Return `problem` with a reference solution, by a solver of another kind at its tightest tolerance."""
     problem.truth = scipy_methods(problem)[-1].solve(1e-11)
     return problem
 
 
 def mujoco_methods(problem: Problem) -> list[Method]:
-    """MuJoCo's hinge chain at each of its integrators, many steps a call."""
+    """Return MuJoCo's hinge chain with each of its integrators, many steps per call."""
     if find_spec("mujoco") is None:
         return []
     mujoco = import_module("mujoco")
@@ -152,7 +152,7 @@ def mujoco_methods(problem: Problem) -> list[Method]:
 
 
 def mujoco_chain(mujoco: Any, problem: Problem, integrator: int) -> Solve:
-    """The chain with masses at its tips as MuJoCo's hinges; contacts, gravity and everything else switched off."""
+    """Return the chain with masses at its tips as MuJoCo hinges, without contacts and gravity."""
     m = problem.model
     head = "<mujoco><option gravity='0 0 0'><flag contact='disable' constraint='disable'/></option><worldbody>"
     bodies = "".join(

@@ -15,7 +15,7 @@ TARGET_MM = 0.02
 
 
 class Problem:
-    """The pulse, and how far an answer to it lies from the truth."""
+    """The pulse, and the error of a solution relative to the reference."""
 
     def __init__(self, links: int = 5) -> None:
         self.model: Model = chen2018.model(links=links)
@@ -26,18 +26,18 @@ class Problem:
 
     @property
     def pieces(self) -> list[tuple[Array, float]]:
-        """Output times between the edges of the pulse, both ends included, with the torque [N m] there."""
+        """Return output times between the edges of the pulse, both ends included, with the torque [N m] there."""
         rise, fall = np.searchsorted(self.times, np.round(self.pressure.jumps, 9))
         return [
             (self.times[: rise + 1], 0.0), (self.times[rise : fall + 1], self.torque), (self.times[fall:], 0.0),
         ]
 
     def error_mm(self, tips: Array) -> float:
-        """Largest distance of any tip at any time from the truth, mm."""
+        """Return the largest distance of any tip at any time from the reference, mm."""
         return 1e3 * float(np.linalg.norm(tips - self.truth, axis=-1).max())
 
     def tips(self, q: Array) -> Array:
-        """Tips (T, n, 2) of joint angles (T, n) from the base, m."""
+        """Return tips (T, n, 2) of joint angles (T, n) from the base, m."""
         phi = np.cumsum(q, axis=-1)
         l = self.model.link_length
         return np.stack([-np.cumsum(l * np.sin(phi), axis=-1), np.cumsum(l * np.cos(phi), axis=-1)], axis=-1)

@@ -20,7 +20,7 @@ LONG_S = 1.0  # a run that takes longer is timed once: what disturbs it is a sma
 
 
 def error_of(problem: Problem, method: Method, setting: float) -> float:
-    """Largest tip error at one setting, mm; infinite where the method fails there."""
+    """Return the largest tip error at one setting, mm; infinite if the method fails."""
     try:
         with np.errstate(all="ignore"):
             tips = method.solve(setting)
@@ -32,7 +32,7 @@ def error_of(problem: Problem, method: Method, setting: float) -> float:
 
 
 def to_target(problem: Problem, method: Method, target_mm: float = TARGET_MM) -> dict[str, Any] | None:
-    """The coarsest setting from which on the error stays within the target: setting, error and time; None: no such."""
+    """Return the coarsest setting from which on the error stays within the target: setting, error, time; or None."""
     errors = [error_of(problem, method, s) for s in method.settings]
     good = len(errors)
     while good and errors[good - 1] <= target_mm:
@@ -45,7 +45,7 @@ def to_target(problem: Problem, method: Method, target_mm: float = TARGET_MM) ->
 
 
 def curve(problem: Problem, method: Method, seconds: float = np.inf) -> list[dict[str, float]]:
-    """Error and time at every setting that gives an answer, from coarse to fine; ends after about `seconds`."""
+    """Return error and time at every successful setting, from coarse to fine; ends after about `seconds`."""
     rows = []
     error_of(problem, method, method.settings[0])  # compiles
     began = perf_counter()
@@ -63,7 +63,7 @@ def curve(problem: Problem, method: Method, seconds: float = np.inf) -> list[dic
 
 
 def experiment() -> dict[str, Any]:
-    """The paper's pulse with all tips within 0.02 mm: pliant, and how much longer others take for the same error."""
+    """Solve the paper's pulse with all tips within 0.02 mm, and compare other methods' times at the same error."""
     from pliant.simulation import simulate
 
     problem = solved(Problem())

@@ -60,7 +60,8 @@ def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
 
 
 def left_behind(stepper: Stepper, count: int = 20_000) -> int:
-    """Bytes that `count` steps take and do not give back, after as many that fill Python's lists of free objects."""
+    """Return the bytes that `count` steps allocate and do not free, after as many steps that fill Python's free lists.
+    """
     step, pressures = stepper.step, [1e4] * count
     gc.collect()
     gc.disable()
@@ -79,7 +80,7 @@ def left_behind(stepper: Stepper, count: int = 20_000) -> int:
 
 
 def run_clock(stepper: Stepper | None, pressures: list[float], period: int) -> Array:
-    """Time of each step and how late it began (2, count), ns; nothing is collected while the clock runs.
+    """Return time and delay of each step (2, count), ns, with garbage collection switched off.
 
     Without a stepper the loop keeps time and does nothing.
     """
@@ -110,4 +111,4 @@ def run_clock(stepper: Stepper | None, pressures: list[float], period: int) -> A
 
 
 def idle(_pressure: float) -> None:
-    """What an empty loop does in the place of a step."""
+    """Do nothing in place of a step."""

@@ -1,4 +1,7 @@
-"""From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.
+"""Turn recordings of a soft bending actuator's shape into a validated, real-time reduced-order model.
+
+The public functions and classes, in the order in which an analysis uses them. Each is imported when it is first used,
+so that ``import pliant`` loads nothing else.
 
 The public page, in the order of the journey. Names are loaded when they are first used, so that ``import pliant``
 costs nothing.

@@ -1,4 +1,4 @@
-"""Display of results: as text in a terminal, as HTML in a notebook, from one card."""
+"""Display of results as text in a terminal and as HTML in a notebook, both from one `Card`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ MOST_ROWS = 12
 
 
 class Card(NamedTuple):
-    """Content of a result's display: a title, sentences, a table whose first column is a name, and an SVG for
-    notebooks.
+    """The content of a result's display: a title, sentences, a table and an SVG drawing for notebooks.
+
+    The first column of the table holds names.
     """
 
     title: str
@@ -24,10 +25,10 @@ class Card(NamedTuple):
 
 
 class Shown:
-    """Prints the card that `card` gives; for dataclasses with ``repr=False``."""
+    """A base class for results that are displayed as a `Card`; for dataclasses with ``repr=False``."""
 
     def card(self) -> Card:
-        """Title, sentences and table."""
+        """Return the title, the sentences and the table to display; subclasses must override this method."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -38,7 +39,7 @@ class Shown:
 
 
 def as_text(card: Card) -> str:
-    """A card as lines of text, the table aligned, numbers to the right."""
+    """Return the card as lines of text with aligned columns, numbers to the right."""
     table = [[escaped(cell, "line") for cell in row] for row in (card.head, *shortened(card)) if row]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     rows = []
@@ -50,7 +51,7 @@ def as_text(card: Card) -> str:
 
 
 def as_html(card: Card) -> str:
-    """A card as HTML that needs no style of its own."""
+    """Return the card as an HTML fragment that needs no style sheet."""
     made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
@@ -65,7 +66,9 @@ def as_html(card: Card) -> str:
 
 
 def shortened(card: Card) -> list[Sequence[str]]:
-    """The rows; of very many the first and the last, with their number between."""
+    """Return the rows of the card's table; of more than 12, the first 6, a row with the number left out, and the last
+    6.
+    """
     rows = list(card.rows)
     if len(rows) <= MOST_ROWS:
         return rows

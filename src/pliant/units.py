@@ -1,4 +1,4 @@
-"""The only module that knows units other than SI: readers, commands and plots convert here."""
+"""The only module that knows units other than SI; readers, commands and plots convert with its functions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENDINGS = {  # of names that carry their unit, longer ones first
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Words and unit of a name that carries its unit: largest_rate_rad_s is ("largest rate", "rad/s")."""
+    """Split a name that ends in a unit into words and unit: "largest_rate_rad_s" gives ("largest rate", "rad/s")."""
     for ending, unit in ENDINGS.items():
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}").replace("_", " "), unit
@@ -33,30 +33,35 @@ def _factor(table: dict[str, float], unit: str, what: str) -> float:
 
 
 def pascal_per(unit: str) -> float:
-    """Pascals in one `unit` of gauge pressure; InputError when the unit is unknown."""
+    """Return the number of pascals in one `unit` of gauge pressure; InputError if the unit is unknown."""
     return _factor(PASCAL, unit, "pressure")
 
 
 def radian_per(unit: str) -> float:
-    """Radians in one `unit` of angle; InputError when the unit is unknown."""
+    """Return the number of radians in one `unit` of angle; InputError if the unit is unknown."""
     return _factor(RADIAN, unit, "angle")
 
 
 def newton_per(unit: str) -> float:
-    """Newtons in one `unit` of tension; InputError when the unit is unknown."""
+    """Return the number of newtons in one `unit` of tension; InputError if the unit is unknown."""
     return _factor(NEWTON, unit, "tension")
 
 
 def input_per(unit: str) -> float:
-    """Newtons, metres or radians in one `unit` of tension, displacement or angle; InputError when it is unknown."""
+    """Return the newtons, metres or radians in one `unit` of tension, displacement or angle.
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor({**NEWTON, **METRE, **RADIAN}, unit, "tension, displacement or angle")
 
 
 def shown_in(unit: str) -> tuple[float, str]:
-    """Return how many of the units that plots show make one SI unit of an input, and that unit."""
+    """Return the unit in which plots show an SI `unit`, as (number of plot units in one SI unit, name of the plot
+    unit).
+    """
     return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
 
 
 def metre_per(unit: str) -> float:
-    """Metres in one `unit` of length; InputError when the unit is unknown."""
+    """Return the number of metres in one `unit` of length; InputError if the unit is unknown."""
     return _factor(METRE, unit, "length")

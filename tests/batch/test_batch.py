@@ -164,7 +164,7 @@ def test_first_frequencies_are_those_of_the_modes(awkward, paper):
     ({"parameters": {"stiffness": np.array([1.0, -1.0])}}, "positive"),
     ({"parameters": {"stiffness": np.ones(3), "damping": np.ones(4)}}, "same number of samples"),
     ({"variables": ("energy",)}, "unknown variable"),
-    ({"device": "tpu"}, "device is 'cpu' or 'gpu'"),
+    ({"device": "tpu"}, "device must be 'cpu' or 'gpu'"),
     ({"step": 0.1}, "too long"),
     ({"step": -1.0}, "positive"),
     ({"initial_angle": np.zeros(3)}, "initial states"),
@@ -218,7 +218,7 @@ def test_bodies_of_several_chambers(paper):
     check_same(simulate_batch(models[:2], own, times=TIMES, variables=EVERYTHING), models[:2], own)
     with pytest.raises(InputError, match="2 chamber"):
         simulate_batch(body, inputs[:1], times=TIMES)
-    with pytest.raises(InputError, match="take one set of pressures or one each, got 2 sets"):
+    with pytest.raises(InputError, match="need one set of pressures, or one for each sample, got 2"):
         simulate_batch(models, own, times=TIMES)
     strong = (Pulse(9e6, 0.1, 0.3), inputs[1])
     marked = simulate_batch([body, body.with_(damping=0.0)], strong, times=TIMES, failures="mark")
@@ -252,7 +252,7 @@ def test_bodies_that_lengthen_have_the_bits_of_single_runs(paper, memory):
     same(simulate_batch([pair] * 2, own[:2], times=TIMES, variables=every), [pair] * 2, [own[:2]] * 2)
     with pytest.raises(InputError, match="must share the names of their segments"):
         simulate_batch([body, body.with_(extensions=halves[:1])], own[0], times=TIMES)
-    with pytest.raises(InputError, match="of one chamber, in a plane, of fixed length"):
+    with pytest.raises(InputError, match="planar models of one chamber and fixed length"):
         simulate_batch(body, own[0], times=TIMES, device="gpu")
     with pytest.raises(InputError, match="unknown variable 'axial_strain'"):
         simulate_batch(paper, own[0], times=TIMES, variables=("axial_strain",))
@@ -295,7 +295,7 @@ def test_bodies_in_space_have_the_bits_of_single_runs():
         for name in ("joint_angle_x", "joint_angle_y", "joint_rate_x", "joint_rate_y", "tip_position"):
             np.testing.assert_array_equal(batch[name].values[i], alone[name].values, err_msg=name)
     assert np.abs(batch.joint_angle_y).max() > 0.01
-    with pytest.raises(InputError, match="must share what their joints turn by"):
+    with pytest.raises(InputError, match="must share their joint coordinates"):
         simulate_batch([body, body.with_(space=Space(twist_ratio=0.7, radius=0.01))], inputs, times=TIMES)
-    with pytest.raises(InputError, match="in a plane, of fixed length"):
+    with pytest.raises(InputError, match="planar models of one chamber and fixed length"):
         simulate_batch(body, inputs, times=TIMES, device="gpu")

@@ -52,7 +52,7 @@ def test_what_no_batch_is_refused():
     with pytest.raises(InputError, match="must share memory"):
         batch_stepper([model, chen2018.model(memory=Memory((0.1,), (0.5,)))], 2, 1e-3)
     two = tuple(Chamber([1e-6], joint_gain=np.ones(5), name=name) for name in "ab")
-    with pytest.raises(InputError, match="must have as many chambers"):
+    with pytest.raises(InputError, match="must have equally many chambers"):
         batch_stepper([model, model.with_(chambers=two)], 2, 1e-3)
     with pytest.raises(InputError, match="too long"):
         batch_stepper([model, chen2018.model(stiffness=1e4)], 2, 1e-3)

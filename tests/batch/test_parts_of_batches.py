@@ -95,7 +95,7 @@ def test_samples_without_gravity_rest_by_their_springs(paper):
         samples.torque_at(np.array([3e4, 6e4])), [1e-6 * 3e4 + 4e-12 * 9e8, 1e-6 * 6e4 + 4e-12 * 36e8]
     )
     soft = gather([paper.with_(stiffening=-2.0)] * 3, None, 1)
-    with pytest.raises(SimulationError, match="in 2 of 3 samples the springs"):
+    with pytest.raises(SimulationError, match="in 2 of 3 samples the softening springs"):
         soft.rest(np.array([0.0, 5e6, 5e6]))
 
 
@@ -137,7 +137,7 @@ def test_samples_that_do_not_fit_together(paper):
         ({f"stiffness_{n + 1}": np.ones(2)}, f"'stiffness_{n + 1}' of shape"),
         ({"stiffness_0": np.ones(2)}, "stiffness_0"),
         ({"torque_0": np.ones(2)}, "torque_0"),
-        ({"stiffness": np.ones((2, n + 1))}, "does not fit"),
+        ({"stiffness": np.ones((2, n + 1))}, "is not valid"),
         ({"damping": np.array([1.0, np.inf, np.nan])}, "damping must be finite: in 2 of 3 samples"),
         ({"damping": np.array([0.1, -0.1])}, "must not be negative"),
         ({"stiffness": np.array([1.0, 0.0])}, "positive"),
@@ -205,7 +205,7 @@ def test_samples_start_at_rest_or_where_they_are_told(paper):
     told = initial_state(samples, Schedule(samples, two, TIMES, 1e-3), q, None)
     np.testing.assert_allclose(told[0], np.cumsum(q, axis=1).T)
     for wrong in (np.zeros(n + 1), np.zeros((3, n)), np.full(n, np.nan)):
-        with pytest.raises(InputError, match=rf"initial states are {n} finite numbers, or \(2, {n}\)"):
+        with pytest.raises(InputError, match=rf"initial states must be {n} finite numbers, or \(2, {n}\)"):
             initial_state(samples, Schedule(samples, two, TIMES, 1e-3), wrong, None)
 
 
@@ -286,17 +286,17 @@ def test_who_is_marched_alone(paper):
     assert len(sets) == 2
     assert len(samples_alone(two, [(PULSE, PULSE)] * 3, None)[0]) == 3
     for models, given, parameters, said in (
-        (two, [(PULSE, PULSE)], {"stiffness": [[1.0]]}, "one number a sample"),
+        (two, [(PULSE, PULSE)], {"stiffness": [[1.0]]}, "one number for each sample"),
         (two, [(PULSE, PULSE)], {"stiffness": [1.0, 2.0], "damping": [0.1]}, "same number of samples"),
         ([two], [(PULSE, PULSE)], {"stiffness": [1.0]}, "not both"),
         (
             two,
             [(PULSE, PULSE)] * 3,
             {"stiffness": [1.0, 2.0]},
-            "2 samples take one set of pressures or one each, got 3",
+            "2 samples need one set of pressures, or one for each sample, got 3",
         ),
         (two, [(PULSE,)], {"stiffness": [1.0]}, "2 chamber"),
-        (two, [(PULSE, PULSE)], {"c.torque_1": [1.0]}, "changes nothing of this model, whose chambers are a, b"),
+        (two, [(PULSE, PULSE)], {"c.torque_1": [1.0]}, "has no effect on this model, whose chambers are a, b"),
         (two, [(PULSE, PULSE)], {"swing": [1.0]}, "swing"),
     ):
         with pytest.raises(InputError, match=said):
@@ -309,10 +309,10 @@ def test_choices_and_labels(paper):
     for given, said in (
         (
             (("joint_angle", "heat"), "cpu", "raise"),
-            "unknown variable 'heat': .* keeps joint_angle, joint_rate, tip_position",
+            "unknown variable 'heat': .* can keep joint_angle, joint_rate, tip_position",
         ),
         (((), "cpu", "hide"), "'raise' or 'mark', got 'hide'"),
-        (((), "gpu", "raise"), "takes bodies of one chamber"),
+        (((), "gpu", "raise"), "needs planar models of one chamber"),
         (((), "tpu", "raise"), "'cpu' or 'gpu', got 'tpu'"),
     ):
         with pytest.raises(InputError, match=said):
@@ -328,7 +328,7 @@ def test_choices_and_labels(paper):
     assert ds["link"].values.tolist() == list(range(1, paper.n + 1))
     assert ds["failed_at"].attrs["units"] == "s"
     samples = [paper] * 3
-    with pytest.raises(InputError, match="3 samples take one pressure or one each, got 2 pressures"):
+    with pytest.raises(InputError, match="3 samples need one pressure, or one for each sample, got 2"):
         simulate_batch(samples, [PULSE, PULSE], times=TIMES)
 
 
@@ -405,7 +405,8 @@ def test_bodies_alone_fail_at_their_time_and_start_where_told(paper):
     assert np.isnan(found["failed_at"][0])
     assert 5.05 < float(found["failed_at"][1]) < 5.08
     n = body.n
-    with pytest.raises(InputError, match=rf"initial states are {n} finite numbers, or \(2, {n}\), got shape \(1,\)"):
+    message = rf"initial states must be {n} finite numbers, or \(2, {n}\), got shape \(1,\)"
+    with pytest.raises(InputError, match=message):
         simulate_batch([body] * 2, strong, times=TIMES, initial_angle=np.zeros(1))
     q = np.stack([np.full(n, 0.01), np.full(n, 0.02)])
     told = simulate_batch([body] * 2, [(Pulse(0.0), Pulse(0.0))] * 2, times=TIMES, initial_angle=q, initial_rate=q)

@@ -44,7 +44,7 @@ def test_a_virtual_chamber_that_nothing_drove_is_named_and_its_interval_says_not
 def test_opposite_virtual_chambers_under_one_command_are_named(recorded):
     experiments, model = recorded["antagonistic"]
     found = two_chambers.taught("antagonistic", [experiments[name] for name in two_chambers.TOGETHER], model)
-    assert any("left and right turn the same joints and were hardly driven apart" in note for note in found.notes)
+    assert any("left and right turn the same joints and were hardly driven separately" in note for note in found.notes)
 
 
 def test_segments_under_one_command_rest_on_how_even_the_stiffness_is_and_say_so(recorded):
@@ -52,7 +52,7 @@ def test_segments_under_one_command_rest_on_how_even_the_stiffness_is_and_say_so
     experiments, model = recorded["two_segment"]
     train = [experiments[name] for name in two_chambers.TOGETHER]
     even = two_chambers.taught("two_segment", train, model)
-    said = "Chambers near and far were hardly driven apart: the shape alone tells their laws apart"
+    said = "Chambers near and far were hardly driven separately: only the shape distinguishes their laws"
     (note,) = (n for n in even.notes if n.startswith(said))
     assert "free stiffness_*" in note
     uneven = two_chambers.taught("two_segment", train, model, (two_chambers.UNEVEN,))

@@ -220,11 +220,11 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     told = json.loads(pushed.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * alone.tip_position.to_numpy()[-1, -1], abs=1e-6)
     wrong = invoke("simulate", model, "--force", "1,a")
-    assert "--force takes FX,FY" in str(wrong.exception)
+    assert "--force must be FX,FY" in str(wrong.exception)
     wrong = invoke("simulate", model, "--load-g", "-1e6")
     assert "must be a mass in grams" in str(wrong.exception)
     wrong = invoke("simulate", model, "--duration", "0.1", "--film", tmp_path / "a.avi")
-    assert "a film ends in .gif or .mp4" in str(wrong.exception)
+    assert "must end in .gif or .mp4" in str(wrong.exception)
 
 
 def test_a_recording_is_inspected_as_text_and_as_json(study: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_wrong_unit_shows_in_an_inspection(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "psi.csv", columns, [HEADER[0], "p_pa", *HEADER[2:]])
     result = invoke("inspect", path)
     assert result.exit_code == 0
-    assert "was it kPa, mbar or psi read as Pa?" in result.output
+    assert "was a pressure in kPa, mbar or psi read as Pa?" in result.output
 
 
 def test_results_go_where_they_are_asked_to_go_and_nowhere_else(study: Path, tmp_path: Path) -> None:

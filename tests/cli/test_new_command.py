@@ -216,7 +216,7 @@ def test_what_has_no_shape_is_refused(tmp_path):
     file = write(make_recording(pressure=t * 1e4, pressure_time=t), tmp_path / "p.nc")
     with pytest.raises(InputError, match="the shape too"):
         look_at(file)
-    with pytest.raises(InputError, match="names differ"):
+    with pytest.raises(InputError, match="different file names"):
         draft_study([], tmp_path / "s.toml")
 
 
@@ -268,7 +268,7 @@ def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
 
     path = tmp_path / "fiber.toml"
     path.write_text('delimiter = "space"\nrate_hz = 32.0\nlength_unit = "mm"\npoints = { count = 20 }\n')
-    with pytest.raises(InputError, match=r"is a mapping, .* and no study: pass it with --mapping"):
+    with pytest.raises(InputError, match=r"is a mapping, .* not a study: pass it with --mapping"):
         load_study(path)
 
 
@@ -308,7 +308,7 @@ def test_points_in_pixels_ask_for_the_camera(pixels, tmp_path):
 def test_a_mapping_names_the_format_of_a_file_that_does_not_show_it(pixels, tmp_path):
     file = pixels.rename(tmp_path / "push_30kPa.txt")
     refused = invoke(tmp_path / "s.toml", "--from", file)
-    assert 'looks like a file of deeplabcut: state format = "deeplabcut"' in str(refused.exception)
+    assert 'looks like a file of deeplabcut: set format = "deeplabcut"' in str(refused.exception)
     (tmp_path / "dlc.toml").write_text('format = "deeplabcut"\n')
     result = invoke(tmp_path / "s.toml", "--from", file, "--mapping", tmp_path / "dlc.toml", "--mass", 0.1)
     assert result.exit_code == 0, result.output

@@ -151,7 +151,7 @@ def test_free_motion_raises_no_alarm(learnt):
     for recording in (free("pulse_119"), made("pulse_90_1000ms", "a")[0]):
         assert not find_contact(recording, fitted("a"), free=learnt, noise=NOISE, latency=LATENCY).in_contact.any()
     assert learnt.extrapolated
-    with pytest.raises(InputError, match="75 Hz and this recording at 25 Hz"):
+    with pytest.raises(InputError, match="75 Hz, but this recording at 25 Hz"):
         find_contact(free("triangle"), fitted("a"), free=learnt, noise=NOISE, latency=LATENCY)
 
 

@@ -196,12 +196,12 @@ def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco(tmp_path):
         assert float(late.arc_low.median()) < 0.2825 < float(late.arc_high.median())
     assert report["contacts"] == len(alarms)
     assert report["normal_force_n"] == pytest.approx(0.19, rel=0.15)
-    with pytest.raises(InputError, match="bodies in a plane"):
+    with pytest.raises(InputError, match="a map needs a body in a plane"):
         map_contacts([found])
     assert set(found.external_torque_x.dims) == {"time", "joint"}
     assert found.contact_force.shape[1] == 3
 
 
 def test_shapes_of_another_size_are_refused():
-    with pytest.raises(InputError, match="located from"):
+    with pytest.raises(InputError, match="locate needs"):
         locate(arm(), np.zeros(4), np.zeros(8), np.eye(8))

@@ -79,7 +79,7 @@ def test_a_straight_body_that_lengthens_shows_the_force_along_itself(arm):
     assert push.arc_length == pytest.approx(0.01 + 2 * 0.2 / 3 + 0.03, abs=5e-4)
     fixed = arm.with_(extensions=())
     assert locate(fixed, x[:3], torque[:3], 1e-10 * np.eye(3), rigid=True).hidden == ("tangential",)
-    with pytest.raises(InputError, match="from 3 angles and 2 strains, 5 torques and their covariance"):
+    with pytest.raises(InputError, match="needs 3 angles and 2 strains, 5 torques, their covariance"):
         locate(arm, x[:3], torque[:3], np.eye(3))
 
 

@@ -68,5 +68,5 @@ def test_export(rng, tmp_path):
     assert table.shape == (chart.probability.size, 3)
     with pytest.raises(InputError, match=r"\.nc, \.csv or \.png"):
         save_map(chart, tmp_path / "chart.xyz")
-    with pytest.raises(InputError, match="at least one poke"):
+    with pytest.raises(InputError, match="at least one recording of contacts"):
         map_contacts([])

@@ -90,7 +90,7 @@ def test_outputs_and_their_rates_are_those_of_rotations(rng):
     assert np.allclose(row, np.array(ends).T, atol=1e-9)
     ends = [(velocity(x + s) - velocity(x - s)) / 2e-3 for s in 1e-3 * np.eye(4)]
     assert np.allclose(row_speed, np.array(ends).T, atol=1e-5)
-    with pytest.raises(InputError, match="unknown output 'angle_sum': a controller follows tip_x, tip_y, tip_z"):
+    with pytest.raises(InputError, match="unknown output 'angle_sum': use one or more of tip_x, tip_y, tip_z"):
         output_values(model, x, ("angle_sum",))
 
 
@@ -230,17 +230,17 @@ def test_tendons_bring_the_tip_to_its_place_and_never_push():
 
 def test_what_does_not_fit_is_refused(tmp_path):
     frames, task = np.zeros((8, 13, 3)), Task(np.zeros(1), np.zeros((1, 2)), 0.1, outputs=ACROSS)
-    with pytest.raises(InputError, match="the estimator 'observer' does not follow: use filter"):
+    with pytest.raises(InputError, match="the estimator 'observer' does not support: use filter"):
         prepare_control(arm(), np.linspace(0, 0.3, 13), frames, task, LIMITS, PERIOD)
-    with pytest.raises(InputError, match="in a plane"):
+    with pytest.raises(InputError, match="needs a planar chain"):
         design_lqr(arm().with_(chambers=arm().chambers[:1]), 1e5, PERIOD)
     (tmp_path / "t.toml").write_text("[[setpoint]]\ntime_s = 0\ntip_x_mm = 3\ntip_z_mm = -4\n")
     wanted = read_task(tmp_path / "t.toml")
     assert wanted.task.outputs == ("tip_x", "tip_z")
     assert np.allclose(wanted.task.displacement, [[3e-3, -4e-3]])
-    with pytest.raises(InputError, match=r"a task commands pressures, and 'r' of .* is none"):
+    with pytest.raises(InputError, match=r"a task commands pressures, but input 'r' of .* is not a pressure"):
         run_task(pulled(), None, wanted, tmp_path)
-    with pytest.raises(InputError, match="predictive control takes pressures, and 'r' is none"):
+    with pytest.raises(InputError, match="predictive control supports pressures only, but input 'r' is none"):
         Mpc(design_outputs(pulled(), ACROSS, np.zeros((1, 2)), Limits(4e-3), PERIOD), Limits(4e-3))
 
 

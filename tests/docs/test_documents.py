@@ -17,6 +17,7 @@ from pliant.cli import app
 from pliant.cli.new import new
 from pliant.recording.arrays import ArrayMapping
 from pliant.recording.curvature import CurvatureMapping
+from pliant.sensing.cores import Cores
 from pliant.study import load_study
 from pliant.study.schema import Recording, Study
 
@@ -125,7 +126,10 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
         for entry in part.get("recordings", {}).values():
             Recording.model_validate(entry)
         if not {"alignment", "recordings"} & set(part):
+            cores = part.pop("cores", None)
             (CurvatureMapping if "curvature" in part else ArrayMapping).model_validate(part)
+            if cores is not None:
+                assert Cores.model_validate(cores).layout().radius.size == len(cores["files"])
 
 
 CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -128,7 +128,7 @@ def test_parameters_are_found_again_from_poses_of_the_equilibrium():
 def test_a_pose_without_a_stable_rest_is_named(monkeypatch):
     monkeypatch.setattr(poses, "twin", lambda kernel: kernel)
     monkeypatch.setattr(kernels, "ROUNDS", 1)
-    with pytest.raises(SimulationError, match="pose 1 of 2 finds no stable rest"):
+    with pytest.raises(SimulationError, match="pose 1 of 2 has no stable equilibrium"):
         predict(robot(), recording(2), {}, STEP)
 
 
@@ -140,9 +140,9 @@ def test_poses_are_those_of_a_body_in_space_under_measured_inputs():
     exp = recording(2)
     flat = chain_model(length=0.1, mass=0.01, links=2, stiffness=0.02, damping=1e-3, torque=(1e-6,))
     alone = Experiment("b", exp.time, exp.position, exp.stations, "trace", exp.drives["left"], poses=True)
-    with pytest.raises(InputError, match="poses are those of a body in space"):
+    with pytest.raises(InputError, match="poses need a model in space"):
         predict(flat, alone, {}, STEP)
-    with pytest.raises(InputError, match="poses are those of a body in space under measured inputs"):
+    with pytest.raises(InputError, match="poses need a body in space under measured inputs"):
         Experiment("b", exp.time, exp.position, exp.stations, "release", poses=True)
     with pytest.raises(InputError, match="was seen in no pose"):
         Experiment("b", exp.time, np.nan * exp.position, exp.stations, "trace", drives=exp.drives, poses=True)

@@ -215,13 +215,28 @@ def test_the_compiled_step_is_the_text_and_makes_no_arrays(rng):
     assert not [kernel for kernel in reached(tendon.step) if makes_arrays(kernel)]
 
 
-def test_taut_tendons_without_friction_cost_two_factorisations(rng, monkeypatch):
-    chain, count, eliminate = swinging(rng, pretension=200.0), [], tendon.eliminate
-    monkeypatch.setattr(tendon, "eliminate", lambda B, b: count.append(eliminate(B, b)))
+def test_taut_tendons_without_friction_cost_one_factorisation(rng, monkeypatch):
+    chain, count, factor = swinging(rng, pretension=200.0), [], tendon.ldl_factor
+    monkeypatch.setattr(tendon, "ldl_factor", lambda B: count.append(factor(B)))
+    monkeypatch.setattr(tendon, "eliminate", lambda B, b: pytest.fail("a move of Newton's method"))
     chain.body.pretension[:] = 200.0
     for _ in range(5):
         tendon.step(chain.x, chain.v, 1e-4, command(chain), chain.body, chain.joints, chain.work())
-    assert len(count) == 10
+    assert len(count) == 5
+
+
+def test_the_linear_step_of_taut_tendons_is_the_end_of_newtons_method(rng, monkeypatch):
+    chain = swinging(rng, pretension=200.0)
+    chain.body.pretension[:] = 200.0
+    ends = []
+    for newton in (False, True):
+        if newton:
+            monkeypatch.setattr(tendon, "rubs", lambda _: 1.0)
+        x, v, work = chain.x.copy(), chain.v.copy(), chain.work()
+        for _ in range(5):
+            tendon.step(x, v, 1e-3, command(chain), chain.body, chain.joints, work)
+        ends.append([*x, *v, *work.pull, *work.rub])
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9, abs=1e-11)
 
 
 def test_slack_tendons_leave_the_step_of_the_chain(rng):
@@ -265,7 +280,7 @@ def test_a_pair_on_one_motor_is_a_spring_both_ways(tmp_path):
 @pytest.mark.parametrize(("wrong", "sentence"), [
     ({"driven_by": "voltage"}, "driven_by must be"), ({"driven_by": "displacement"}, "needs a line_stiffness"),
     ({"driven_by": "angle", "line_stiffness": 1e3}, "a pulley"), ({"pulley": 0.01}, "a pulley"),
-    ({"lever": 0.0}, "lever must be positive"), ({"swell_share": 0.1}, "those of a chamber"),
+    ({"lever": 0.0}, "lever must be positive"), ({"swell_share": 0.1}, "they are of a Chamber"),
 ])  # fmt: skip
 def test_tendons_that_cannot_be_are_refused(wrong, sentence):
     with pytest.raises(pliant.InputError, match=sentence):
@@ -273,5 +288,5 @@ def test_tendons_that_cannot_be_are_refused(wrong, sentence):
 
 
 def test_a_tendon_is_refused_in_a_plane():
-    with pytest.raises(pliant.InputError, match="give the model its space"):
+    with pytest.raises(pliant.InputError, match="set space"):
         arm(space=None)

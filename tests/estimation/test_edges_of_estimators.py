@@ -152,7 +152,7 @@ def test_a_tip_divides_its_neighbours_as_it_divides_the_body():
     assert isinstance(frame, Frame)
     np.testing.assert_allclose(frame.values, found[0].ravel())
     np.testing.assert_allclose(frame.variance, np.full(4, 4e-8))
-    with pytest.raises(InputError, match=r"a shape has 6 points, \(x, y\) each, got \(5, 2\)"):
+    with pytest.raises(InputError, match=r"a shape must have 6 points, \(x, y\) each, got \(5, 2\)"):
         places.frame(points[0, 1:])
 
 
@@ -197,7 +197,7 @@ def test_a_rest_takes_five_whole_frames_and_their_scatter():
     np.testing.assert_allclose(model.rest_angle, 0.0, atol=1e-9)
     spread = 1e-3 * np.sqrt(4 / 5)  # of x; y does not move
     np.testing.assert_allclose(places.frame(frames[0]).variance, (spread / 2) ** 2)
-    with pytest.raises(InputError, match="needs at least 5 whole frames, got 4 of 5"):
+    with pytest.raises(InputError, match="needs at least 5 complete frames, got 4 of 5"):
         rested(straight, [0.0, 0.15, 0.35], frames[1:])
     _, still = rested(straight, [0.0, 0.15, 0.35], np.tile(frames[4], (5, 1, 1)))
     np.testing.assert_allclose(still.frame(frames[0]).variance, 1e-10)

@@ -137,7 +137,7 @@ def test_a_body_elsewhere_is_told(name, body, moved):
 @pytest.mark.parametrize("name", ["observer", "differences"])
 def test_rows_that_are_no_link_angles_are_refused(name, body):
     made = estimators()[name].make(Setting(body, PERIOD, 0))
-    with pytest.raises(InputError, match="use the filter, which takes any"):
+    with pytest.raises(InputError, match="use the filter, which accepts any"):
         made.push_frame(0.0, np.array([[1.0, 2.0, 0.05, 0.0]]), np.zeros(1), np.ones(1))
 
 
@@ -160,7 +160,7 @@ def test_link_angles_are_those_of_their_formula(body, rng):
         np.testing.assert_allclose(np.cumsum(frame.values), link_angles(points), rtol=1e-12, atol=1e-12)
     points[7, 1] = np.nan
     assert np.isnan(link_angles.frame(points).values).all()
-    with pytest.raises(InputError, match="a shape has 40 points"):
+    with pytest.raises(InputError, match="a shape must have 40 points"):
         link_angles.frame(points[:30])
 
 
@@ -184,7 +184,7 @@ def test_an_installed_package_brings_an_estimator(monkeypatch):
     monkeypatch.setattr(plugins, "installed", lambda group: point if group == registered.GROUP else {})
     assert registered.estimator_kind("mine") is MINE
     point["mine"] = f"{__name__}:PERIOD"
-    with pytest.raises(InputError, match="must lead to a pliant EstimatorKind"):
+    with pytest.raises(InputError, match="must name an object of the class EstimatorKind"):
         registered.estimator_kind("mine")
     point["mine"] = "nowhere:MINE"
     with pytest.raises(InputError, match="cannot be loaded"):

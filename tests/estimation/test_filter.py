@@ -189,7 +189,7 @@ def test_bad_input_is_told():
         Noise(torque=0.0)
     with pytest.raises(InputError, match="must be finite"):
         KalmanFilter(model()).push_pressure(0.0, np.nan)
-    with pytest.raises(InputError, match="at least one degree"):
+    with pytest.raises(InputError, match="at least one used value"):
         mean_bounds(np.zeros(3))
 
 

@@ -35,10 +35,10 @@ def test_an_orientation_is_three_rows_of_one_link_in_order():
         "one": ROWS[3:4],
     }
     for rows in wrong.values():
-        with pytest.raises(InputError, match="an orientation has three rows of one link, one after the other"):
+        with pytest.raises(InputError, match="an orientation needs three consecutive rows of one link"):
             check_frame(DEEP, rows, np.zeros(len(rows)), np.ones(len(rows)))
     for rows, v, s in ((ROWS[:, :4], values, variance), (ROWS, values[1:], variance), (ROWS, values, variance[1:])):
-        with pytest.raises(InputError, match=r"a frame has rows \(m, 5\), m values and m variances, got"):
+        with pytest.raises(InputError, match=r"a frame needs rows \(m, 5\), m values and m variances, got"):
             check_frame(DEEP, rows, v, s)
 
 

@@ -158,7 +158,7 @@ def test_a_rest_shape_is_that_of_the_frames_at_rest(gravity):
     np.testing.assert_allclose(made.rest_angle, true.rest_angle, atol=2e-3 if gravity else 1e-9)
     np.testing.assert_allclose(made.link_length, 0.1)
     assert made.stations == ()
-    with pytest.raises(InputError, match="at least 5 whole frames, got 4 of 7"):
+    with pytest.raises(InputError, match="at least 5 complete frames, got 4 of 7"):
         calibrated(true, np.array([0.0, 0.1, 0.2]), frames[:7])
 
 
@@ -166,7 +166,7 @@ def test_rows_are_those_of_links():
     rows = joint_rows(BODY)
     assert needs_joint_rows(BODY, rows, "x") is rows
     for wrong in (rows[:1], rows + 1.0, rows[::-1]):
-        with pytest.raises(InputError, match=f"x takes the angle of each of 2 links .* got {len(wrong)} other"):
+        with pytest.raises(InputError, match=f"x needs the angle of each of 2 links .* got {len(wrong)} other"):
             needs_joint_rows(BODY, wrong, "x")
     both = rows_of(BODY, (Station("a", 1, 0.05, 0.01),), angle=True)
     assert both.tolist() == [[1, 1, 0.05, 0.01], [2, 1, 0.05, 0.01], [0, 1, 0, 0]]
@@ -177,7 +177,7 @@ def test_rows_are_those_of_links():
     turns = rows_of(deep, (Station("a", 1, 0.05, 0.01),), position=False, angle=True)
     assert turns.tolist() == [[k, 1, 0, 0, 0] for k in (5, 6, 7)]
     for link in (-1, 2):
-        with pytest.raises(InputError, match="sits on the base"):
+        with pytest.raises(InputError, match="lies on the base"):
             rows_of(BODY, (Station("a", link, 0.0),))
 
 
@@ -243,7 +243,7 @@ def test_a_pressure_is_averaged_as_its_integral_says():
     assert model.valve == Valve()
     np.testing.assert_allclose(source(np.array([0.5, 1.5])), [1.0, 2.0])
     for window in (-1e-3, np.nan):
-        with pytest.raises(InputError, match="window of the pressure"):
+        with pytest.raises(InputError, match="pressure_window must be a time"):
             input_of(ds, BODY, None, window)
     with pytest.raises(InputError, match="no measured pressure"):
         input_of(ds.drop_vars(["pressure", "pressure_time"]), BODY, None)
@@ -431,7 +431,7 @@ def test_frames_are_counted_as_what_became_of_them():
         with pytest.raises(InputError, match="step must be > 0"):
             KalmanFilter(ARM, Noise(), **wrong)
     for rows, values in ((tip_rows(), seen[:1]), (tip_rows()[:, :3], seen)):
-        with pytest.raises(InputError, match=r"a frame has rows \(m, 4\)"):
+        with pytest.raises(InputError, match=r"a frame needs rows \(m, 4\)"):
             live.push_frame(0.3, rows, values, variance[: values.size])
     with pytest.raises(InputError, match="finite time"):
         live.push_frame(np.nan, tip_rows(), seen, variance)
@@ -577,5 +577,5 @@ def test_a_pull_is_twice_what_is_left_in_the_last_fifty_frames(left, clear):
     if clear:
         release_of(pulled(share))
         return
-    with pytest.raises(InputError, match=r"0\.894 N m, is not clear of 0\.456 N m"):
+    with pytest.raises(InputError, match=r"0\.894 N m, is below 2 times that at the end, 0\.456 N m"):
         release_of(pulled(share))

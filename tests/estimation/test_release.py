@@ -38,7 +38,7 @@ def test_a_pull_is_clear_from_twice_what_is_left_at_the_end(left, released):
     if released:
         assert release_of(noisy).after == pytest.approx(left)
     else:
-        with pytest.raises(InputError, match="is not clear of"):
+        with pytest.raises(InputError, match="times that at the end"):
             release_of(noisy)
 
 

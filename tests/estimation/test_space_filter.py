@@ -337,7 +337,7 @@ def test_the_running_filter_takes_orientations_and_counts_flips():
     assert np.array_equal(run.angle, before)
     assert (seen.inv() * turn).magnitude() < 5e-4
     assert (run.counts.flipped, run.fault) == (1, "")
-    with pytest.raises(InputError, match="three rows of one link"):
+    with pytest.raises(InputError, match="three consecutive rows of one link"):
         run.push_frame(0.1, rows[:2], np.zeros(2), variance[:2])
     with pytest.raises(InputError, match="at most half a turn"):
         run.push_frame(0.1, rows, np.array([3.0, 3.0, 0.0]), variance)

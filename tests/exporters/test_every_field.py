@@ -181,7 +181,7 @@ def test_a_field_that_no_feature_knows_is_refused(monkeypatch, tmp_path):
         monkeypatch.setattr(features, "KNOWN", KNOWN - {feature})
         for target in BUILT_IN:
             for approximate in (False, True):
-                with pytest.raises(pliant.InputError, match=f"^{feature}.*: not known to the exporters"):
+                with pytest.raises(pliant.InputError, match=f"^{feature}.*: unknown to the exporters"):
                     pliant.export(model, target, tmp_path / f"a{ENDS[target]}", approximate=approximate)
     monkeypatch.setattr(features, "KNOWN", KNOWN - {"Model.cubic_stiffening", "Valve.settle_share"})
     from pliant.actuators import chen2018
@@ -201,7 +201,7 @@ def test_a_new_field_of_a_new_kind_of_spring_is_refused():
     for value, refused in ((0.1, True), (0.0, False)):
         model = calm.with_(extensions=(Longer(300.0, 1.0, 0.01, 0.1, "whole", quintic_stiffening=value),))
         if refused:
-            with pytest.raises(pliant.InputError, match=r"^Extension\.quintic_stiffening: not known"):
+            with pytest.raises(pliant.InputError, match=r"^Extension\.quintic_stiffening: unknown"):
                 missing(model, frozenset(FEATURES))
         else:
             assert missing(model, frozenset(FEATURES)) == ()

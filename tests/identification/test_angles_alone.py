@@ -69,7 +69,7 @@ def test_a_pendulum_behind_a_coarse_and_late_sensor_is_found_again(model):
     assert found.turns
     assert max(found.rmse.values()) == pytest.approx(STEP / np.sqrt(12), rel=0.4)  # the steps are what is left
     assert "deg" in found.card().lines[-1]
-    with pytest.raises(InputError, match="places or angles alone"):
+    with pytest.raises(InputError, match="either positions or angles"):
         fit([*records, with_places(records[0])], model, free)
 
 

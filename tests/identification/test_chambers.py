@@ -68,7 +68,7 @@ def test_two_antagonistic_chambers_are_found_again_within_their_intervals(body: 
             assert p.std < 0.2 * truth[p.name]  # an interval that says something
     assert [c.torque[0] for c in found.model.chambers] == [found.values[f"{n}.torque_1"] for n in ("left", "right")]
     assert found.model.chambers[1].valve.rise_time == found.values["right.valve_rise"]
-    assert any(n == "In r no pressure drives left: taken to rest at 0 Pa." for n in found.notes)
+    assert any(n == "In r no pressure drives left: assumed constant at 0 Pa." for n in found.notes)
     held_out = made(body, "new", {"left": [0, 4e4, 9e4, 9e4, 0], "right": [0, 7e4, 0, 5e4, 0]}, noise=0.0)
     seen_there = predict(found.model, held_out, found.values, 2e-3)
     assert seen_there["pressure"].shape == (TIMES.size, 2)
@@ -92,8 +92,8 @@ def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
     together = made(body, "t", {"left": same, "right": [0.5 * p for p in same]})
     told = identifiability([together], body, ["left.torque_1", "right.torque_1"], step=2e-3)
     assert not told.identifiable
-    assert "chambers left and right were never driven apart: their gains cannot be separated" in str(told)
-    with pytest.raises(FitError, match="never driven apart"):
+    assert "chambers left and right were never driven separately: their gains cannot be told apart" in str(told)
+    with pytest.raises(FitError, match="never driven separately"):
         fit([together], body, ["left.torque_1", "right.torque_1"])
     idle = made(body, "i", {"left": same})
     assert "chamber right is driven in no recording" in str(identifiability([idle], body, ["right.torque_1"]))
@@ -105,10 +105,10 @@ def test_chambers_that_were_hardly_driven_or_hardly_apart_are_named(body: Model)
     """As a transducer shows them: no command leaves a little noise, one command two edges that differ."""
     idle = made(body, "i", {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 8e2, 0, 8e2, 0]})
     found = fit([idle], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
-    assert any(n.startswith("Chamber right was hardly driven: its pressure moves by 0.89 % of that of left") for n in
-               found.notes)  # fmt: skip
+    note = "Chamber right was hardly driven: its pressure changes by only 0.89 % as much as that of left"
+    assert any(n.startswith(note) for n in found.notes)
     same = made(body, "s", {"left": [0, 8e4, 8e4, 2e3, 0], "right": [0, 7.5e4, 8e4, 0, 0]})
-    apart = "Chambers left and right turn the same joints and were hardly driven apart"
+    apart = "Chambers left and right turn the same joints and were hardly driven separately"
     found = fit([same], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
     assert any(n.startswith(apart) for n in found.notes)
     again = fit([same, made(body, "l", ALONE["l"])], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
@@ -134,8 +134,8 @@ def test_names_of_chambers_are_checked(body: Model) -> None:
     seen = [made(body, n, p) for n, p in ALONE.items()]
     for name, sentence in {
         "middle.torque_1": "no recording, station or chamber is called 'middle'",
-        "left.stiffness": "'left' is a chamber, and stiffness is not one of a chamber's",
-        "gain": "say whose gain it is, as left.gain",
+        "left.stiffness": "'left' is a chamber, and no chamber has a parameter 'stiffness'",
+        "gain": "name the chamber of a gain, such as left.gain",
         "left.joint_gain_4": "the model has joints 1 to 3",
     }.items():
         with pytest.raises(InputError, match=sentence):
@@ -147,7 +147,7 @@ def test_names_of_chambers_are_checked(body: Model) -> None:
     with pytest.raises(InputError, match="drives the chamber 'up', but model 'model' has left, right"):
         fit([strange], body, ["stiffness"])
     unsaid = Experiment("u", TIMES, seen[0].position, ("mid", "tip"), "pulse", level=1e5)
-    with pytest.raises(InputError, match="does not say which of the chambers left, right"):
+    with pytest.raises(InputError, match="does not state which of the chambers left, right"):
         fit([unsaid], body, ["stiffness"])
 
 
@@ -165,7 +165,7 @@ def test_a_free_law_and_all_gains_of_a_chamber_share_a_scale(body: Model) -> Non
     gains = found.model.chambers[1].joint_gain
     assert gains.mean() == pytest.approx(-0.9, rel=1e-3)
     assert found.values["right.torque_1"] * gains.mean() == pytest.approx(-4e-7, rel=0.01)
-    assert any("held where it began" in note for note in found.notes)
+    assert any("joints' gains is held constant" in note for note in found.notes)
 
 
 def test_chambers_of_a_recording_drive_those_of_the_model_by_name_or_index() -> None:
@@ -183,7 +183,7 @@ def test_chambers_of_a_recording_drive_those_of_the_model_by_name_or_index() -> 
     assert exp.synchronised({"start": 0.1}).drives["right"].time[0] == 0.1
     with pytest.raises(InputError, match="no chamber 'c' to drive 'left': it has a, b"):
         experiment("e", ds, drive={"left": "c"})
-    with pytest.raises(InputError, match="say with drive which of them drives which"):
+    with pytest.raises(InputError, match="state with drive which of them drives which"):
         experiment("e", ds)
 
 
@@ -262,7 +262,8 @@ def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:
     along = {"joint_gain": [-1.0], "cross_gain": [0.0], "lever": 0.01}
     inputs = Actuation((Tendon(**along, name="m1"), Tendon(**along, name="m2"), Chamber(torque=[6e-7], name="left")), 1)
     driven = SimpleNamespace(name="r", drives={"m1": None})
-    tension, pressure = "no tension drives m2: taken to rest at 0 N.", "no pressure drives left: taken to rest at 0 Pa."
+    tension = "no tension drives m2: assumed constant at 0 N."
+    pressure = "no pressure drives left: assumed constant at 0 Pa."
     assert at_rest(SimpleNamespace(actuation=inputs), driven) == f"In r {tension} In r {pressure}"
 
 
@@ -275,9 +276,9 @@ def test_tendons_that_recordings_do_not_tell_apart_are_called_tendons() -> None:
     exp = SimpleNamespace(time=np.linspace(0.0, 2.0, 9), drives={"m1": pull})
     assert findings_of_chambers(["m2.lever"], model, [exp]) == "tendon m2 is driven in no recording"
     both = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": pull, "left": pull})
-    apart = "were never driven apart: their gains cannot be separated"
+    apart = "were never driven separately: their gains cannot be told apart"
     assert findings_of_chambers(["m1.lever", "m2.lever"], model, [both]) == f"tendons m1 and m2 {apart}"
     assert findings_of_chambers(["m1.lever", "left.torque_1"], model, [both]) == f"inputs m1 and left {apart}"
     weak = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": Trace(pull.time, 0.01 * np.array(pull.pressure))})
     [note] = hardly_driven(["m2.lever"], model, [weak])
-    assert note.startswith("Tendon m2 was hardly driven: its tension moves by 1 % of that of m1")
+    assert note.startswith("Tendon m2 was hardly driven: its tension changes by only 1 % as much as that of m1")

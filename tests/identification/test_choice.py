@@ -52,7 +52,7 @@ def test_slow_differences_count_for_little() -> None:
 
 
 def test_models_are_compared_on_the_same_records() -> None:
-    with pytest.raises(InputError, match="same records, got a and b"):
+    with pytest.raises(InputError, match="same recordings, got a and b"):
         lead({"a": np.ones(9)}, {"b": np.ones(9)})
 
 
@@ -90,9 +90,9 @@ def test_the_best_stage_stands_back_where_it_is_not_determined_and_every_stage_s
     found = chosen(steps)
     assert found.chosen == "good"
     low, good, more, two = (s.reason for s in found.steps)
-    assert low.startswith("it errs by 2 % of travel more")
+    assert low.startswith("its error on held-out recordings is 2 % of travel higher")
     assert not good
-    assert more.startswith("it gains 0.01 % of travel on held-out records, less than 5 %")
+    assert more.startswith("its error on held-out recordings is 0.01 % of travel lower, less than 5 %")
     assert two == "not determined by the recordings (standard error over 50 %): creep_time_2 is known as 359 +- 2e+04 s"
     assert two in str(found)
     assert found.to_dict()["stages"]["two"]["not_determined"]

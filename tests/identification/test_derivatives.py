@@ -77,14 +77,14 @@ def test_a_band_that_lays_out_branches_is_never_free() -> None:
     exp = experiment_of(MODELS["plain"], "trace")
     for law in ("fractional", "payne"):
         names = [n for n in VALUES if n.startswith(law)]
-        with pytest.raises(InputError, match="chosen, not fitted"):
+        with pytest.raises(InputError, match="cannot be fitted"):
             prepare([exp], MODELS["plain"], [Parameter(n, VALUES[n]) for n in names])
 
 
 def test_a_held_pose_of_a_body_that_lengthens_is_refused() -> None:
     model, exp = MODELS["lengthens"], case("plain", "release", "held", "measured")
     assert exp is not None
-    with pytest.raises(InputError, match=r"experiment e: a pose that was held .* the model 'model' lengthens"):
+    with pytest.raises(InputError, match=r"experiment e: a measured held pose .* the model 'model' is extensible"):
         set_up(model, exp, {"e.release": 0.15}, STEP)
 
 

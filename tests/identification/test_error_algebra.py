@@ -69,7 +69,7 @@ def test_a_gain_below_a_twentieth_of_the_error_buys_nothing() -> None:
     assert pytest.approx(0.05) == MATERIAL
     assert "less than 5 % of it" in as_good(step(5.24), best)
     assert as_good(step(5.26), best) == ""
-    assert as_good(best, best) == "no other stage has less"
+    assert as_good(best, best) == "no other stage has a lower error"
     seldom = step(5.29, (280.0,) + 9 * (0.0,))  # 0.29 % more on average, with a standard error of 0.41 %
     assert "standard error of the difference" in as_good(seldom, best)
 

@@ -32,7 +32,7 @@ def hidden(found: FitResult) -> set[str]:
 def test_torque_and_its_gain_cannot_be_told_apart(exp: Experiment, truth: Model) -> None:
     found = run(exp, truth, "gain", "torque_1", "stiffness", "damping", regularise=True)
     assert hidden(found) == {"gain", "torque_1"}
-    assert "the data do not show: gain, torque_1" in found.status
+    assert "the data do not show the effect of: gain, torque_1" in found.status
     assert found.values["gain"] * found.values["torque_1"] == pytest.approx(6e-7, rel=1e-3)
 
 
@@ -168,7 +168,7 @@ def test_an_unknown_choice_is_refused(exp: Experiment, truth: Model, options: di
 
 def test_experiments_need_names_of_their_own(exp: Experiment, truth: Model) -> None:
     for experiments in ([], [exp, exp]):
-        with pytest.raises(InputError, match="names differ"):
+        with pytest.raises(InputError, match="each needs a name of its own"):
             fit(experiments, truth, ["stiffness"])
     with pytest.raises(InputError, match="names a recording and a station"):
         run(replace(exp, name="tip"), truth, "stiffness")
@@ -200,7 +200,7 @@ def test_an_optimum_far_from_its_recording_is_no_success(exp: Experiment, truth:
     mirrored = replace(exp, position=exp.position * [-1.0, 1.0])
     found = run(mirrored, truth, "damping")
     assert not found.converged
-    assert found.status.startswith("The fit failed: the model does not follow what it was fitted to (p by ")
+    assert found.status.startswith("The fit failed: the model does not follow its training recordings (error p ")
     assert "signs and units" in found.status
     good = run(exp, truth, "damping")
     assert good.converged

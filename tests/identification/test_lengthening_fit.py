@@ -84,11 +84,11 @@ def test_what_cannot_be_told_is_said(body: Model, seen: Experiment) -> None:
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
-    [("body.gain", "'body' is a segment, which has axial_stiffness, axial_damping"),
+    [("body.gain", "'body' is a segment, whose parameters are axial_stiffness, axial_damping"),
      ("nobody.axial_stiffness", "is called 'nobody'")],
 )  # fmt: skip
 def test_names(body: Model, seen: Experiment, name: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         fit([seen], body, [name])
-    with pytest.raises(InputError, match="nothing of the model lengthens"):
+    with pytest.raises(InputError, match="the model has no extensible segment"):
         fit([seen], body.with_(extensions=()), ["axial_stiffness"])

@@ -171,5 +171,5 @@ def test_what_is_no_orientation_is_refused(more, sentence):
     with pytest.raises(InputError, match=sentence):
         Experiment("r", TIME, still(), ("mid", "tip"), "trace", drives=TRACES, **more)
     flat = still()[..., 1:]
-    with pytest.raises(InputError, match="in a plane give angles"):
+    with pytest.raises(InputError, match="for a planar one give angles"):
         Experiment("r", TIME, flat, ("mid", "tip"), "trace", drives=TRACES, orientation=np.zeros((TIME.size, 2, 4)))

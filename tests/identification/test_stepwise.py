@@ -44,7 +44,7 @@ def test_the_stage_of_the_truth_is_picked(truth: Model, traced: Any) -> None:
 def test_one_level_frees_a_linear_law_and_pulses_keep_their_edges(truth: Model, pulse: Any) -> None:
     found = select_model([pulse(truth)], [], truth.with_(stiffness=1.2), step=STEP, stages=STAGES[:3])
     assert found.steps[0].freed == ("p.start", "p.stop")
-    assert "no record is held out" in found.reason
+    assert "no recording is held out" in found.reason
 
 
 def test_a_stage_that_the_records_cannot_tell_says_so(truth: Model, traced: Any) -> None:
@@ -120,7 +120,7 @@ def test_what_the_recordings_leave_open_stays_as_given(truth: Model, traced: Any
     assert found.result.model.stiffness.tolist() == [1.8] * 3
     for name, scale in (("damping", 0.5), ("torque_1", 6e-7)):
         assert found.result.values[name] == pytest.approx(2.0 * scale, rel=0.05)
-    assert found.reason.endswith("The recordings do not determine stiffness: as given.")
+    assert found.reason.endswith("The recordings do not determine stiffness: held at the given model's values.")
     assert found.to_dict()["stages"]["torque"]["as_given"] == ["stiffness"]
 
 
@@ -169,6 +169,6 @@ def test_stages_in_space_name_parameters_that_an_arm_in_space_has() -> None:
     frees = (entry for n in ("azimuths", "directions", "twist") for entry in named[n].frees[0])
     listed = [Parameter(entry) for entry in frees if isinstance(entry, str)]
     check_names(listed, model, {"r"}, {"tip"})
-    with pytest.raises(InputError, match="belongs to a chain in space"):
+    with pytest.raises(InputError, match="needs a chain in space"):
         check_names([Parameter("stiffness_ratio")], chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5,
                     damping=5e-3, torque=[1e-6], gravity=(0.0, 9.81)), {"r"}, {"tip"})  # fmt: skip

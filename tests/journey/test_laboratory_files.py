@@ -102,7 +102,7 @@ def test_a_labview_log_in_an_unknown_unit_ends_in_a_sentence_with_the_remedy(tmp
     pair = {"file": "high.csv", "pressure_file": "high_log.lvm", "clock": "same"}
     content = changed("recordings", value=dict.fromkeys(LEVELS_KPA, pair))
     study = load_study(write_study(tmp_path, content, recordings=False))
-    with pytest.raises(InputError, match="no channel whose unit is one of pressure: name"):
+    with pytest.raises(InputError, match="no channel with a unit of pressure: name"):
         run_study(study)
 
 
@@ -111,21 +111,80 @@ GRATINGS = {"format": "curvature", "skip_lines": 4, "curvature": "Curvature ", "
             "curvature_unit": "1/m"}  # fmt: skip
 
 
-def interrogator(path: Path, level: float, seed: int) -> Path:
-    """Text of 16 gratings on a body whose even curvature rings at 4 Hz: no chain of links, and no pliant, made it."""
+def ringing(level: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, curvatures (T, 16) with noise and pressure of a body whose even curvature rings at 4 Hz.
+
+    No chain of links, and no pliant, made it.
+    """
     rng, t, fine = np.random.default_rng(seed), np.arange(0.0, 3.0, 0.02), np.arange(0.0, 3.0, 1e-3)
     pressure = level * (1.0 / (1.0 + np.exp((0.5 - fine) / 0.02)) - 1.0 / (1.0 + np.exp((1.8 - fine) / 0.02)))  # kPa
-    w, kappa, rate, course = 2 * np.pi * 4.0, 0.0, 0.0, []
+    w, kappa, rate, curvatures = 2 * np.pi * 4.0, 0.0, 0.0, []
     for p in pressure.tolist():
-        course.append(kappa)
+        curvatures.append(kappa)
         rate += 1e-3 * (w * w * (0.08 * p - kappa) - 2 * 0.08 * w * rate)
         kappa += 1e-3 * rate
-    seen = np.interp(t, fine, course)[:, None] + 0.02 * rng.standard_normal((t.size, len(ARC)))  # 1/m
+    noise = 0.02 * rng.standard_normal((t.size, len(ARC)))
+    return t, np.interp(t, fine, curvatures)[:, None] + noise, np.interp(t, fine, pressure)  # s, 1/m, kPa
+
+
+def interrogator(path: Path, level: float, seed: int) -> Path:
+    """Text of 16 gratings along the body of `ringing`."""
+    t, seen, pressure = ringing(level, seed)
     names = ["Time (s)", *(f"Curvature {s} mm (1/m)" for s in ARC), *(f"Angle {s} mm (deg)" for s in ARC), "Line (kPa)"]
-    rows = np.column_stack([t, seen, np.full(seen.shape, 90.0), np.interp(t, fine, pressure)])
+    rows = np.column_stack([t, seen, np.full(seen.shape, 90.0), pressure])
     head = "Interrogator: 16 gratings\nDate: 2026-01-12\nFibre length (mm): 150\n\n" + "\t".join(names)
     np.savetxt(path, rows, fmt="%.4f", delimiter="\t", header=head, comments="")
     return path
+
+
+def luna(folder: Path, level: float, seed: int) -> list[Path]:
+    """Strain of four cores along the body of `ringing`, a table each, and a log of the pressure.
+
+    A centre core and three at 70 um, the first 20 degrees from the direction of bending. A common strain drifts.
+    """
+    t, seen, pressure = ringing(level, seed)
+    day = [f"2026-01-12 09:{int(x // 60):02d}:{x % 60:09.6f}" for x in t.tolist()]
+    head = ["Test name:\tfinger", "Date:\t2026-01-12", "Gage Pitch (mm):\t10.0", "Units:\tmicrostrain", "-" * 40,
+            "x-axis\t\t\t" + "\t".join(f"{1e-3 * s:.4f}" for s in ARC)]  # fmt: skip
+    for core in range(4):
+        turn = np.radians(20.0) + 2 * np.pi * (core - 1) / 3
+        strain = -70.0 * (core > 0) * np.cos(turn) * seen + 5.0 * t[:, None]  # um/m of the fibre's axis
+        rows = [f"{d}\tmeasurement\tstrain\t" + "\t".join(f"{x:.2f}" for x in row)
+                for d, row in zip(day, strain.tolist(), strict=True)]  # fmt: skip
+        (folder / f"pulse_{level}kPa_core{core}.tsv").write_text("\n".join([*head, *rows, ""]), encoding="utf-8")
+    log = folder / f"pulse_{level}kPa_core0_log.csv"
+    np.savetxt(log, np.column_stack([t, pressure]), fmt="%.5f", delimiter=",", header="t_s,p_kpa", comments="")
+    return [folder / f"pulse_{level}kPa_core0.tsv", log]
+
+
+CORES = {"cores": {"radius_um": 70, "first_angle_deg": 20.0, "files": ["core0", "core1", "core2", "core3"]}}
+
+
+@pytest.mark.slow  # a dense shape, reduced and fitted
+def test_strain_of_the_cores_of_a_fibre_ends_in_a_model(tmp_path):
+    files = [file for level in (30, 50, 70) for file in luna(tmp_path, level, level)]
+    draft = draft_study(files, tmp_path / "fibre.toml", mapping=CORES, mass=0.06)
+    assert draft.questions == ()
+    (tmp_path / "fibre.toml").write_text(draft.text, encoding="utf-8")
+    held = run_study(load_study(tmp_path / "fibre.toml")).fits[0].records[-1]
+    assert (held.name, held.role) == ("pulse_50kPa_core0", "held_out")
+    assert held.metrics["rmse_percent_of_travel"] < 4.0
+    assert held.metrics["frequency_hz"]["modelled"] == pytest.approx(4.0, rel=0.03)
+
+
+@pytest.mark.parametrize(("mapping", "message"), [
+    (None, r"strain of a fibre: describe its cores .*\[cores\]\) and give that by --mapping"),
+    ({"cores": {}}, "radius_um: Field required"),
+    ({"cores": 35}, "must be a table"),
+    ({"cores": {"radius_um": 70}}, "of 1 core.*describes 4: name the files of the others in cores.files"),
+    ({"cores": {"radius_um": 70, "files": ["core7", "core0"]}}, "'core7', must occur once"),
+    ({"cores": {"radius_um": 70, "files": ["core0", "core9"]}}, "core9.tsv: there is no such file"),
+    ({"cores": {"radius_um": 70, "centre": False, "files": ["core0", "core1"]}}, "of 2 core.*describes 3"),
+])  # fmt: skip
+def test_strain_that_gives_no_shape_ends_in_a_sentence_with_the_remedy(tmp_path, mapping, message):
+    files = luna(tmp_path, 30, 30)
+    with pytest.raises(InputError, match=message):
+        draft_study(files, tmp_path / "fibre.toml", mapping=mapping, mass=0.06)
 
 
 @pytest.mark.slow  # a dense shape, reduced and fitted

@@ -80,7 +80,7 @@ def test_the_level_beyond_is_predicted_within_twelve_per_cent(arm: dict[str, Any
     beyond = error(arm, "inflating_beyond", "p400")
     assert beyond < 12.0
     said, = [s for s in arm["verdict"] if "p400" in s and s.startswith("Inflating")]
-    assert f"{beyond:.1f} % of its travel" in said
+    assert f"{beyond:.1f} % of its peak displacement" in said
 
 
 @pytest.mark.parametrize("fit", ["inflating_between", "inflating_within", "inflating_beyond"])
@@ -173,7 +173,7 @@ def test_a_trunk_released_from_a_hand_is_followed_from_the_pose_it_was_held_in(t
 
 def test_what_an_unknown_mass_leaves_open_is_said_and_carried_into_the_forecasts(trunk: dict[str, Any]) -> None:
     said = " ".join(trunk["verdict"])
-    assert "mass rests on its prior" in said
+    assert "mass is set by its prior" in said
     assert "damping and mass make up for each other: mass 10 % higher with" in said
     light, heavy = trunk["forecasts"]["payload300"], trunk["forecasts"]["payload400"]
     for forecast in (light, heavy):

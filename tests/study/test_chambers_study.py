@@ -97,7 +97,7 @@ def test_a_chamber_that_nothing_drives_rests_and_is_told(folder: Path) -> None:
     recordings["l"]["drive"] = {"left": "b"}
     said: list[str] = []
     outcome = run_study(loaded(folder, content(recordings=recordings)), progress=said.append)
-    sentence = "In l no pressure drives right: taken to rest at 0 Pa."
+    sentence = "In l no pressure drives right: assumed constant at 0 Pa."
     assert sentence in said
     assert sentence in outcome.findings["l"]
 
@@ -111,10 +111,10 @@ BODY = {"length": 0.12, "mass": 0.05, "links": 2}
 
 
 @pytest.mark.parametrize(("changes", "sentence"), [
-    (driving(up=0), "recording l drives the chamber 'up'; the actuator has left, right"),
+    (driving(up=0), "recording l drives the chamber 'up', but the actuator has left, right"),
     (driving(left="c"), "no chamber 'c' to drive 'left': it has a, b"),
-    (driving(), "say with drive which of them drives which"),
-    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "turns joint 3, but the chain has joints"),
+    (driving(), "with drive which of them drives which"),
+    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "acts on joint 3, but the chain has"),
     ({"actuator": {**BODY, "torque": [1e-7], "chambers": CHAMBERS}}, "or .*actuator.chambers"),
 ])  # fmt: skip
 def test_what_does_not_fit_together_is_refused(folder: Path, changes: dict[str, Any], sentence: str) -> None:
@@ -153,7 +153,7 @@ def test_no_wiring_is_warned_of_where_the_stated_one_wins(folder: Path) -> None:
 def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match=r"wiring other drives the chamber 'middle'"):
         loaded(folder, content(wiring={"drives": {"other": {"middle": "a"}}}))
-    with pytest.raises(InputError, match=r"\[wiring\] compares by fit 'none': use one of both_chambers"):
+    with pytest.raises(InputError, match=r"\[wiring\] uses unknown fit 'none': use one of both_chambers"):
         loaded(folder, content(wiring={"fit": "none"}))
 
 

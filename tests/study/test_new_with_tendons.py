@@ -50,7 +50,7 @@ def test_a_study_of_tendons_is_drafted_and_builds_a_model(tmp_path):
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
     assert len(draft.questions) == 2  # each once, though three tendons ask them
     assert draft.text.count("[[actuator.tendons]]") == 3
-    assert "pair = true  # its motor turns either way" in draft.text
+    assert "pair = true  # its motor turns both ways" in draft.text
     text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
     (tmp_path / "s.toml").write_text(text)
     study = load_study(tmp_path / "s.toml")

@@ -177,7 +177,7 @@ def test_the_hierarchy_passes_over_a_stage_that_cannot_predict(tmp_path: Path) -
     assert any(line.startswith("warning: ") for line in told)
     alone = select_model(train, held_out, ready.model, common=parameters_from(SOFT["parameters"]),
                    stages=[Stage("given", "as given")])
-    assert "no stage can predict a held-out record, so nothing is proved" in alone.reason
+    assert "no stage can predict a held-out recording, so the choice is not validated" in alone.reason
 
 
 @pytest.mark.parametrize("workers", [1, 2])

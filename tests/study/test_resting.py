@@ -30,7 +30,7 @@ def test_every_recording_rests_where_the_first_one_does_and_moves_as_before() ->
         assert places[0] == pytest.approx(given["a"].body["position"].values[0], abs=1e-12)
         assert places - places[0] == pytest.approx(before - before[0], abs=1e-12)
     assert made["a"].findings == ("read",)
-    assert made["b"].findings[1:] == ("moved by up to 2 mm, station by station, to rest where a does",)
+    assert made["b"].findings[1:] == ("shifted by up to 2 mm, station by station, to the rest position of a",)
 
 
 def test_other_stations_and_recordings_without_a_rest_are_refused() -> None:
@@ -38,5 +38,5 @@ def test_other_stations_and_recordings_without_a_rest_are_refused() -> None:
         at_one_rest({"a": recorded(0.0), "b": recorded(0.0, ("base", "end"))})
     bare = recorded(0.0)
     del bare.body.attrs["alignment"]
-    with pytest.raises(InputError, match="b is not aligned by the study"):
+    with pytest.raises(InputError, match="b was aligned before the study"):
         at_one_rest({"a": recorded(0.0), "b": bare})

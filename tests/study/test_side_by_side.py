@@ -88,7 +88,7 @@ def test_what_a_helper_had_when_it_ended_is_made_here(tmp_path: Path, monkeypatc
     made = side_by_side.run_fits(*line, told.append, workers=2)
     assert [name for name, _ in made] == NAMES
     assert all(isinstance(fit, FitOutcome) for _, fit in made)
-    assert sum("a process that made fits beside this one ended" in text for text in told) == 1
+    assert sum("a helper process ended early" in text for text in told) == 1
 
 
 def test_an_unexpected_error_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,4 +131,4 @@ def test_a_restarted_scheduler_changes_nothing(cluster, long_sweep, whole, paper
     assert result.samples.equals(whole)
     assert result.account.restarts >= 1
     assert result.account.made == 12
-    assert "handed out again" in result.account.sentence()
+    assert "submitted again" in result.account.sentence()

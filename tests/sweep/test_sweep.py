@@ -49,7 +49,7 @@ def test_local_runs_give_the_simulations_of_their_parameters(done, whole, paper)
     summary = result.summary()
     assert summary["failed_samples"] == 0
     assert summary["numbers"]["parameter_stiffness"]["median"] == pytest.approx(1.6, abs=0.1)
-    assert "6 chunks: 6 computed, 0 found" in summary["message"]
+    assert "6 chunks: 6 computed, 0 already on disk" in summary["message"]
 
 
 def test_values_depend_on_seed_and_place_alone(monte_carlo):
@@ -80,7 +80,7 @@ def test_it_goes_on_where_it_stopped(done, whole, monte_carlo, paper, tmp_path):
     again = run_sweep(monte_carlo, paper, folder)
     assert again.samples.equals(whole)
     assert (again.account.made, again.account.found) == (2, 4)
-    assert "2 computed, 4 found from before" in again.account.sentence()
+    assert "2 computed, 4 already on disk" in again.account.sentence()
 
 
 def test_how_many_samples_make_a_chunk():
@@ -94,7 +94,7 @@ def test_how_many_samples_make_a_chunk():
 
 def test_another_campaign_is_not_mixed_in(done, monte_carlo, paper, tmp_path):
     folder = shutil.copytree(done[1], tmp_path / "other")
-    with pytest.raises(InputError, match="another campaign"):
+    with pytest.raises(InputError, match="another sweep"):
         run_sweep(monte_carlo.model_copy(update={"seed": 9}), paper, folder)
 
 
@@ -118,8 +118,8 @@ def test_processes_and_a_killed_worker_give_the_same_bits(whole, monte_carlo, pa
     assert (tmp_path / "killed").exists()
     assert broken.samples.equals(whole)
     assert broken.account.restarts == 1
-    assert "workers broke 1 time" in broken.account.sentence()
-    assert any("handed out again" in line for line in told)
+    assert "workers failed 1 time" in broken.account.sentence()
+    assert any("submitted again" in line for line in told)
 
 
 class Dying(Executor):
@@ -219,7 +219,7 @@ def test_refused_tables(content, sentence):
 
 
 def test_refused_before_anything_runs(monte_carlo, paper, tmp_path):
-    with pytest.raises(InputError, match="scheduler is"):
+    with pytest.raises(InputError, match="scheduler must be"):
         run_sweep(monte_carlo, paper, tmp_path, scheduler="cloud")
     wrong = sweep_from({"kind": "design", "parameters": {"stifness": {"values": [1.0]}}})
     with pytest.raises(InputError, match="'stifness'"):
@@ -313,14 +313,14 @@ def test_a_sweep_of_two_chambers_is_its_simulations(tmp_path):
         alone = simulate(model, [Pulse(low), Pulse(high, 0.1)], times=samples["time"].values, method="Radau")
         assert samples["tip"].values[i] == pytest.approx(alone["tip_position"].values[:, -1], abs=2e-5)
     sweep = {"kind": "monte_carlo", "samples": 2, "duration": 0.1, "parameters": {"stiffness": {"values": [1.1]}}}
-    with pytest.raises(InputError, match=r"names the level of one: low\.level"):
+    with pytest.raises(InputError, match=r"needs the level of at least one: low\.level"):
         run_sweep(sweep, arms(), tmp_path / "still")
     sweep["parameters"] |= {"middle.level": 3e4, "low.level": 2e4}
     with pytest.raises(InputError, match=r"middle\.level"):
         run_sweep(sweep, arms(), tmp_path / "unknown")
     del sweep["parameters"]["middle.level"]
     sweep["parameters"] |= {"middle.torque_1": 1e-6}
-    with pytest.raises(InputError, match=r"changes nothing of this model, whose chambers are low, high"):
+    with pytest.raises(InputError, match=r"has no effect on this model, whose chambers are low, high"):
         run_sweep(sweep, arms(), tmp_path / "nobody")
 
 

@@ -216,7 +216,7 @@ def test_actuators_differ_and_fields_do_not_depend_on_the_mesh():
     ("change", "message"),
     [({"length": 0.0}, "length must be > 0"), ({"mass": np.nan}, "mass must be finite"),
      ({"elements": 2}, "4 elements"), ({"prony_time": (1.0,)}, "Prony"),
-     ({"slip_share": -0.1}, "slip_share must be >= 0"), ({"pushed_node": 102}, "cannot be pushed")],
+     ({"slip_share": -0.1}, "slip_share must be >= 0"), ({"pushed_node": 102}, "pushed_node must be at most 101")],
 )  # fmt: skip
 def test_bad_parameters_are_refused(change, message):
     with pytest.raises(InputError, match=message):

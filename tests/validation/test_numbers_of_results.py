@@ -174,7 +174,7 @@ def test_figures_are_sixty_to_four_hundred_millimetres_wide(outcome, tmp_path, w
         draw, "figures_of", lambda shown, records, *, only: [(f"{len(shown.fits)}-{only}-{len(records)}", object)]
     )
     if not good:
-        with pytest.raises(InputError, match="60 to 400 mm wide"):
+        with pytest.raises(InputError, match="must be 60 to 400 mm"):
             list(draw.draw_figures(outcome, tmp_path, width_mm=width))
         return
     list(draw.draw_figures(outcome, tmp_path, width_mm=width, kinds=["svg", "png", "svg"]))
@@ -322,12 +322,12 @@ def test_wirings_say_who_won_and_by_how_much():
     won = Wirings("fit", rows)
     assert won.winner is rows[0]
     assert won.sentence == (
-        "Wiring 'a' follows the training records best, to 1.23 % of travel; of 2 others the next is 'b', "
-        "2.50 %, its 2 ln L lower by 18."
+        "Wiring 'a' fits the training records best, with an error of 1.23 % of the peak displacement. The second best "
+        "of 3 is 'b' with 2.50 %; its 2 ln L is lower by 18."
     )
-    assert "; of 1 other the next is 'b'" in Wirings("fit", rows[:2]).sentence
-    assert Wirings("fit", rows[:1]).sentence.endswith("; no other wiring could be fitted.")
-    assert Wirings("fit", (rows[0], rows[3])).sentence.endswith("; no other wiring could be fitted.")
+    assert "The second best of 2 is 'b'" in Wirings("fit", rows[:2]).sentence
+    assert Wirings("fit", rows[:1]).sentence.endswith(". No other wiring could be fitted.")
+    assert Wirings("fit", (rows[0], rows[3])).sentence.endswith(". No other wiring could be fitted.")
     assert Wirings.from_dict(won.to_dict()) == won
     assert Wirings.from_dict(None) is None
 
@@ -491,4 +491,4 @@ def test_words_and_digits():
     assert sized({"rmse_mm": 2.0}, "rmse") == (2.0, "mm")
     assert sized({}, "rmse") == (None, "mm")
     assert metric_label("frequency_hz") == ("frequency", "Hz")
-    assert metric_label("rmse_percent_of_travel") == ("RMSE / travel", "%")
+    assert metric_label("rmse_percent_of_travel") == ("RMSE / peak displacement", "%")

@@ -62,11 +62,11 @@ def test_others_can_read_it_with_names_and_units(kept):
     (lambda f: (f / "metrics.json").unlink(), "interrupted while it replaced its files: run the study again"),
     (lambda f: [p.unlink() for p in f.iterdir()], "name a folder that `pliant run` has written"),
     (lambda f: (f / "metrics.json").write_text((f / "metrics.json").read_text().replace(
-        '"run_id": ""', '"run_id": "other"')), "are of different runs"),
-    (lambda f: (f / "metrics.json").write_text("{"), "is no JSON"),
-    (lambda f: (f / "metrics.json").write_text("[]"), "is no metrics.json of"),
+        '"run_id": ""', '"run_id": "other"')), "are from different runs"),
+    (lambda f: (f / "metrics.json").write_text("{"), "is not valid JSON"),
+    (lambda f: (f / "metrics.json").write_text("[]"), "is not a metrics.json of"),
     (lambda f: (f / "results.nc").unlink(), "has no results.nc"),
-    (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "is no readable netCDF file"),
+    (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "cannot be read as netCDF"),
     (lambda f: (f / "metrics.json").write_text(json.dumps({"schema": "pliant-metrics", "fits": {}})), "do not belong"),
 ])
 def test_what_is_no_result_is_one_sentence(kept, tmp_path, damage, sentence):

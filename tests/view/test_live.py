@@ -96,7 +96,7 @@ def test_what_no_body_follows_is_told_and_the_body_rests(played):
     live.stepper.rate[:] = 5e3
     live.advance(0.002)
     frame = live.frame()
-    assert "back at rest" in frame["message"]
+    assert "put back to rest" in frame["message"]
     assert live.frame()["message"] == ""
 
 
@@ -260,12 +260,12 @@ def test_pressures_are_called_as_their_chambers(model):
 
 def test_what_is_no_log_is_one_sentence(model, tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n0,1\n")
-    with pytest.raises(InputError, match="is no log of a control loop"):
+    with pytest.raises(InputError, match="is not the log of a control loop"):
         WatchedLoop(tmp_path / "a.csv", model)
     with pytest.raises(InputError, match="cannot read the log"):
         WatchedLoop(tmp_path / "none.csv", model)
     LoopLog(tmp_path / "b.csv", log_columns(5)).close()
-    with pytest.raises(InputError, match="is of 5 links, the model has 3"):
+    with pytest.raises(InputError, match="has 5 links, but the model has 3"):
         WatchedLoop(tmp_path / "b.csv", model)
     LoopLog(tmp_path / "c.csv", log_columns(3)).close()
     with pytest.raises(InputError, match="body of fixed length"):

@@ -1,1 +1,1 @@
-"""Sourced numbers: one file for each actuator, named after its source."""
+"""Published actuators with their sources, one file for each actuator."""

@@ -1,4 +1,4 @@
-"""Many simulations at once: on SIMD vectors, all cores or a GPU."""
+"""Batch simulation of many samples on SIMD vectors, all cores or a GPU."""
 
 from pliant.batch.batch import simulate_batch
 

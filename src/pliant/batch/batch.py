@@ -1,4 +1,4 @@
-"""`simulate_batch`: thousands of parameter sets, pressures or initial states at once, on SIMD vectors and all cores."""
+"""The function `simulate_batch`: many parameter sets, pressures or initial states at once, on SIMD and all cores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = np.ndarray
 
 
 class BatchOptions(TypedDict, total=False):
-    """Options of `simulate_batch`: start state, backend, and the treatment of failures."""
+    """Keyword options of `simulate_batch`: initial state, threads, device and treatment of failures."""
 
     initial_angle: Array | None
     initial_rate: Array | None
@@ -54,47 +54,47 @@ def simulate_batch(
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],
 ) -> xr.Dataset:
-    """Simulate many chains of the same number of links; the numbers are those of `simulate`.
+    """Simulate many chains with the same number of links at once, with the results of `simulate`.
 
     Parameters
     ----------
     models : Model or sequence of Model
-        One for all samples, or one for each.
+        One model for all samples, or one for each.
     pressures : input or sequence of inputs
-        Pa, gauge: one for all samples, or one for each. Of bodies of several chambers: an input for each chamber, or
-        such a set for each sample. These, bodies that lengthen and bodies in space are marched one by one, spread over
-        the cores, and their parameters are those of a fit.
+        Gauge pressure, Pa: one input for all samples, or one for each. For models of several chambers: an input for
+        each chamber, or such a set for each sample. Such models, extensible ones and models in space are simulated one
+        by one on all cores, and only accept parameter names as in a fit.
     parameters : mapping of arrays (N,) or (N, n)
-        Of one model: names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``, ``valve_rise``, ...) or
-        fields of `Model`; an array (N, n) gives every link its own.
+        Parameter values for one model, by names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``,
+        ``valve_rise``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
     duration, times
-        s, as in `simulate`; the times (T,) are those of all samples.
+        Duration, or output times (T,) of all samples, s, as in `simulate`.
     step : float, optional
-        Longest step, s. Default: the shortest that `pliant.simulation.time_step.time_step` gives for the models, at
-        most 1 ms; `parameters` do not change it. Nothing estimates the error of a batch: check a few samples by
+        Longest integration step, s. Default: the shortest that `pliant.simulation.time_step.time_step` returns for the
+        models, at most 1 ms, without regard to `parameters`. A batch has no error estimate: check a few samples by
         `simulate`.
     initial_angle, initial_rate : array (n,) or (N, n)
-        rad and rad/s, as in `simulate`; default: at rest there.
+        Initial joint angles [rad] and rates [rad/s], as in `simulate`; default: equilibrium at the initial pressure.
     variables : sequence of {"joint_angle", "joint_rate", "tip_position", "axial_strain", "axial_strain_rate"}
-        What to keep: a thousand samples at every millisecond fill gigabytes. In space ``joint_angle`` stands for
+        Variables to keep; a thousand samples at every millisecond fill gigabytes. In space ``joint_angle`` stands for
         ``joint_angle_x``, ``joint_angle_y`` and, with twist, ``joint_angle_twist``; likewise ``joint_rate``.
     threads : int
-        Default: one for each core that this process may use. The result does not depend on it.
+        Number of threads; default: one for each core that this process may use. The result does not depend on it.
     device : {"cpu", "gpu"}, default "cpu"
-        "gpu": an NVIDIA GPU by the extra ``gpu``, the numbers equal to rounding; refused in words where none is found.
+        "gpu": an NVIDIA GPU, with the extra ``gpu``; results agree to rounding.
     failures : {"raise", "mark"}, default "raise"
-        Where a sample's step fails: refuse the batch, or set that sample to NaN and name the time in ``failed_at``.
+        If a step of a sample fails: raise an error, or set that sample to NaN and give the time in ``failed_at``.
 
     Returns
     -------
     xarray.Dataset
         ``joint_angle`` and ``joint_rate`` (sample, time, joint) [rad, rad/s], ``tip_position`` (sample, time, link,
-        axis) [m], strains (sample, time, segment), as asked for; ``failed_at`` (sample) [s], NaN where nothing failed.
+        axis) [m], strains (sample, time, segment), as in `variables`; ``failed_at`` (sample) [s], NaN for good samples.
 
     Raises
     ------
     InputError
-        When samples do not fit together, or times, step, variables or device are not usable.
+        When numbers of samples differ, or times, step, variables or device are not valid.
     SimulationError
         When a sample fails and `failures` is "raise".
     TypeError
@@ -135,37 +135,37 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Whether vectors cannot hold the bodies: of several inputs, of laws with kernels, that lengthen, or in space."""
+    """Return whether models must be simulated one by one: several inputs, kernel laws, extensible, or in space."""
     many = (models,) if isinstance(models, Model) else models
     plain = (m.actuation.count == 1 and m.actuation.polynomial and m.space is None for m in many)
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
-    """Refuse what a batch does not know; a GPU takes one chamber and a fixed length."""
+    """Raise InputError for unknown variables, failures or device, or for models that a GPU does not support."""
     if unknown := [v for v in variables if v not in known]:
-        raise InputError(f"unknown variable {unknown[0]!r}: a batch of these bodies keeps {', '.join(known)}")
+        raise InputError(f"unknown variable {unknown[0]!r}: a batch of these models can keep {', '.join(known)}")
     if failures not in ("raise", "mark"):
-        raise InputError(f"failures is 'raise' or 'mark', got {failures!r}")
+        raise InputError(f"failures must be 'raise' or 'mark', got {failures!r}")
     if device == "gpu":
-        raise InputError("a batch on a GPU takes bodies of one chamber, in a plane, of fixed length: use device='cpu'")
+        raise InputError("a batch on a GPU needs planar models of one chamber and fixed length: use device='cpu'")
     if device != "cpu":
-        raise InputError(f"device is 'cpu' or 'gpu', got {device!r}")
+        raise InputError(f"device must be 'cpu' or 'gpu', got {device!r}")
 
 
 def check_request(
     samples: Samples, pressures: Sequence[Input], variables: Sequence[str], device: str, failures: str,
 ) -> None:
-    """Refuse what cannot be asked for."""
+    """Raise InputError if the number of pressures, the device, the variables or `failures` is not valid."""
     if len(pressures) not in (1, samples.size):
-        raise InputError(f"{samples.size} samples take one pressure or one each, got {len(pressures)} pressures")
+        raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(pressures)}")
     if device == "gpu":
         check_gpu(samples)
     check_choices(variables, "cpu" if device == "gpu" else device, failures)
 
 
 def check_steps(samples: Samples, step: float) -> None:
-    """Refuse a step that cannot draw some sample's first mode, as `simulate` does."""
+    """Raise InputError if the step [s] is too long for the first mode of a sample, as `simulate` does."""
     if not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if step * STEPS_PER_PERIOD * samples.highest_first_frequency() <= 1.0:
@@ -181,13 +181,13 @@ def check_steps(samples: Samples, step: float) -> None:
 
 
 def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rate: Array | None) -> Array:
-    """Absolute angles and rates (2, n, N) at the first time."""
+    """Return the absolute angles [rad] and rates [rad/s] (2, n, N) of all samples at the first time."""
     n, size = samples.template.n, samples.size
 
     def given(value: Array) -> Array:
         a = np.asarray(value, dtype=float)
         if a.shape not in ((n,), (size, n)) or not np.isfinite(a).all():
-            raise InputError(f"initial states are {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
+            raise InputError(f"initial states must be {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
         return np.broadcast_to(a, (size, n)).T
 
     if angle is None:
@@ -202,14 +202,14 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
 def labelled(
     model: Model, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
 ) -> xr.Dataset:
-    """The dataset of a batch; a failed sample raises, or is NaN and named."""
+    """Return the dataset of a batch; if a sample failed, raise SimulationError or set that sample to NaN."""
     failed_at = made.pop("failed_at")
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":
         raise SimulationError(
             f"{bad.size} of {failed_at.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns "
             "by more than a radian within a step, a softening spring loses its stiffness, or the tensions of its "
-            "tendons find no agreement with the motion; use a shorter step, a smaller pressure, or failures='mark'"
+            "tendons do not converge; use a shorter step, a smaller pressure, or failures='mark'"
         )
     for a in made.values():
         a[bad] = np.nan

@@ -1,4 +1,4 @@
-"""The march of a batch on an NVIDIA GPU: what goes there, and what comes back."""
+"""Simulation of a batch on an NVIDIA GPU: transfer of the inputs, and collection of the results."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pliant.batch.simd_loops import Output
 from pliant.errors import InputError
 
 Array = np.ndarray
-BYTES = 2**29  # of a launch on the GPU: a larger batch goes there in parts
+BYTES = 2**29  # memory of a launch on the GPU: a larger batch is split
 
 
 def check_gpu(samples: Samples) -> None:
-    """Refuse in words where no GPU is, and what does not run there."""
+    """Raise InputError if no GPU is available, or the models are not supported there."""
     try:
         from pliant.batch.gpu_loops import present
     except ImportError:
         raise InputError("device='gpu' needs the extra 'gpu': pip install 'pliant[gpu]', or use device='cpu'") from None
     if not present():
         raise InputError(
-            "device='gpu' needs an NVIDIA GPU with its driver and the extra 'gpu', pip install 'pliant[gpu]'; Numba "
-            "finds no GPU on this machine: use device='cpu'"
+            "device='gpu' needs an NVIDIA GPU with its driver and the extra 'gpu', pip install 'pliant[gpu]', but "
+            "Numba finds no GPU on this machine: use device='cpu'"
         )
     if samples.template.memory or samples.remembering.any():
         raise InputError(
@@ -35,8 +35,8 @@ def check_gpu(samples: Samples) -> None:
 
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
-    """Same as `simd.run_lanes`, on the GPU; samples whose inputs jump at the same times go there together."""
-    made = outputs(samples, schedule.times.size, variables)
+    """Simulate all samples on the GPU; return the variables (N, T, ...) and failed_at (N,) [s]."""
+    made = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
     grids: dict[int, list[int]] = {}
     for i in range(samples.size):
         grids.setdefault(id(schedule.grid(i)), []).append(i)
@@ -49,7 +49,7 @@ def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Seque
 
 
 def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: dict[str, Array]) -> None:
-    """March the samples `own`, which share their steps."""
+    """Simulate on the GPU the samples with the indices `own`, which share their time steps, and fill `made`."""
     from pliant.batch.gpu_loops import launch
 
     n, rows, count = samples.template.n, schedule.times.size, own.size
@@ -72,7 +72,7 @@ def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: 
 
 
 def inputs(samples: Samples, schedule: Schedule, own: Array) -> tuple[Array, Array]:
-    """The different pressures behind the valves (m, 4, K), and which of them each of the samples `own` has."""
+    """Return the distinct pressures behind the valves (m, 4, K), and for each sample the index of its pressure."""
     places: dict[object, int] = {}
     tables: list[Array] = []
     which = np.empty(own.size, dtype=np.int64)

@@ -1,7 +1,7 @@
-"""A batch on an NVIDIA GPU: each thread marches one sample by the text that marches vectors on a processor.
+"""Compiled loops of a batch on an NVIDIA GPU: each thread integrates one sample with the code of the SIMD batch.
 
-Imported only when a GPU is asked for. A thread sees its sample as a vector of width one: an array of vectors is then
-the array itself, and nothing of `batch.simd_loops` or `pliant.equations` is written a second time.
+This module is imported only when a GPU is used. Each thread treats its sample as a vector of width one, so that an
+array of vectors is the array itself, and nothing of `batch.simd_loops` or `pliant.equations` has to be written twice.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ THREADS = 64  # of a block: small, because each thread keeps some hundred number
 
 
 def itself(array):
-    """An array of vectors of width one."""
+    """Return the array unchanged: the GPU's counterpart of `as_lanes`, for vectors of width one."""
     return array
 
 
 def within(x, limit):
-    """1 where |x| is at most `limit`; not a number is not."""
+    """Return 1 if |x| is at most `limit`, else 0; NaN gives 0."""
     if abs(x) <= limit:
         return 1
     return 0
 
 
 def device(function: Callable[..., Any]) -> Any:
-    """A function that kernels on the GPU may call."""
+    """Compile a function that kernels on the GPU can call."""
     return cuda.jit(device=True)(function)
 
 
 def straight_line(kernel: Any, links: int) -> Any:
-    """The straight line that a processor runs (`compiler.trace`), as a function that the GPU's compiler reads."""
+    """Return the loop-free form of a kernel for this number of links (`compiler.trace`), as a Python function."""
     made = trace.recording(kernel, links)
 
     def line(row: int) -> str:
@@ -60,7 +60,7 @@ def straight_line(kernel: Any, links: int) -> Any:
 
 @cache
 def kernels(links: int) -> tuple[Any, Any]:
-    """The mean torques and the march of one sample, for the GPU; see `simd_loops`."""
+    """Return the GPU versions of `simd_loops.mean_torques` and `march_lanes`."""
     names = {"as_lanes": device(itself), "within": device(within), "WIDTH": 1}
     if links <= MOST_LINKS:
         names["step"] = device(straight_line(motion.step, links))
@@ -71,7 +71,7 @@ def kernels(links: int) -> tuple[Any, Any]:
 
 @cache
 def every_sample(links: int) -> Any:
-    """The kernel that a launch runs: thread i takes sample i, all arrays having the samples last."""
+    """Return the GPU kernel whose thread i integrates sample i, for arrays with the samples last."""
     mean_torques, march = kernels(links)
 
     def run(given, scratch, state, out):
@@ -91,14 +91,14 @@ def every_sample(links: int) -> Any:
 
 
 def present() -> bool:
-    """Whether Numba finds a GPU that it can use."""
+    """Return whether Numba finds a usable GPU."""
     return bool(cuda.is_available())
 
 
 def launch(
     links: int, given: Sequence[np.ndarray], scratch: Sequence[tuple[int, ...]], kept: Sequence[np.ndarray],
 ) -> None:
-    """Run the kernel on copies of the arrays `given`, with scratch arrays on the GPU; `kept` takes what it made."""
+    """Run the kernel on the GPU with copies of the arrays `given`; the results are written to the arrays `kept`."""
     there = [cuda.to_device(np.ascontiguousarray(a)) for a in (*given, *kept)]
     own = [cuda.device_array(shape) for shape in scratch]
     count = kept[-1].size

@@ -1,7 +1,7 @@
-"""Chains that SIMD vectors cannot hold side by side: each marched alone, several of them on as many threads.
+"""Simulation of samples that do not fit in SIMD vectors, each on its own, on several threads.
 
-Those that remember slip at different times; those of several chambers take more torques than a lane can hold; those
-that lengthen, or move in space, have coordinates that a lane does not know.
+These are chains with hysteresis (whose elements slip at different times), with several chambers, with extensible
+segments, and in space.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pliant.simulation.inputs import Input
 from pliant.simulation.solve import check_step
 
 Array = np.ndarray
-Made = dict[str, Array]  # joint_angle, joint_rate (T, n), tip_position (T, n, 2), of the strains alike (T, S)
+Made = dict[str, Array]  # joint_angle, joint_rate (T, n), tip_position (T, n, 2), strains and rates (T, S)
 VARIABLES = {
     "joint_angle": ("sample", "time", "joint"), "joint_rate": ("sample", "time", "joint"),
     "tip_position": ("sample", "time", "link", "axis"),
@@ -32,7 +32,7 @@ VARIABLES = {
 
 
 def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
-    """Return the variables that a batch of such bodies may keep, with their dimensions."""
+    """Return the variables that a batch of such models can keep, with their dimensions."""
     kinds = mechanics_of(model).kinds
     return {name: ("sample", "time", kind.over) for kind in kinds for name in kind.names[:2]} | {
         "tip_position": VARIABLES["tip_position"],
@@ -40,7 +40,7 @@ def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
 
 
 def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    """Return the variables, in space those about each axis in the place of ``joint_angle`` and ``joint_rate``."""
+    """Return the variables with ``joint_angle`` and ``joint_rate`` replaced by those about each axis, in space."""
     made = []
     for v in variables:
         axes = [k for k in known if v in ("joint_angle", "joint_rate") and k.startswith(f"{v}_")]
@@ -49,16 +49,17 @@ def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def motion_of(model: Model, x: Array, v: Array) -> Made:
-    """The variables of `dimensions` along a motion (T, N)."""
+    """Return the variables of `dimensions` for a motion with coordinates and rates (T, N)."""
     chain = mechanics_of(model)
     values = {name: value for name, (_, value) in chain.variables(x, v).items()}
     return {**values, "tip_position": chain.tips(x)}
 
 
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
-    """March one chain from absolute angles and rates (n,), in place: what it did, and the step that failed, or -1.
+    """Integrate one chain from absolute angles and rates (n,); return its variables and the failed step, or -1.
 
-    Of a body that lengthens (n + S,), strains behind the angles; in space joint coordinates (N,).
+    `angle` and `rate` are changed in place. For an extensible body they are (n + S,), followed by the strains; in space
+    (N,), joint coordinates.
     """
     chain = mechanics_of(model)
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
@@ -77,7 +78,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
 def samples_alone(
     models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
 ) -> tuple[list[Model], list[Sequence[Input]]]:
-    """The models and the inputs (C,) of every sample; `sets` as of `sets_of`.
+    """Return the model and the inputs (C,) of every sample; `sets` comes from `sets_of`.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def samples_alone(
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
-            raise InputError(f"batch parameter {wrong[0]!r} of a body of this kind has one number a sample")
+            raise InputError(f"batch parameter {wrong[0]!r} must have one number for each sample for these models")
         check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
@@ -98,10 +99,10 @@ def samples_alone(
     else:
         made = list(models)
     if len(sets) not in (1, len(made)):
-        raise InputError(f"{len(made)} samples take one set of pressures or one each, got {len(sets)} sets")
+        raise InputError(f"{len(made)} samples need one set of pressures, or one for each sample, got {len(sets)}")
     shared = {
         "n": lambda m: m.n, "the names of their segments": lambda m: [e.name for e in m.extensions],
-        "what their joints turn by": lambda m: (m.space is None, m.size),
+        "their joint coordinates": lambda m: (m.space is None, m.size),
     }
     for name, of in shared.items():
         if any(of(m) != of(made[0]) for m in made):
@@ -113,7 +114,7 @@ def samples_alone(
 
 
 def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[Input]]:
-    """Sets of inputs (C,), one for all samples or one for each; bodies of one chamber need no sets."""
+    """Return sets of inputs (C,), one for all samples or one for each, from the argument `pressures` of a batch."""
     if callable(pressures):
         return [(pressures,)]
     counts = [m.actuation.count for m in ((models,) if isinstance(models, Model) else models)]
@@ -123,25 +124,26 @@ def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[In
 
 
 def check_names(model: Model, values: Mapping[str, float]) -> None:
-    """Refuse a parameter that changes nothing of a model, since it has no such joint or chamber.
+    """Raise InputError for a parameter that is unknown or has no effect on the model.
 
     Raises
     ------
     InputError
-        For an unknown parameter, and one of something that the model does not have.
+        For an unknown parameter, or one of a joint or chamber that the model does not have.
     """
     for name, value in values.items():
         kind_of(name)
         if all(apply(model, {name: v}) == model for v in (value, 0.9 * value or 1e-9)):
             raise InputError(
-                f"the parameter {name!r} changes nothing of this model, whose chambers are {model.actuation.listing}"
+                f"the parameter {name!r} has no effect on this model, whose chambers are {model.actuation.listing}: "
+                "check its name"
             )
 
 
 def run_alone(
     models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, step: float, how: Mapping[str, Any],
 ) -> Made:
-    """Variables (N, T, ...) of every sample, and failed_at (N,) [s]; `how` holds starts and threads."""
+    """Simulate every sample; return the variables (N, T, ...) and failed_at (N,) [s]."""
     for model in models:
         check_step(model, step, "midpoint")
     model, size = models[0], len(models)
@@ -152,7 +154,7 @@ def run_alone(
             return None
         a = np.asarray(how[name], dtype=float)
         if a.shape not in ((n,), (size, n)) or not np.isfinite(a).all():
-            raise InputError(f"initial states are {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
+            raise InputError(f"initial states must be {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
         return np.broadcast_to(a, (size, n))[i]
 
     def one(i: int) -> tuple[Made, float]:

@@ -1,4 +1,4 @@
-"""Many models of one chain as arrays, the samples last: what a batch needs of them, without a thousand objects."""
+"""Parameters of many chains as arrays with the samples along the last axis."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time"
 
 @dataclass(frozen=True)
 class Samples:
-    """Parameters of N chains of n links.
+    """Parameters of N chains of n links, as arrays with the samples last.
 
     Attributes
     ----------
     template : Model
-        What all share: number of links, where the mass sits, the sense of bending.
+        Model with everything that the samples share, such as number of links and mass distribution.
     values : dict
-        By field of `Model`: per link (n, N), torque (k, N), gravity (2, N), scalars (N,).
+        Arrays by field of `Model`: per link (n, N), torque (k, N), gravity (2, N), scalars (N,).
     valves : tuple of Valve
         One for each sample.
     """
@@ -44,37 +44,37 @@ class Samples:
 
     @property
     def size(self) -> int:
-        """Number of samples."""
+        """Return the number of samples, N."""
         return len(self.valves)
 
     def model(self, i: int) -> Model:
-        """Sample `i` as a model."""
+        """Return sample `i` as a `Model`."""
         return self.template.with_(**{k: v[..., i] for k, v in self.values.items()}, valve=self.valves[i])
 
     def inertia(self) -> tuple[Array, Array, Array]:
-        """B (n, n, N), I (n, N) and h (n, N) of `symbols.Body`, by the kernel that one model uses."""
+        """Return B (n, n, N), I (n, N) and h (n, N) of `symbols.Body` for all samples."""
         v, rod = self.values, self.template.mass_at == "rod"
         return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
 
     def torque_at(self, pressure: Array) -> Array:
-        """Torque law of each sample at its own `pressure` (N,) [Pa], N m."""
+        """Return the torque [N m] of each sample at its own `pressure` (N,) [Pa]."""
         powers = np.arange(1, len(self.values["torque"]) + 1)
         torque = np.sum(self.values["torque"] * pressure ** powers[:, None], axis=0)
         return grown(torque, pressure, self.values)
 
     @property
     def remembering(self) -> Array:
-        """Whether more than the pressure at hand makes the torque of each sample, (N,)."""
+        """Return for each sample (N,) whether its torque depends on past pressures, by lag or wall dynamics."""
         return remembering(self.values)
 
     def rest(self, pressure: Array) -> Array:
-        """Joint angles (n, N) at rest under `pressure` (N,) [Pa] and gravity."""
+        """Return the joint angles (n, N) [rad] at equilibrium under `pressure` (N,) [Pa] and gravity."""
         if not self.values["gravity"].any():
             q = springs_of(self.values).bend(self.values["joint_gain"] * self.torque_at(pressure))
             if not np.isfinite(q).all():
                 raise SimulationError(
-                    f"in {int((~np.isfinite(q).all(axis=0)).sum())} of {self.size} samples the springs, which soften "
-                    "with their angles, cannot hold the pressure: lower the pressure or the size of the stiffening"
+                    f"in {int((~np.isfinite(q).all(axis=0)).sum())} of {self.size} samples the softening springs "
+                    "cannot balance the pressure: lower the pressure, or the magnitude of the stiffening"
                 )
             return q
         known: dict[bytes, Array] = {}
@@ -87,30 +87,30 @@ class Samples:
         return q
 
     def absolute(self, q: Array) -> Array:
-        """Absolute link angles (n, N) of joint angles (n, N)."""
+        """Convert joint angles (n, N) to absolute link angles (n, N), rad."""
         return self.values["base_angle"] + np.cumsum(q + self.values["rest_angle"], axis=0)
 
     def small_motions(self) -> tuple[Array, Array]:
-        """Inertia and stiffness (N, n, n) of small motions about rest without pressure, in joint angles."""
+        """Return inertia and stiffness (N, n, n) for small motions about rest without pressure, in joint angles."""
         q = self.rest(np.zeros(self.size))
         return small_motions(self.inertia(), self.values["gravity"], springs_of(self.values), q, self.absolute(q))
 
     def first_frequency(self) -> Array:
-        """Undamped first natural frequency (N,) at rest without pressure, Hz; see `simulation.modes`."""
+        """Return the undamped first natural frequency (N,) [Hz] at rest without pressure; see `simulation.modes`."""
         M, K = self.small_motions()
         inverse = np.linalg.inv(np.linalg.cholesky(M))
         squared = np.linalg.eigvalsh(inverse @ K @ np.swapaxes(inverse, 1, 2))[:, 0]
         return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)
 
     def highest_first_frequency(self) -> float:
-        """No sample's first frequency is higher, Hz: Rayleigh's quotient of a bend that is the same in every joint."""
+        """Return an upper bound of all samples' first frequencies, Hz."""
         M, K = self.small_motions()
-        squared = K.sum(axis=(1, 2)) / M.sum(axis=(1, 2))
+        squared = K.sum(axis=(1, 2)) / M.sum(axis=(1, 2))  # Rayleigh quotient of equal joint angles
         return float(np.sqrt(max(0.0, squared.max())) / (2 * np.pi))
 
 
 def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
-    """Samples from a list of models, or from one model with arrays of parameters; `size` > 1 repeats one model."""
+    """Return the samples of a list of models, or of one model with arrays of parameters or repeated `size` times."""
     for model in (models,) if isinstance(models, Model) else models:
         fixed_length(model)
     if isinstance(models, Model):
@@ -133,7 +133,7 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
 
 
 def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
-    """Samples of one model whose `parameters` are arrays with the samples first."""
+    """Return the samples of one model with `parameters` as arrays (N,) or (N, n)."""
     given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
     lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
     if len(lengths) > 1:
@@ -156,13 +156,13 @@ def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
 
 
 def own_value(model: Model, name: str) -> Any:
-    """A parameter of a model, or of its only chamber."""
+    """Return the value of a field of a model, or of its only chamber."""
     return getattr(model.chamber if name in RUBBER else model, name)
 
 
 def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:
-    """Put one parameter (N,) or (N, n) into `values`; the names are those of a fit, and the fields of `Model`."""
-    joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)
+    """Put one parameter, an array (N,) or (N, n), into `values` or `valves`."""
+    joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)  # names as in a fit, or fields of `Model`
     power = re.fullmatch(r"torque_([1-9])", name)
     if joint and 1 <= int(joint[2]) <= len(values["stiffness"]):
         values[joint[1]][int(joint[2]) - 1] = given
@@ -181,13 +181,13 @@ def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Ar
     else:
         known = [*values, "stiffness_<i>", "damping_<i>", "torque_<k>", "mass", "gain", *VALVE]
         raise InputError(
-            f"batch parameter {name!r} of shape {given.shape} does not fit: use (samples,), or (samples, links) for "
-            f"what each link has, of {', '.join(known)}"
+            f"batch parameter {name!r} of shape {given.shape} is not valid: use an array (samples,), or "
+            f"(samples, links) for a property of each link; known are {', '.join(known)}"
         )
 
 
 def check_extremes(samples: Samples) -> None:
-    """Refuse what no model may have: the least and the greatest of every parameter make models themselves."""
+    """Raise InputError if any parameter is not finite, or its least or greatest value is not valid in a model."""
     for name, a in samples.values.items():
         bad = int((~np.isfinite(np.atleast_2d(a)).all(axis=0)).sum())
         if bad:

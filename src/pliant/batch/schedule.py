@@ -1,7 +1,7 @@
-"""Inputs of a batch's steps: lengths and mean torques of eight samples side by side.
+"""Time steps and mean torques of a batch, for SIMD vectors of eight samples.
 
-Samples whose inputs jump at the same times share their steps; where they do not, the shorter ones rest in steps of
-length zero, which leave a chain exactly as it is.
+Samples whose inputs jump at the same times share their steps. Otherwise the shorter ones are padded with steps of
+length zero, which leave a chain unchanged.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ Array = np.ndarray
 
 
 class LaneGrid(NamedTuple):
-    """Same as `simulation.drive.Grid`, for SIMD vectors."""
+    """Time grid of a SIMD vector of samples; see `simulation.drive.Grid`."""
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step
-    intervals: Array  # (m, W) s, the same for every lane
+    intervals: Array  # (m, W) s, the same for all samples
     steps: Array  # (steps, W) s
     keep: Array  # (steps,) row of the output after the step, negative: none
 
 
 class Schedule:
-    """Steps and mean torques of groups of samples; what several samples share is worked out once."""
+    """Time steps and mean torques of groups of samples, with results that several samples share cached."""
 
     def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, step: float) -> None:
         self.samples = samples
-        self.pressures = pressures  # one for all, or one for each
+        self.pressures = pressures  # one for all samples, or one for each
         self.times = times
         self.step = step
         self._grids: dict[tuple[bytes, bytes, float], LaneGrid] = {}
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._stacks: dict[tuple[tuple[int, Valve], ...], Array] = {}
         self.remembering = samples.remembering
-        self.alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1  # what acts on all samples
+        self.alike = len(self.pressures) == 1 and len(set(samples.valves)) == 1  # all samples get the same pressure
 
     def pressure(self, i: int) -> Input:
-        """The input of sample `i`."""
+        """Return the pressure input of sample `i`."""
         return self.pressures[i if len(self.pressures) > 1 else 0]
 
     def initial(self, i: int) -> float:
-        """Pressure of sample `i` before anything happens at the first time, Pa."""
+        """Return the pressure [Pa] behind the valve of sample `i` before the first time."""
         valve = self.samples.valves[i]
         return delivered(valve, before(self.pressure(i), valve.dead_time, self.times))
 
     def grid(self, i: int) -> LaneGrid:
-        """The steps of sample `i`, as `simulation.drive` lays them."""
+        """Return the time grid of sample `i`."""
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
@@ -68,8 +68,8 @@ class Schedule:
         return self._grids[key]
 
     def behind(self, i: int, *, shared: bool) -> Array:
-        """Pressure behind the valve of sample `i` in the intervals of its grid, (m, 4); kept where others need it."""
-        key = (id(self.pressure(i)), self.samples.valves[i])
+        """Return the pressure (m, 4) [Pa] behind the valve of sample `i` in the intervals of its grid."""
+        key = (id(self.pressure(i)), self.samples.valves[i])  # `shared`: keep the result for other samples
         if key in self._behind:
             return self._behind[key]
         found = through_valve(key[1], self.pressure(i), self.grid(i).nodes, self.initial(i))
@@ -78,9 +78,10 @@ class Schedule:
         return found
 
     def group(self, members: Sequence[int], buffer: Array | None = None) -> tuple[Array, Array, Array]:
-        """Lengths h (steps, W), mean torques (steps, W) and rows to keep (steps,) of `WIDTH` samples.
+        """Return step lengths (steps, W) [s], mean torques (steps, W) [N m] and output rows (steps,) of `WIDTH`
+        samples.
 
-        The torques go to `buffer` where it fits.
+        The torques are written to `buffer` if it has the right shape.
         """
         grids = [self.grid(i) for i in (members[:1] if self.alike else members)]
         if any(g is not grids[0] for g in grids) or self.remembering[members].any():
@@ -102,9 +103,8 @@ class Schedule:
         return grid.steps, torque, grid.keep
 
     def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Same as `group`, for chambers with slow states and samples whose steps differ: each takes as many as the
-        longest.
-        """
+        """Return the result of `group` for samples with different steps or slow chamber states."""
+        # each sample is padded to the longest one with steps of length zero
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
         ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
         counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}

@@ -1,4 +1,4 @@
-"""The march of a batch on the processor: groups of `WIDTH` samples side by side, taken by as many threads as asked."""
+"""Simulation of a batch on the processor: groups of `WIDTH` samples in SIMD vectors, on several threads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:
-    """Empty arrays (N, rows, ...) of the variables that are asked for, and failed_at (N,) [s], not a number."""
+    """Return empty arrays (N, rows, ...) for the variables, and failed_at (N,) [s] filled with NaN."""
     n, size = samples.template.n, samples.size
     shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
     made = {name: np.empty(shapes[name]) for name in variables}
@@ -29,7 +29,7 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """Return what stays constant in time: B, I, h, gravity, joints (5 + terms, n, N), lengths and base (n + 3, N)."""
+    """Return the constants B, I, h, gravity, joints (5 + terms, n, N), and lengths and base (n + 3, N)."""
     v = samples.values
     springs = springs_of(v)
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
@@ -39,7 +39,7 @@ def constant_arrays(samples: Samples) -> list[Array]:
 
 
 def in_groups(a: Array) -> Array:
-    """An array (..., N) as (groups, ..., WIDTH); the last group repeats its last sample."""
+    """Rearrange an array (..., N) to (groups, ..., WIDTH); the last group is filled with its last sample."""
     size = a.shape[-1]
     groups = -(-size // WIDTH)
     members = np.minimum(np.arange(groups * WIDTH), size - 1).reshape(groups, WIDTH)
@@ -51,7 +51,7 @@ def in_groups(a: Array) -> Array:
 def unpack(
     samples: Samples, kept: Output, joints: Array, place: Array, asked: dict[str, Array],
 ) -> None:
-    """Write the kept rows (rows, n[, 2], W) of a SIMD batch to the result arrays (samples, rows, n[, 2])."""
+    """Write the output rows (rows, n[, 2], W) of one group to the result arrays (samples, rows, n[, 2])."""
     n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
     made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
@@ -59,7 +59,7 @@ def unpack(
 
 
 class Groups:
-    """The groups of a batch, and what marching one of them takes and gives."""
+    """The groups of a batch, with the arrays and the compiled loop to simulate them on several threads."""
 
     def __init__(self, samples: Samples, schedule: Schedule, start: Array, made: dict[str, Array]) -> None:
         self.samples = samples
@@ -72,23 +72,23 @@ class Groups:
         self.prepare()
 
     def prepare(self) -> None:
-        """Prepare the arrays and the compiled march that all groups share."""
+        """Prepare the arrays and the compiled loop that all groups share."""
         self.constants = [in_groups(a) for a in (*constant_arrays(self.samples), self.start)]
         self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
 
     def members(self, group: int) -> tuple[slice, list[int]]:
-        """The samples of a group, and who is in its vectors: the last group repeats its last sample."""
-        first = group * WIDTH
+        """Return the samples of a group as a slice, and the sample index in each element of its vector."""
+        first = group * WIDTH  # the last group is filled with its last sample
         last = self.samples.size - 1
         return slice(first, min(first + WIDTH, last + 1)), np.minimum(np.arange(first, first + WIDTH), last).tolist()
 
     def next(self) -> int | None:
-        """The next group that nobody works on: a thread that is done with one takes another."""
+        """Return the next group that no thread has taken, or None."""
         with self._lock:
             return next(self._left, None)
 
     def work(self) -> None:
-        """March one group after the other until none is left; one thread's part, with arrays of its own."""
+        """Simulate one group after another until none is left, as one thread with arrays of its own."""
         n, rows = self.samples.template.n, self.schedule.times.size
         shapes = ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH))
         phi, w, tips = map(aligned, shapes)
@@ -99,7 +99,7 @@ class Groups:
             torque = self.run(group, kept, scratch, torque)
 
     def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
-        """March one group and put its samples where they belong; returns the array of torques, to be used again."""
+        """Simulate one group and write its results; return the array of torques for reuse."""
         own, members = self.members(group)
         h, torque, keep = self.schedule.group(members, torque)
         *fixed, joints, place, moving = (a[group] for a in self.constants)
@@ -113,16 +113,16 @@ class Groups:
 
 
 class Alone(Groups):
-    """Groups of chains with hysteresis: inputs are prepared together, each chain is integrated by itself.
+    """Groups of chains with hysteresis, each of which is simulated on its own.
 
-    Which elements slip differs from chain to chain, and vectors cannot part.
+    Slip elements switch at different times in different chains, which a SIMD vector cannot represent.
     """
 
     def prepare(self) -> None:
-        """Nothing that all chains need."""
+        """Do nothing: the chains share no arrays."""
 
     def work(self) -> None:
-        """Same as `Groups.work`."""
+        """Simulate the chains of one group after another until none is left, as one thread."""
         torque = None
         while (group := self.next()) is not None:
             own, members = self.members(group)
@@ -131,7 +131,7 @@ class Alone(Groups):
                 self.alone(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
 
     def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
-        """March sample `i` and put it where it belongs."""
+        """Simulate sample `i` and write its results."""
         model, times = self.samples.model(i), self.schedule.times
         steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
         angle, rate = self.start[:, :, i]
@@ -145,7 +145,7 @@ class Alone(Groups):
 def run_lanes(
     samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
 ) -> dict[str, Array]:
-    """March all samples: the variables (N, T, ...) that are asked for, and failed_at (N,)."""
+    """Simulate all samples on the processor; return the variables (N, T, ...) and failed_at (N,) [s]."""
     made = outputs(samples, schedule.times.size, variables)
     groups = (Alone if samples.template.memory else Groups)(samples, schedule, start, made)
     threads = min(threads, groups.count)

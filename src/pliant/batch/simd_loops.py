@@ -1,6 +1,7 @@
-"""The loops of a batch that run compiled, on SIMD vectors: `WIDTH` chains side by side (`pliant.compiler.simd`).
+"""Compiled loops of a batch on SIMD vectors, which hold `WIDTH` chains each (`pliant.compiler.simd`).
 
-Plain text here; `pliant.compiler.simd.lane_twin` makes what runs. The equations are those of `pliant.equations`.
+This module is plain Python; `pliant.compiler.simd.lane_twin` compiles it. The equations are those of
+`pliant.equations`.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from pliant.equations.motion import step
 from pliant.equations.symbols import ActuationConstants, Body, Interval, Joints, Workspace
 from pliant.simulation.march_loops import Drives, take_torques
 
-FAR = 1e4  # in K: springs that stiffen more are none
+FAR = 1e4  # in K: largest tangent stiffness that counts as valid
 
 
 class Output(NamedTuple):
-    """What `march_lanes` writes, the samples last."""
+    """Output arrays of `march_lanes`, with the samples along the last axis."""
 
     phi: np.ndarray  # (rows, n, W) rad
     w: np.ndarray  # (rows, n, W) rad/s
@@ -30,10 +31,10 @@ class Output(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """The chambers of a batch under commands that are held: group, lane and chamber first."""
+    """The chambers of a batch under constant commands, as arrays by group, sample and chamber."""
 
     command: np.ndarray  # (G, W, C) Pa
-    law: np.ndarray  # (G, W, C, k), gain and rubber: `symbols.ActuationConstants` of each lane
+    law: np.ndarray  # (G, W, C, k); law, gain and rubber as in `symbols.ActuationConstants`
     gain: np.ndarray  # (G, W, C, n)
     rubber: np.ndarray  # (G, W, C, 6)
     valve: np.ndarray  # (G, W, C, 4) a `Lag` for each
@@ -43,7 +44,7 @@ class Commanded(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """What the samples of a group are, its samples last."""
+    """Constants of a group of samples, as arrays with the samples along the last axis."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
     joints: np.ndarray  # (5 + terms, n, W) theta0, K, D, gain, hardening
@@ -51,10 +52,11 @@ class Lane(NamedTuple):
 
 
 def mean_torques(h, parts, behind, law, torque):
-    """Mean torque [N m] of every step, vectors, from the pressure behind the valve in the intervals that it is made of.
+    """Write to `torque` (steps, W) [N m] the mean torque of every step, from the pressure behind the valve.
 
-    h (m, W) are the lengths of the intervals [s], parts (steps + 1,) says which of them make a step, behind (m, 4, W)
-    holds the pressure at their start, middle and end and its mean, law (k, W) the torque law, torque (steps, W).
+    h (m, W) holds the lengths of the intervals [s] and parts (steps + 1,) the first interval of each step. behind
+    (m, 4, W) holds the pressure at the start, middle and end of each interval and its mean [Pa], law (k, W) the torque
+    law.
     """
     lengths = as_lanes(h)
     pressure = as_lanes(behind)
@@ -76,13 +78,12 @@ def mean_torques(h, parts, behind, law, torque):
 
 
 def march_lanes(state, h, torque, keep, samples, scratch, out):
-    """Take len(h) steps of `WIDTH` chains side by side, as `simulation.march_loops.march` takes them of one.
+    """Integrate `WIDTH` chains over len(h) steps and write the output rows to `out`.
 
-    Every array has the samples last: state (2, n, W) the angles and rates, advanced in place; h and torque (steps, W);
-    keep (steps,) the row of the output after each, negative: none, row 0 being the start; `samples` (`Lane`); scratch
-    (n, n, W) twice and (6, n + 1, W); `out` (`Output`).
-    A lane that fails has its step written to out.failed, and goes on as it may; the others do not feel it. Returns the
-    bits of the samples that are good.
+    Every array has the samples last: state (2, n, W) the angles and rates, changed in place; h and torque (steps, W);
+    keep (steps,) the output row after each step (negative: none; row 0 is the start); `samples` (`Lane`); scratch
+    (n, n, W) twice and (6, n + 1, W); `out` (`Output`). For a sample that fails, the step is written to out.failed; its
+    later rows are meaningless, and the other samples are not affected. Returns a bit mask of the good samples.
     """
     n = state.shape[1]
     chain = as_lanes(samples.joints)
@@ -119,7 +120,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
 
 
 def sound(phi, w, h, joint, good):
-    """The bits of the `good` samples whose links turn by less than a radian in h and whose springs are stable."""
+    """Return the bit mask of `good` samples whose links turn less than a radian in h and whose springs are stable."""
     for i in range(len(phi)):
         good &= within(w[i] * h, 1.0)
         far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
@@ -128,12 +129,11 @@ def sound(phi, w, h, joint, good):
 
 
 def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
-    """Take as many `steps` of h [s] of every group of a batch under held commands, as `march_loops.hold` of one chain.
+    """Advance all groups of a batch by `steps` of h [s] at constant commands, as `march_loops.hold` does for one chain.
 
-    Groups come first, samples last: state (G, 2, n, W) the angles and rates, advanced in place; `samples` (`Lane`) with
+    Groups come first, samples last: state (G, 2, n, W) the angles and rates, changed in place; `samples` (`Lane`) with
     a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
-    as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, which goes on as it may, and to 0 for the
-    others.
+    as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, and to 0 for the others.
     """
     n = state.shape[2]
     B, I, first_moment, g = samples.body
@@ -162,7 +162,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
 
 
 def torques_of_lanes(group, h, chambers, vectors):
-    """Joint torques over the next h [s] of each lane of a group, to vectors[5]; whether they stay so from now on."""
+    """Write the joint torques over the next h [s] to vectors[5]; return whether they are constant from now on."""
     still = True
     torque = chambers.torque
     for lane in range(WIDTH):
@@ -180,7 +180,7 @@ def torques_of_lanes(group, h, chambers, vectors):
 
 
 def keep_lanes(row, phi, w, where, out):
-    """Write chains at phi and w (n,), vectors, to a row of `out`, an `Output` of vectors; `where` is `Lane.place`."""
+    """Write the angles phi, rates w and tips of a group to one row of `out`; `where` is `Lane.place`."""
     n = len(phi)
     for i in range(n):
         out.phi[row, i] = phi[i]
@@ -189,10 +189,10 @@ def keep_lanes(row, phi, w, where, out):
 
 
 def unpack_lanes(kept, rest, base_angle, angle_out, rate_out, tip_out):
-    """From what `march_lanes` kept (`Output`) to samples (samples, rows, n[, 2]).
+    """Convert the rows of `march_lanes` to joint angles, joint rates and tips with the samples along the first axis.
 
-    Joint angles and rates relative to the link before; rest (n, W) and base_angle (W,) as in the march. An output of
-    no samples is not filled.
+    The outputs are (samples, rows, n) and, for tips, (samples, rows, n, 2). `rest` (n, W) and `base_angle` (W,) are
+    subtracted from the absolute angles. An output with no samples is not filled.
     """
     phi_rows, w_rows, tip_rows = kept.phi, kept.w, kept.tips
     rows, n = phi_rows.shape[:2]

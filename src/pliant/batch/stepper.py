@@ -1,4 +1,4 @@
-"""Many chains one stretch of time after the other: their state stays in the vectors between the calls."""
+"""Step-by-step simulation of many chains at once, whose state is kept between the calls."""
 
 from __future__ import annotations
 
@@ -21,31 +21,30 @@ Array = np.ndarray
 
 
 class Stepped(Protocol):
-    """Chains that move together, each a body of a common list."""
+    """Protocol of many chains that are simulated together, each with one of several models."""
 
     @property
     def angle(self) -> Array:
-        """Absolute link angles (N, n), rad."""
+        """Return the absolute link angles (N, n), rad."""
 
     @property
     def rate(self) -> Array:
-        """Their rates (N, n), rad/s."""
+        """Return the rates (N, n) of the absolute link angles, rad/s."""
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Put the chains `which` (M,) of int, as bodies (M,) of the list, at rest without pressure."""
+        """Set the chains with indices `which` (M,) to the models `bodies` (M,), at rest without pressure."""
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Take `steps` under held pressures (N, C) [Pa]; the chains that failed (N,) of bool, to be `reset`."""
+        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
 
 
 def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
-    """`size` chains, each one of `models`, all the first at the beginning: in vectors, or one by one with memory.
+    """Return a simulator of `size` chains, all with the first of `models` at the beginning.
 
     Raises
     ------
     InputError
-        When the models differ in kind, a step of `step` [s] is too long for one, or a valve is one that `Stepper`
-        refuses.
+        When the models differ in kind, the `step` [s] is too long for one, or `Stepper` does not support a valve.
     """
     first = fixed_length(models[0])
     Stepper(first, step, np.zeros(first.actuation.count))  # what it refuses is refused
@@ -53,14 +52,14 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
             raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
     if len({m.actuation.count for m in models}) > 1:
-        raise InputError("the models of a batch must have as many chambers: step others in a batch of their own")
+        raise InputError("the models of a batch must have equally many chambers: step others in a batch of their own")
     for model in models[1:]:
         check_step(model, step, "midpoint")
     return OneByOne(models, size, step) if first.memory else OnLanes(models, size, step)
 
 
 class OnLanes:
-    """Chains without memory, `WIDTH` of them side by side: a `Stepped`."""
+    """Many chains without hysteresis, `WIDTH` of them in a SIMD vector: an implementation of `Stepped`."""
 
     def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
         self.size, self.links = size, models[0].n
@@ -87,16 +86,16 @@ class OnLanes:
 
     @property
     def angle(self) -> Array:
-        """Absolute link angles (N, n), rad."""
+        """Return the absolute link angles (N, n), rad."""
         return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
 
     @property
     def rate(self) -> Array:
-        """Their rates (N, n), rad/s."""
+        """Return the rates (N, n) of the absolute link angles, rad/s."""
         return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Same as `Stepped.reset`."""
+        """Set the chains `which` (M,) to the models `bodies` (M,), at rest without pressure."""
         group, lane = np.divmod(which, WIDTH)
         for name, own in self._pool.items():
             if name in LANES_LAST:
@@ -105,7 +104,7 @@ class OnLanes:
                 self._arrays[name][group, lane] = own[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Same as `Stepped.hold`."""
+        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
         command = self._chambers.command
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
@@ -116,9 +115,7 @@ LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
 
 
 def pool_of(models: Sequence[Model]) -> dict[str, Array]:
-    """Return the constants that `hold_lanes` takes of each body, and its state at rest without pressure; the bodies
-    first.
-    """
+    """Return the constants of each model for `hold_lanes`, and its rest state, with models along the first axis."""
     rows: list[dict[str, Array]] = []
     for m in models:
         body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
@@ -140,7 +137,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 
 
 class OneByOne:
-    """Chains with hysteresis states, each a `Stepper` of its own: a `Stepped`. Which elements slip differs by chain."""
+    """Many chains with hysteresis, each simulated by a `Stepper` of its own: an implementation of `Stepped`."""
 
     def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
         self._models, self._step = models, step
@@ -152,16 +149,16 @@ class OneByOne:
 
     @property
     def angle(self) -> Array:
-        """Absolute link angles (N, n), rad."""
+        """Return the absolute link angles (N, n), rad."""
         return np.stack([s.angle for s in self._steppers])
 
     @property
     def rate(self) -> Array:
-        """Their rates (N, n), rad/s."""
+        """Return the rates (N, n) of the absolute link angles, rad/s."""
         return np.stack([s.rate for s in self._steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Same as `Stepped.reset`."""
+        """Set the chains `which` (M,) to the models `bodies` (M,), at rest without pressure."""
         for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
             if self._steppers[i].model is self._models[body]:
                 self._steppers[i].reset(np.zeros(len(self._models[body].chambers)))
@@ -169,7 +166,7 @@ class OneByOne:
                 self._steppers[i] = self._new(body)
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Same as `Stepped.hold`."""
+        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
         failed = np.zeros(len(self._steppers), dtype=bool)
         for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
             try:

@@ -1,4 +1,4 @@
-"""One step, one right-hand side, one Jacobian: nanoseconds."""
+"""Timing of one step, one right-hand side and one Jacobian, in nanoseconds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ STEP = 1e-3  # s
 
 
 def kernels(links: int = 5) -> dict[str, float]:
-    """Time of one implicit step, one right-hand side, and one with its full Jacobian, ns; and over those in plain C."""
+    """Return the times [ns] of an implicit step, a right-hand side, and one with Jacobian, and the ratios
+    to plain C.
+    """
     model = chen2018.model(links=links)
     n, parts = links, mechanics_of(model).parts()
     out, torque = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n))), np.full(n, TORQUE)
@@ -46,7 +48,7 @@ def kernels(links: int = 5) -> dict[str, float]:
 
 
 def step_ns(model: Model) -> float:
-    """Time of one implicit step in the march that every simulation takes, its energies included; ns."""
+    """Return the time [ns] of one implicit step in a whole simulation, with its energies."""
     pressure = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
     ends = np.array([0.0, 4.0])
     plan = drive(model, pressure, ends, STEP)

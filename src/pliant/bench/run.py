@@ -1,4 +1,4 @@
-"""The parts of `pliant bench` by name, and their numbers as lines or JSON."""
+"""The parts of `pliant bench` by name, and output of their results as text or JSON."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ def measure(
     parts: Mapping[str, Part], meaning: Mapping[str, str] = MEANING, *,
     message: Callable[[str], None] = lambda _line: None,
 ) -> dict[str, Any]:
-    """Measure the parts, one after the other.
+    """Measure the parts one after the other and return their results.
 
     Parameters
     ----------
     parts : mapping
         Function that measures each part, by the part's name.
     meaning : mapping
-        What each number means, by the number's name.
+        Description of each number, by its name.
     message : callable
-        Gets the numbers of each part as text when they are there.
+        Called with the results of each part as text.
 
     Returns
     -------
     dict
-        Every number by its name, ``machine`` and ``pliant``.
+        Every number by its name, the facts of the machine under ``machine``, and the version under ``pliant``.
     """
     results: dict[str, Any] = {"pliant": __version__, "machine": machine()}
     for name, job in parts.items():
@@ -49,7 +49,7 @@ def measure(
 
 
 def chosen(name: str | None) -> dict[str, Part]:
-    """The part of this name, or all; InputError where there is no such part."""
+    """Return the part with this name, or all for None; InputError for an unknown name."""
     if name is None:
         return PARTS
     if name not in PARTS:
@@ -58,19 +58,19 @@ def chosen(name: str | None) -> dict[str, Part]:
 
 
 def lines(numbers: Mapping[str, Any], meaning: Mapping[str, str] = MEANING) -> list[str]:
-    """One line a number: its name in the JSON, its value, what it means."""
+    """Return a line of text for each number: its name in the JSON, its value and its description."""
     return [f"  {name:<30} {shown(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 
 def shown(value: Any) -> str:
-    """A number to four digits; a method's own numbers in one line."""
+    """Return a number as text with four digits; for a dictionary, its numbers in one line."""
     if isinstance(value, dict):
         return ", ".join(f"{k} {shown(v)}" for k, v in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def write(results: Mapping[str, Any], path: str | Path) -> Path:
-    """Write the numbers as JSON, whole or not at all."""
+    """Write the results as a JSON file, atomically."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_text(path, json.dumps(results, indent=1) + "\n")

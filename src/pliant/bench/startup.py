@@ -1,4 +1,4 @@
-"""Start-up times of a fresh process: the help page, the first simulation with a warm cache, and without any."""
+"""Start-up times of a fresh process: the help page, and a first simulation with a full and with an empty cache."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ FIRST = (
 
 
 def startup() -> dict[str, float]:
-    """Wall times of fresh processes [s]: `pliant --help`, a first simulation warm and cold."""
+    """Return wall times [s] of fresh processes: `pliant --help`, and a first simulation with a full and an
+    empty cache.
+    """
     simulation = [sys.executable, "-c", FIRST]
     fresh(simulation)  # fills the cache
     with tempfile.TemporaryDirectory() as empty:
@@ -27,7 +29,7 @@ def startup() -> dict[str, float]:
 
 
 def fresh(command: list[str], cache: str | None = None) -> float:
-    """Wall time of a command in a process of its own, s; with `cache` as Numba's folder."""
+    """Return the wall time [s] of a command in a new process; `cache` is the folder of Numba's cache."""
     environment = {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {})}
     start = perf_counter()
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603

@@ -1,4 +1,4 @@
-"""Timing of a function, with the machine that it ran on."""
+"""Timing of a function, and facts about the machine."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from pliant.cores import cores
 def best(
     job: Callable[[], Any], seconds: float = 0.5, repeats: int = 5, clock: Callable[[], float] = perf_counter,
 ) -> float:
-    """Shortest time of `job` [s] by `clock` over at least `repeats` runs and about `seconds`, one before not counted.
+    """Return the shortest run time of `job` [s] by `clock`, over at least `repeats` runs and about `seconds`.
 
-    The shortest is what the machine can do; the others are what it was disturbed by.
+    One run before the timing is not counted.
+
+    The shortest time is the best estimate, since other processes can only lengthen a run.
     """
     job()
     times: list[float] = []
@@ -30,7 +32,7 @@ def best(
 
 
 def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
-    """Shortest wall time of each job [s], one run of each after the other: what disturbs one disturbs all alike."""
+    """Return the shortest wall time [s] of each job, running them in turn so that disturbances affect all alike."""
     for job in jobs:
         job()
     times: list[list[float]] = [[] for _ in jobs]
@@ -61,7 +63,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Name of the processor, as the system tells it."""
+    """Return the name of the processor, as the system reports it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -71,7 +73,7 @@ def processor() -> str:
 
 
 def processor_flags() -> set[str]:
-    """Return the processor's features, as Linux names them; empty on other systems."""
+    """Return the features of the processor, as Linux names them; empty on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""The command line: thin commands, one file each; everything heavy is imported when a command runs."""
+"""The command line: one file for each command. Heavy packages are imported only when a command runs."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ INTERRUPTED = 130
 
 
 class Panels(TyperGroup):
-    """Commands under the headings of their panels, in plain text: drawing boxes takes longer than all else here."""
+    """A group of commands that lists them under headings, in plain text, since drawing boxes would be slow."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
-        """Write the commands with the first line of their help, panel by panel."""
+        """Write each command with the first line of its help, heading by heading."""
         widest = max(map(len, self.commands))
         for panel, names in JOURNEY.items():
             with formatter.section(panel):
@@ -52,7 +52,7 @@ class Panels(TyperGroup):
 
 
 def version(asked: bool) -> None:
-    """Print the version and what a report of a fault needs, and leave."""
+    """If `--version` is given, print the versions that a bug report needs, and exit."""
     if asked:
         import platform
         from importlib.metadata import version as installed
@@ -66,10 +66,10 @@ def version(asked: bool) -> None:
 def common(
     _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show all versions."),
 ) -> None:
-    """Options of the program itself."""
+    """Declare the options of the program itself, which come before the command."""
 
 
-JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
+JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # headings of the help, in the order of an analysis
     "First steps": {"demo": demo, "data": data},
     "Your recording": {
         "inspect": inspect, "track": track, "sync": sync, "new": new, "shape": shape, "order": order,
@@ -85,7 +85,7 @@ COMMANDS = {name: command for panel in JOURNEY.values() for name, command in pan
 
 @cache
 def app_of(*names: str) -> typer.Typer:
-    """The command line with these commands."""
+    """Return the command line with the commands of these names."""
     made = typer.Typer(
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,
@@ -101,18 +101,18 @@ def app_of(*names: str) -> typer.Typer:
 
 
 def __getattr__(name: str) -> Any:
-    if name == "app":  # with all commands, for who asks: one that runs does not wait for the options of the others
+    if name == "app":  # with all commands; `run` builds only the one it needs, which is faster
         return app_of(*COMMANDS)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without the place in the code that it comes from."""
+    """Print a warning to standard error as one line, without its file and line number."""
     say(escaped(f"warning: {message}", "line"), error=True)
 
 
 def run() -> None:
-    """Run the command line; a known error becomes one sentence and its exit code."""
+    """Run the command line; print a known error as one sentence and exit with its code."""
     asked = sys.argv[1:2]
     warnings.showwarning = show_warning
     try:
@@ -121,7 +121,7 @@ def run() -> None:
         say(f"pliant: {error}", error=True)
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, SystemExit) as left:
-        if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns the one into the other
+        if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns Ctrl-C into this exit code
             raise
-        say("pliant: interrupted; nothing half written was left behind", error=True)
+        say("pliant: interrupted; no incomplete files were written", error=True)
         sys.exit(INTERRUPTED)

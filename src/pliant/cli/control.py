@@ -1,4 +1,4 @@
-"""`pliant control`: bring the tip of an actuator to where a task wants it, in the loop."""
+"""`pliant control`: control the tip of an actuator in closed loop, so that it follows a task."""
 
 from __future__ import annotations
 
@@ -13,28 +13,30 @@ from pliant.units import quantity
 if TYPE_CHECKING:
     from pliant.loop.task import Done
 
-NO_VALVE = "The model holds no valve: these margins leave its lag out. Identify one before relying on them."
+NO_VALVE = "The model has no valve, so these margins ignore its lag: identify a valve before relying on them."
 MEANING = {
-    "settling_s": "of the tip as estimated, of each set-point: stays within 2 % of the step until the next one",
-    "command_change_rest_kpa": "root mean square from period to period, half a second after the last change",
-    "command_change_motion_kpa": "root mean square from period to period, sooner after a change",
-    "command_sd_rest_kpa": "standard deviation at rest",
-    "mean_error_mm": "of the tip as estimated, over the last fifth", "largest_error_mm": "the same, the largest",
-    "overruns": "periods whose work took longer than a period", "skipped": "periods left out after one that overran",
-    "worst_lateness_us": "of the beginning of a period; 0 off the clock",
-    "jitter_us": "of the same, standard deviation",
-    "frames_lost": "shapes with missing points", "frames_late": "older than one before",
-    "fault_time_s": "0 where there was none", "controller_faults": "periods that followed an earlier plan",
-    "commands_at_a_limit": "of pressure or its rate",
-    "rehearsed_settling_s": "on the model within the limits, the slowest set-point",
-    "rehearsed_error_mm": "on the model, at the end of the task, held",
-    "rehearsed_recovery_s": "on the model, after a disturbance as large as the largest displacement",
-    "effort_weight": "of the design, raised until the rehearsed loop settles",
+    "settling_s": "for each set-point: time until the estimated tip stays within 2 % of the step",
+    "command_change_rest_kpa": "RMS change of the command per period, later than 0.5 s after a set-point change",
+    "command_change_motion_kpa": "RMS change of the command per period, within 0.5 s of a set-point change",
+    "command_sd_rest_kpa": "standard deviation of the command, later than 0.5 s after a change",
+    "mean_error_mm": "mean error of the estimated tip over the last fifth of the run",
+    "largest_error_mm": "largest error of the estimated tip over the last fifth of the run",
+    "overruns": "periods whose computation took longer than a period", "skipped": "periods skipped after an overrun",
+    "worst_lateness_us": "largest delay of the start of a period; 0 if not in real time",
+    "jitter_us": "standard deviation of that delay",
+    "frames_lost": "shapes with missing points", "frames_late": "shapes older than an earlier one",
+    "fault_time_s": "0 without a fault",
+    "controller_faults": "periods in which the controller failed and an earlier plan was used",
+    "commands_at_a_limit": "commands cut to a limit of pressure or its rate",
+    "rehearsed_settling_s": "in simulation with the limits, for the slowest set-point",
+    "rehearsed_error_mm": "in simulation, at the end of the task",
+    "rehearsed_recovery_s": "in simulation, after a disturbance as large as the largest displacement",
+    "effort_weight": "weight of the design, raised until the simulated loop settles",
 }
 
 
 def print_task(wanted: bool) -> None:
-    """Print the example and leave, whatever else was or was not given."""
+    """If `--example` is given, print an example task and exit, whatever the other options are."""
     if wanted:
         from pliant.control.task import EXAMPLE
 
@@ -48,7 +50,7 @@ def control(
         Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.", show_default="the example")
     ] = None,
     plant: Annotated[
-        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or an installed plant.")
+        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or the name of a plug-in.")
     ] = "testbed:a",
     estimator: Annotated[str, typer.Option(help="observer, filter, differences, or an installed one.")] = "observer",
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(
@@ -62,7 +64,7 @@ def control(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the loop's summary as JSON.")] = False,
 ) -> None:
-    """Control the tip of an actuator: calibrate its rest, design the gains, run the loop, report.
+    """Control the tip of an actuator: calibrate its rest position, design the gains, run the loop, write a report.
 
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
@@ -96,17 +98,17 @@ def control(
         return
     say("\n".join([f"stability margins of {plant} by pressure, full state known, no limits:",
                    str(done.prepared.design), *unmodelled(done), str(done.prepared.rehearsal)]))
-    print_numbers(reached(done), as_json=False, title="what was reached", meaning=MEANING)
+    print_numbers(reached(done), as_json=False, title="results of the run", meaning=MEANING)
     say(f"log, report and figures: {output}")
 
 
 def columns(log: Any, name: str) -> Any:
-    """The columns of a log that belong to a target, error, command or pressure, one or several."""
+    """Return the columns of a log whose names begin with `name`: target, error, command or pressure."""
     return log[[c for c in log.columns if c.startswith(f"{name}_")]]
 
 
 def reached_by_several(done: Done) -> dict[str, Any]:
-    """Return what each output reached, how high the commands went, and the counters of the loop."""
+    """Return the tracking errors of each output, the highest commands and the counters of the loop."""
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
     numbers: dict[str, Any] = {}
@@ -123,12 +125,12 @@ def reached_by_several(done: Done) -> dict[str, Any]:
 
 
 def counters(done: Done) -> dict[str, Any]:
-    """The fault of a run and the counters of its loop, its sentences included."""
+    """Return the fault of a run and the counters and sentences of its loop."""
     return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
 def reached(done: Done) -> dict[str, Any]:
-    """Return the reached displacement, how the valve was used, and the counters of the loop."""
+    """Return the settling times, the errors, the activity of the command and the counters of the loop."""
     import numpy as np
 
     from pliant.control.activity import command_activity
@@ -149,7 +151,7 @@ def reached(done: Done) -> dict[str, Any]:
 
 
 def settling(done: Done) -> list[float | None]:
-    """Settling time of every set-point [s], of the tip as estimated; None where it does not settle."""
+    """Return the settling time [s] of the estimated tip for each set-point; None if it does not settle."""
     from pliant.control.activity import settling_times
 
     if "target_m" not in done.log:
@@ -159,7 +161,7 @@ def settling(done: Done) -> list[float | None]:
 
 
 def unmodelled(done: Done) -> list[str]:
-    """Return a sentence if the model holds no valve."""
+    """Return a warning that the model has no valve, in a list; empty if it has one."""
     valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 

@@ -1,4 +1,4 @@
-"""Progress of commands on standard error: a clock or a bar on a terminal, nothing with `--quiet`."""
+"""Progress of commands on standard error: a clock or a bar in a terminal, nothing with `--quiet`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with the option ``--quiet`` before its ``--json``."""
+    """Return the command with the option ``--quiet`` added before its ``--json``."""
 
     @wraps(command)
     def run(*args: Any, quiet: bool = False, **options: Any) -> None:
@@ -34,16 +34,16 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
 
     own = signature(command, eval_str=True)
     taken = list(own.parameters.values())
-    at = next(k for k, p in enumerate(taken) if p.name in ("json", "as_json"))
+    index = next(k for k, p in enumerate(taken) if p.name in ("json", "as_json"))
     wish = Annotated[bool, typer.Option("--quiet", help="Print only the result.")]
-    taken.insert(at, Parameter("quiet", taken[at].kind, default=False, annotation=wish))
+    taken.insert(index, Parameter("quiet", taken[index].kind, default=False, annotation=wish))
     run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in taken}
     return run
 
 
 class ExampleCommand(TyperCommand):
-    """A command whose help ends in its example, on one line to copy."""
+    """A command whose help ends in its example, on a single line that can be copied."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -51,14 +51,14 @@ class ExampleCommand(TyperCommand):
         self.help, self.example = text.rstrip(), " ".join(example.split())
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
-        """Write the example."""
+        """Write the example at the end of the help."""
         formatter.write_paragraph()
         formatter.write(f"Example: {self.example}\n")
 
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """A line on the terminal that says what is done and for how long, once that has taken a second; none in a pipe."""
+    """Show a line with `what` and the elapsed time on a terminal, if the block takes more than one second."""
     if QUIET.get() or not sys.stderr.isatty():
         yield
         return
@@ -80,7 +80,10 @@ def busy(what: str) -> Iterator[None]:
 
 @contextmanager
 def telling() -> Iterator[Callable[[str], None]]:
-    """Yield a function that prints a line of progress: above a clock on a terminal, plain in a pipe, none if quiet."""
+    """Yield a function that prints a line of progress to standard error, with a clock if that is a terminal.
+
+    With `--quiet` the function prints nothing.
+    """
     quiet = QUIET.get()
     if quiet or not sys.stderr.isatty():
         yield (lambda _line: None) if quiet else (lambda line: say(line, error=True))
@@ -102,14 +105,17 @@ def telling() -> Iterator[Callable[[str], None]]:
 
 
 def mention(line: str) -> None:
-    """Print one line to standard error, unless quiet."""
+    """Print one line to standard error, unless `--quiet` is given."""
     if not QUIET.get():
         say(line, error=True)
 
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[float], None]]:
-    """Yield a function of the fraction done, 0 to 1: a bar after a second, quarters in a pipe, nothing if quiet."""
+    """Yield a function that shows progress, called with the fraction done (0 to 1).
+
+    A terminal shows a bar after one second, a pipe gets a line for each quarter, and `--quiet` shows nothing.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

@@ -1,4 +1,4 @@
-"""Reading recordings for commands, and showing what is in them."""
+"""Functions by which commands read a recording and print its content."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def load_mapping(path: Path | None) -> dict[str, Any] | None:
-    """The mapping that a TOML file holds; None without a file."""
+    """Return the mapping in a TOML file; None if `path` is None."""
     if path is None:
         return None
     entries: dict[str, Any] = read_entries(path, "mapping")
@@ -24,18 +24,18 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
 
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
-    """Read a recording, with the mapping in a TOML file where one is given."""
-    from pliant.recording import read
+    """Read a recording, with the mapping in a TOML file if one is given."""
+    from pliant.sensing import read_shape
 
     with busy(f"reading {path.name}"):
-        return read(path, mapping=load_mapping(mapping))
+        return read_shape(path, mapping=load_mapping(mapping))
 
 
 def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:
-    """Print what is in a recording and its quality."""
+    """Print the content of a recording and its quality, as text or JSON."""
     from pliant.preprocessing.quality import quality
 
-    with busy("judging the recording"):
+    with busy("checking the recording"):
         found = quality(recording)
     if as_json:
         content = {"file": str(path), "format": recording.attrs.get("source_format"), "sizes": dict(recording.sizes)}
@@ -53,12 +53,12 @@ def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None
 
 
 def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the history of a recording, one sentence for each step."""
+    """Return the history of a recording, one sentence for each processing step."""
     return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 
 def plain(value: Any) -> Any:
-    """The value with NaN as None, as JSON wants it."""
+    """Return `value` with every NaN replaced by None, since JSON has no NaN."""
     if isinstance(value, dict):
         return {k: plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""`pliant run`: from a study file to a validated model."""
+"""`pliant run`: run a study from its file to a validated model."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def run(
         Path | None,
         typer.Option(
             "-o", "--output", help="Folder for model, metrics, results and report.",
-            show_default="results/, named as the study file",
+            show_default="results/NAME of the study file",
         ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that fit side by side; default one for each core.")
+        int | None, typer.Option(min=1, help="Number of parallel processes for fits; default: one for each core.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
-    """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
+    """Run a study, from recordings to a validated model: check, align, fit, predict, and write a report.
 
     Example: pliant run examples/pneumatic_arm_pulses.toml -o results/arm
     """

@@ -1,4 +1,4 @@
-"""`pliant sync`: the clock of a pressure log against that of a shape."""
+"""`pliant sync`: estimate the offset of a pressure log's clock from the clock of a shape."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pliant.cli.terminal import say
 def sync(
     shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
     pressure: Annotated[
-        Path | None, typer.Argument(help="Log of the pressure; default: the one in the shape's file.")
+        Path | None, typer.Argument(help="Log of the pressure; default: the pressure in the shape's file.")
     ] = None,
     mapping: Annotated[Path | None, typer.Option(help="TOML file that describes the shape's columns.")] = None,
     pressure_mapping: Annotated[
@@ -23,10 +23,10 @@ def sync(
         float | None, typer.Option("--largest-s", help="Largest offset to try, s; default: half of the overlap.")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Overlay to draw (.png, .svg or .pdf).")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="Figure of the clocks (.png, .svg or .pdf).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Find the offset between a pressure log's clock and the shape's, from when the body moves.
+    """Estimate the offset between the clocks of a pressure log and a shape, from when the body moves.
 
     Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
     """

@@ -1,4 +1,4 @@
-"""The one way of the command line to a terminal: lines that a file's content cannot turn into commands to it."""
+"""Output of the command line to a terminal, with control characters from files escaped."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from pliant.text import escaped
 
 
 def say(text: object = "", *, error: bool = False) -> None:
-    """Print a text line by line, on standard output or standard error, each line through `escaped`."""
+    """Print a text to standard output, or to standard error, with each line passed through `escaped`."""
     typer.echo("\n".join(escaped(line, "line") for line in str(text).split("\n")), err=error)

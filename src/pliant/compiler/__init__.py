@@ -1,1 +1,1 @@
-"""How one text becomes what runs: compiled twins, straight lines, SIMD vectors, and the choice among them."""
+"""Compilation of kernels: with Numba from the same source, as straight-line code, on SIMD vectors, and to C."""

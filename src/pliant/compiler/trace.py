@@ -1,8 +1,8 @@
-"""Straight-line twins: a kernel's text run once on symbols that write down what they do, for a fixed number of links.
+"""Straight-line code of kernels: a kernel is run once on symbols, which record its operations for n links.
 
-The loops over links are gone, every intermediate is a local number instead of an array element, and what does not
-reach the result is left out. The compiler sees no memory that could be shared, which halves the time of a step. The
-text is still the one in `motion.py`: what `llvm` hands to the compiler is a recording of it.
+The recording has no loops over links, its intermediate results are local variables instead of array elements, and
+operations without effect on the result are dropped. The compiler sees no memory that might be shared, which halves the
+time of a step. The source is still that in `motion.py`; `llvm` compiles the recording.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from pliant.equations.symbols import (
     Workspace,
 )
 
-# Scratch arrays that a kernel hands on; of all others work.a alone. Constants are not stored.
+# Scratch arrays which a kernel leaves as results for its caller; for kernels not listed, only work.a.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
-KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
+KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("work.B",)}
 
 
 CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
 
 
 class Tape:
-    """Operations in the order in which they were first needed; equal ones are written once."""
+    """A list of recorded operations in order; an operation that occurs again is recorded only once."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[str, tuple[Any, ...]]] = []
         self.known: dict[tuple[str, tuple[Any, ...]], Mark] = {}
 
     def write(self, what: str, *operands: Any) -> Mark:
-        """The mark of an operation, new or known."""
+        """Record an operation unless it is already on the tape, and return its mark."""
         key = (what, tuple(float(o) if isinstance(o, (int, float, np.number)) else o for o in operands))
         if key not in self.known:
             self.known[key] = Mark(self, len(self.rows))
@@ -51,7 +51,7 @@ class Tape:
 
 
 class Mark:
-    """A number that is not known yet: arithmetic on it is written on its tape."""
+    """The symbolic result of a recorded operation; arithmetic on it is recorded on its tape."""
 
     __slots__ = ("row", "tape")
 
@@ -87,20 +87,20 @@ class Mark:
         return self.tape.write("-", self)
 
     def cos(self) -> Mark:
-        """NumPy's np.cos asks an object for this."""
+        """Record a cosine; called by np.cos."""
         return self.tape.write("cos", self)
 
     def sin(self) -> Mark:
-        """NumPy's np.sin asks an object for this."""
+        """Record a sine; called by np.sin."""
         return self.tape.write("sin", self)
 
     def sqrt(self) -> Mark:
-        """NumPy's np.sqrt asks an object for this."""
+        """Record a square root; called by np.sqrt."""
         return self.tape.write("sqrt", self)
 
 
 def marks(tape: Tape, name: str, example: Any) -> Any:
-    """Marks in the place of every number of an argument: a number, an array, or a NamedTuple of these."""
+    """Return an argument with a mark in place of every number; it is a number, an array, or a NamedTuple of these."""
     if isinstance(example, tuple) and hasattr(example, "_fields"):
         return type(example)(*(marks(tape, f"{name}.{f}", v) for f, v in zip(example._fields, example, strict=True)))
     if isinstance(example, np.ndarray):
@@ -112,7 +112,7 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
 
 
 def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
-    """What a kernel wrote: (place, mark) for every array element that changed, scratch arrays left out."""
+    """Return (element, mark) for every array element which a kernel wrote, except in scratch arrays not in `kept`."""
     if isinstance(argument, tuple) and hasattr(argument, "_fields"):
         parts = zip(argument._fields, argument, before, strict=True)
         return [row for f, a, b in parts for row in changed(a, b, f"{name}.{f}", kept)]
@@ -124,16 +124,19 @@ def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> lis
 
 
 class KernelProgram(NamedTuple):
-    """What a kernel does for arguments of given shapes."""
+    """The recorded operations of a kernel for arguments of given shapes."""
 
     names: tuple[str, ...]  # of the arguments
     rows: list[tuple[str, tuple[Any, ...]]]  # operation and operands: a mark is the row that it comes from
-    needed: list[int]  # the rows that reach the result, in order
-    stores: list[tuple[str, Mark]]  # what goes where in the end
+    needed: list[int]  # the rows on which the results depend, in order
+    stores: list[tuple[str, Mark]]  # array elements and the marks of their final values
 
 
 def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
-    """Run `kernel` on symbols in arguments of the examples' shapes; of scratch arrays only those `kept` are results."""
+    """Return the recording of `kernel` for arguments with the shapes of `examples`.
+
+    Of the scratch arrays, only those in `kept` are results.
+    """
     tape = Tape()
     arguments = {name: marks(tape, name, example) for name, example in examples.items()}
     before = {name: marks(tape, name, example) for name, example in examples.items()}
@@ -150,7 +153,7 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
 
 
 def example_arguments(n: int) -> dict[str, Any]:
-    """Arguments of the shapes that every kernel of an n-link chain takes."""
+    """Return arguments of zeros, by name, with the shapes that the kernels of a planar n-link chain take."""
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -166,7 +169,7 @@ def example_arguments(n: int) -> dict[str, Any]:
 
 
 def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any]:
-    """As `example_arguments`, of a body that lengthens by `axial` laws: `equations.extension`."""
+    """Return arguments as `example_arguments` does, for a chain with segments that lengthen (`equations.extension`)."""
     size = n + segments
     curved, moved = n + segments * bool(axial & CURVED), segments * bool(axial & REMEMBERS)
 
@@ -188,12 +191,15 @@ def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any
 def spatial_workspace(
     n: int, turns: int, segments: int = 0, tendons: int = 0, kind: type = float,
 ) -> SpatialWorkspace:
-    """Return scratch arrays of a `kind` of numbers for n links in space, of 2 or 3 turns a joint, with tendons."""
+    """Return scratch arrays for n links in space, with 2 or 3 rotational coordinates (`turns`) at each joint.
+
+    `segments` is the number of segments that lengthen, `kind` the type of the numbers.
+    """
     turned, size = turns * n, turns * n + segments
     shapes: dict[str, tuple[int, ...]] = {
         "A": (size, size), "B": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3),
         "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
-        **dict.fromkeys(("tension", "slope"), (tendons,)), "felt": (tendons, size),
+        **dict.fromkeys(("tension", "slope", "start"), (tendons,)), "felt": (tendons, size),
         **dict.fromkeys(("run", "ease", "kept"), (tendons, n)),
         **dict.fromkeys("SEFN", (turned, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
@@ -206,7 +212,7 @@ def spatial_workspace(
 def spatial_arguments(
     n: int, segments: int, turns: int, tendons: int, *, remembers: bool = False,
 ) -> dict[str, Any]:
-    """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
+    """Return arguments as `example_arguments` does, for a chain in space with 2 or 3 `turns` at each joint."""
     size = n * turns + segments
 
     def zeros(*shape: int) -> np.ndarray:
@@ -233,10 +239,13 @@ def recording(
     kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
     remembers: bool = False,
 ) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen by `axial` laws; in space, turns and
-    tendons.
+    """Return the recording of a kernel for n links; in space, with `turns` coordinates a joint and `tendons`.
 
-    In space a step that `remembers` takes the lines of hysteresis states.
+    `axial`: laws of the segments, as in `choose.twin`.
+
+    `segments` is the number of segments that lengthen.
+
+    With `remembers`, a step in space includes the linear functions of the hysteresis states.
     """
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)

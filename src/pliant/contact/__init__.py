@@ -1,4 +1,4 @@
-"""Contact from shape: whether, where and how hard, and a map of what was touched."""
+"""Contact detection from shape: whether, where and how hard a body is touched, and a map of the obstacles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`find_contact`: when something touches the body, where, and how hard."""
+"""The function `find_contact`: when and where something touches the body, and how hard."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from pliant.version import __version__
 
 Array = np.ndarray
 GONE = 2.0  # mean normalised square of the torques, over that of their drift, below which a contact is over
-STAYS = 0.01  # of the largest mean square of a contact: what the material remembers of it
-CALM = 0.107  # s for which it must stay there
-SHY = 0.2  # s after a contact in which its end raises no alarm
-PACE = 0.2  # share by which the rate of frames may differ from that of the free motion
+STAYS = 0.01  # of the largest mean square of a contact: residual torque by hysteresis
+CALM = 0.107  # s for which the torques must stay below these limits
+SHY = 0.2  # s after a contact without a new alarm
+PACE = 0.2  # relative difference allowed between the frame rates of the recording and of the free motion
 
 
 def find_contact(
@@ -48,31 +48,31 @@ def find_contact(
     recording : xarray.Dataset
         As for `estimate`.
     free : recordings or FreeMotion
-        Motion of the same body that is known to be free, like the one to be judged in pressure; or what `free_motion`
-        learnt of it. The test's threshold comes from it.
+        Recordings of the same body without contact, under similar pressures; or the result of `free_motion` for them.
+        They set the threshold of the test.
     false_alarms_per_hour : float
-        That the threshold stands for.
+        Rate of false alarms for which the threshold is chosen.
     noise : Noise, optional
         As for `estimate`; the disturbance must be a random walk.
     friction : float
-        Likely coefficient of friction: what the force along the body may be where the torques do not show it.
+        Likely coefficient of friction, which limits the force along the body where the torques do not determine it.
     torque_error : float
-        Standard deviation of an external torque in shares of itself: how well the joints' stiffness is known.
+        Relative standard deviation of an external torque, from the uncertainty of the joints' stiffness.
     lasting : bool
-        Whether torques that last raise an alarm too, by a cumulative sum: it finds a body that is leant on slowly,
-        which the test for forces that set in does not, and drifts of sensor and material raise more false alarms.
+        Whether to detect slowly growing torques too, by a cumulative sum. This finds a body that is loaded slowly,
+        which the test for sudden forces misses, but drifts of sensor and material cause more false alarms.
     **options
-        Of `estimate`: latency, step, stations.
+        Options of `estimate`: latency, step, stations.
 
     Returns
     -------
     xarray.Dataset
-        statistic, in_contact, external_torque (time, joint) with the free part taken off (of a body that lengthens also
-        external_axial_force (time, segment)), and while in contact
-        contact_arc_length with arc_low and arc_high (95 %), contact_position, contact_normal, contact_force (time,
-        axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). In space there are
-        three axes, and external_torque_x and external_torque_y. attrs: threshold, alarm times, onset times, how the
-        threshold was found.
+        statistic (threshold 1), in_contact (time), external_torque [N m] (time, joint) without the part explained by
+        free motion; for an extensible body also external_axial_force [N] (time, segment). While in contact:
+        contact_arc_length [m] with arc_low and arc_high (95 %), contact_position [m], contact_normal, contact_force [N]
+        (time, axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). In space
+        there are three axes, and external_torque_x and external_torque_y. attrs: threshold, alarm times, onset times,
+        and properties of the free motion.
 
     Raises
     ------
@@ -89,10 +89,10 @@ def find_contact(
         free = [pliant.read(name) for name in ("pulse_60.nc", "pulse_119.nc", "pulse_180.nc")]
         learnt = free_motion(free, model, false_alarms_per_hour=1.0)
         touched = find_contact(pliant.read("poke.nc"), model, free=learnt)
-        touched.attrs["onset_s"]                                   # when
+        touched.attrs["onset_s"]                                   # times at which contacts begin, s
         at = touched.where(touched.in_contact, drop=True)
-        at.contact_arc_length, at.contact_force                    # where along the body, m; how hard, N
-        at.hidden_tangential.any()                                 # whether the shape could not show a component
+        at.contact_arc_length, at.contact_force                    # position along the body, m; force, N
+        at.hidden_tangential.any()                                 # whether the force along the body is undetermined
     """
     settings = noise or default_noise(model, disturbance=True)
     learnt = free if isinstance(free, FreeMotion) else free_motion(
@@ -122,16 +122,17 @@ def free_motion(
 ) -> FreeMotion:
     """Estimate noise and bias of the external torques from recordings in which nothing touches the body.
 
-    Both tests learn it: of forces that set in, and of torques that last.
+    The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques. The
+    arguments are those of `find_contact`.
     """
     if not recordings:
-        raise InputError("the threshold comes from free motion: give at least one recording without contact")
+        raise InputError("free_motion needs at least one recording without contact: it sets the threshold")
     return learnt_from(shown_by(recordings, model, noise or default_noise(model, disturbance=True), **options),
                        false_alarms_per_hour)
 
 
 class ShownFree(NamedTuple):
-    """Recordings in which nothing touches, as the tests see them: what thresholds of any rate are learnt from."""
+    """Filtered recordings without contact, from which thresholds for any rate of false alarms can be computed."""
 
     parts: list[ContactSeen]
     answer: Answer
@@ -139,7 +140,7 @@ class ShownFree(NamedTuple):
 
 
 def shown_by(recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any) -> ShownFree:
-    """Run the filter over recordings in which nothing touches."""
+    """Run the filter over recordings without contact."""
     parts = [unexplained(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
     answer = answer_of(model, noise, measurement, step=options.get("step", 5e-3))
@@ -149,39 +150,39 @@ def shown_by(recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **opt
 
 
 def learnt_from(shown: ShownFree, rate: float) -> FreeMotion:
-    """Both tests, for so many false alarms an hour."""
+    """Return the thresholds of both tests for `rate` false alarms per hour."""
     parts = shown.parts
     sudden = learn_sudden(shown.answer, shown.ratios, [p.motion for p in parts], rate)
     return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
 
 
 def check_pace(found: xr.Dataset, period: float) -> None:
-    """Refuse frames that come faster or slower than those of the free motion: its threshold says nothing of them."""
+    """Raise InputError if the frame rate differs from that of the free motion, for which the threshold holds."""
     own = float(np.median(np.diff(found["time"].values)))
     if abs(own / period - 1.0) > PACE:
         raise InputError(
-            f"free motion was recorded at {1 / period:.0f} Hz and this recording at {1 / own:.0f} Hz: the threshold "
-            "holds for one rate, so record both at the same"
+            f"free motion was recorded at {1 / period:.0f} Hz, but this recording at {1 / own:.0f} Hz: the threshold "
+            "holds for one frame rate, so record both at the same rate"
         )
 
 
 class ContactSeen(NamedTuple):
-    """A recording as the tests see it."""
+    """A filtered recording with the quantities that the contact tests need."""
 
     found: xr.Dataset
-    torque: Array  # (T, n) N m, disturbance; (T, n + S) of a body that lengthens, that of its strains behind
+    torque: Array  # (T, n) N m, disturbance; (T, n + S) for an extensible body, with its strains last
     features: Array  # (T, F), see `features_of`
-    angle: Array  # (T, n) rad, of the links; strains behind them likewise
+    angle: Array  # (T, n) rad, of the links, followed by strains
     motion: Array  # (T,) rad^2/s^2
 
     @property
     def innovations(self) -> tuple[Array, Array, Array]:
-        """Return the innovations that `likelihood_ratio` takes."""
+        """Return innovations, motion and angles, the arguments of `likelihood_ratio`."""
         return self.found["innovation"].values, self.motion, self.angle
 
 
 def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> ContactSeen:
-    """Estimate of a recording with its disturbance torques, and the features of the free motion beside it."""
+    """Estimate the disturbance torques of a recording, and the features of the free motion that the model predicts."""
     if not noise.random_walk > 0:
         raise InputError(
             "noise.random_walk must be positive: contact is detected in disturbance torques, modelled as a random walk"
@@ -198,7 +199,7 @@ def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict
 
 
 class ContactEvent(NamedTuple):
-    """One contact: frames of its onset, of the alarm and after its end, and the torques [N m] that are not its own."""
+    """One contact: its frames of onset, alarm and end, and the torques [N m] before it, which are subtracted."""
 
     onset: int
     alarm: int
@@ -209,11 +210,11 @@ class ContactEvent(NamedTuple):
 def episodes(
     slow: Array, fast: Array, since: Array, left: Array, learnt: FreeMotion, scale: Array
 ) -> list[ContactEvent]:
-    """Contacts, one after the other: each begins with an alarm and ends when its torques have gone for some frames.
+    """Return the contacts in order: each starts with an alarm and ends when its torques have vanished for some frames.
 
-    What was left of the torques before the onset is taken off, as far as it lasts; the longer ago, the farther free
-    motion itself has drifted from it. A body that was bent hard remembers it: a small share of the largest torques
-    counts as gone.
+    The torques before the onset are subtracted, reduced by their correlation over time; the limit for the end grows
+    with the drift of free motion since then. Hysteresis leaves a small fraction of the largest torques, which counts as
+    vanished.
     """
     mean, events, k = running_mean(left, learnt.period), [], 0
     calm, shy = frames_of(CALM, learnt.period), frames_of(SHY, learnt.period)
@@ -235,13 +236,13 @@ def episodes(
 
 
 def last_zero(sums: Array, k: int) -> int:
-    """The frame after the last one up to k at which the cumulative sum was zero."""
+    """Return the frame after the last one up to k at which the cumulative sum was zero."""
     at = np.flatnonzero(sums[: k + 1] <= 0)
     return int(at[-1]) + 1 if at.size else 0
 
 
 def external(model: Model, left: Array) -> dict[str, Any]:
-    """Torques of the joints (T, n), and forces along the segments that lengthen (T, S), for the dataset."""
+    """Return dataset variables of joint torques (T, n) [N m] and axial forces (T, S) [N] from the remaining torques."""
     return {
         kind.names[3]: (("time", kind.over), left[:, kind.rows] / kind.lever, {"units": kind.units[2]})
         for kind in mechanics_of(model).kinds
@@ -252,7 +253,7 @@ def described(
     seen: ContactSeen, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
     learnt: FreeMotion, events: list[ContactEvent],
 ) -> xr.Dataset:
-    """The dataset of `find_contact`."""
+    """Return the dataset of `find_contact`."""
     found = seen.found
     T, axes = statistic.size, found.sizes["axis"]
     numbers = {

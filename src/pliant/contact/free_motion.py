@@ -1,4 +1,4 @@
-"""Is something touching? A sequential test whose threshold comes from motion that is known to be free."""
+"""Sequential tests for contact, whose thresholds come from motion that is known to be free of contact."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from pliant.model import Model
 from pliant.model.statics import torques_over
 
 Array = np.ndarray
-CAP = 1.5  # thresholds: where the cumulative sum stops
-HOLD = 0.107  # s for which fast motion is remembered
-LAGS = (0.05, 0.3, 3.0)  # s: what creeps and lags behind the pressure
+CAP = 1.5  # upper limit of the cumulative sum, in thresholds
+HOLD = 0.107  # s, window of the recent motion
+LAGS = (0.05, 0.3, 3.0)  # s, time constants of torques that lag behind the pressure
 RIDGE = 1e-4
-BLOCK = 1.0  # s of a stretch whose highest value counts
-LATER, BEFORE = 0.533, 0.133  # s after which, and over which, a contact is compared with what was before
-HEAVIEST = 0.3  # shape of the heaviest tail
-MANY = 40  # peaks from which the upper quartile, else the upper half, makes the tail
+BLOCK = 1.0  # s, length of a block whose maximum counts
+LATER, BEFORE = 0.533, 0.133  # s, delay and averaging time of the torques before a contact
+HEAVIEST = 0.3  # largest shape parameter of the tail
+MANY = 40  # number of peaks from which the tail is the upper quartile, else the upper half
 
 
 @dataclass(frozen=True)
 class Sudden:
-    """The likelihood ratio of forces that set in, in free motion.
+    """Test for forces that set in suddenly: its likelihood ratio in free motion, and its threshold.
 
     Attributes
     ----------
     answer : Answer
     size : (B,) array
-        Its 99 % quantile at each case of motion of the answer, not falling: unknown errors of fast motion.
+        99 % quantile of the ratio at each level of motion in `answer`, not falling with motion.
     threshold : float
-        Of the ratio over that size.
+        Threshold of the ratio over `size`.
     """
 
     answer: Answer
@@ -40,40 +40,40 @@ class Sudden:
     threshold: float
 
     def statistic(self, ratio: Array, motion: Array) -> Array:
-        """The ratio (T,) in units of its threshold."""
+        """Return the likelihood ratio (T,) in units of its threshold."""
         return np.asarray(ratio / self.size[self.answer.case(motion)] / self.threshold)
 
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Statistics of the external torques while nothing touches the body.
+    """Statistics of the external torques while nothing touches the body, with the thresholds of both contact tests.
 
     Attributes
     ----------
     weights : (features, n) array
-        Linear part that pressure and free motion explain: the model's own errors.
+        Linear regression of the torques on the features of pressure and free motion, which describes model error.
     covariance : (n, n) array
-        Of what is left, N^2 m^2.
+        Covariance of the residual torques, N^2 m^2.
     growth : float
-        How much that covariance grows with the activity of the motion: it is scaled by (1 + growth activity).
+        Growth of that covariance with the activity of the motion: it is scaled by (1 + growth activity).
     slack : float
-        Subtracted from the normalised square at every frame: excursions of free motion die out.
+        Value subtracted from the normalised square at every frame, so that excursions of free motion decay.
     threshold : float
-        Of the cumulative sum.
+        Threshold of the cumulative sum.
     kept : float
-        Share of the torques left over half a second ago that is still there: what a contact is measured against.
+        Fraction of the residual torques that remains after half a second; a contact is measured relative to it.
     change : (n, n) array
-        Covariance of the rest of them at little motion, N^2 m^2.
+        Covariance of the change of the residual torques in half a second, with little motion, N^2 m^2.
     sudden : Sudden
-        The test for forces that set in.
+        The test for forces that set in suddenly.
     duration : float
-        s of free motion that it was learnt from.
+        Duration of the free motion, s.
     period : float
-        s between its frames.
+        Time between frames, s.
     rate : float
-        False alarms per hour that were asked for.
+        Requested rate of false alarms, 1/h.
     extrapolated : bool
-        Whether the free motion is too short to have shown one such alarm: the tail was extended.
+        Whether the free motion is shorter than the mean time between false alarms, so that the tail was extrapolated.
     """
 
     weights: Array
@@ -90,32 +90,32 @@ class FreeMotion:
     extrapolated: bool
 
     def left_over(self, torque: Array, features: Array) -> Array:
-        """External torques (T, n) without the part that free motion explains."""
+        """Return the external torques (T, n) without the part explained by free motion."""
         return np.asarray(torque - features @ self.weights)
 
     def scale(self, features: Array) -> Array:
-        """Factor (T,) on the covariance at each frame: the model errs more in fast motion."""
+        """Return the factor (T,) on the covariance at each frame, which grows with the activity of the motion."""
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
     def drift(self, frames: Array) -> Array:
-        """Return the mean squared drift of the torques of free motion within so many frames, in units of `change`.
+        """Return the mean squared drift of the torques of free motion within `frames` frames, in units of `change`.
 
-        As a random walk would, at least `change` itself, and at most as much as they scatter at all.
+        It grows linearly as for a random walk, from `change` itself up to the total scatter of the torques.
         """
         most = float(np.trace(np.linalg.solve(self.change, self.covariance))) / len(self.change)
         return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
 
     def statistic(self, left: Array, features: Array) -> Array:
-        """Cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
+        """Return the cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
         return cumulative(gain, CAP * self.threshold)
 
 
 def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
-    """Columns (T, F) that the model's errors in free motion are linear in.
+    """Return the regressors (T, F) for the model's errors in free motion.
 
-    The torque of each chamber, its square, its lags, and the joint angles and rates that the model predicts under the
-    pressure: none of them knows what touched the body.
+    They are the torque of each chamber, its square, its lagged values, and the joint angles and rates that the model
+    predicts under the pressure. None of them depends on a contact.
     """
     from scipy.signal import lfilter
 
@@ -129,14 +129,14 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
 
 
 def activity(features: Array, n: int, period: float) -> Array:
-    """Mean square (T,) of the joint rates that the model predicts, the highest of late, rad^2/s^2."""
+    """Return the recent maximum (T,) of the mean square joint rate that the model predicts, rad^2/s^2."""
     power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
     padded = np.concatenate([np.full(hold - 1, power[0]), power])
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, hold).max(axis=1))
 
 
 def growth_of(squares: Array, active: Array) -> tuple[float, float]:
-    """Level and growth of mean squares with activity, level (1 + growth activity); neither negative."""
+    """Return level and growth of mean squares with activity: squares = level (1 + growth activity)."""
     from scipy.optimize import nnls
 
     (level, slope), _ = nnls(np.column_stack([np.ones_like(active), active]), squares)
@@ -145,15 +145,15 @@ def growth_of(squares: Array, active: Array) -> tuple[float, float]:
 
 
 def normalised(left: Array, covariance: Array) -> Array:
-    """Squares (T,) of rows in units of their covariance, over their number."""
+    """Return the mean square (T,) of the rows of `left` (T, n), normalised by their covariance (n, n)."""
     white = np.linalg.solve(np.linalg.cholesky(covariance), left.T)
     return np.asarray(np.mean(white**2, axis=0))
 
 
 def cumulative(gain: Array, cap: float = np.inf) -> Array:
-    """S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0 (Page's test).
+    """Return the cumulative sum S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0 (Page's test).
 
-    The cap lets a test that has crossed its threshold come back soon after the cause is gone.
+    With the cap, the sum falls below its threshold soon after the cause has ended.
     """
     out = np.empty(len(gain))
     total = 0.0
@@ -164,7 +164,7 @@ def cumulative(gain: Array, cap: float = np.inf) -> Array:
 
 
 def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
-    """Threshold of the likelihood ratio that free motion crosses `rate` times an hour."""
+    """Return the test for sudden forces, with the threshold that free motion crosses `rate` times per hour."""
     ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
     enough = 2 * frames_of(BLOCK, answer.period)
@@ -177,7 +177,7 @@ def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], rate
 
 
 def blocks(values: Array, period: float) -> Array:
-    """Highest value of each stretch of `BLOCK` s: stretches are nearly independent of each other."""
+    """Return the maximum of each block of `BLOCK` seconds; blocks are nearly independent of each other."""
     count = max(1, len(values) // frames_of(BLOCK, period))
     return np.array([part.max() for part in np.array_split(values, count)])
 
@@ -185,27 +185,27 @@ def blocks(values: Array, period: float) -> Array:
 def learn_free(
     torques: list[Array], features: list[Array], sudden: Sudden, *, rate: float = 1.0, slack: float | None = None
 ) -> FreeMotion:
-    """Learn a sequential test from records without contact.
+    """Return the statistics and thresholds of both contact tests from recordings without contact.
 
-    Each record is judged by weights learnt from the others (itself, when it is the only one): what is left then is what
-    a new record will leave. The threshold is where the peaks of the cumulative sum come `rate` times an hour.
+    The residuals of each recording come from a regression on the others (on itself, if it is the only one), as for a
+    new recording. Peaks of the cumulative sum exceed the threshold `rate` times per hour.
 
     Parameters
     ----------
     torques, features : lists of (T, n) and (T, F) arrays
     sudden : Sudden
-        The other test, to be kept with this one.
+        The test for sudden forces, stored in the result.
     rate : float
         False alarms per hour.
 
     Raises
     ------
     InputError
-        When there is no record, or too little of it.
+        When there is no recording, or too few frames.
     """
     frames, period = sum(len(t) for t in torques), sudden.answer.period
     if not torques or frames < 3 * features[0].shape[1] or not rate > 0:
-        raise InputError(f"{frames} frames of free motion are too few to learn from: record some seconds more")
+        raise InputError(f"{frames} frames of free motion are too few for a threshold: record some seconds more")
     left = []
     for k in range(len(torques)):
         rest = [i for i in range(len(torques)) if i != k] or [0]
@@ -230,7 +230,7 @@ def learn_free(
 
 
 def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
-    """Share of what was left over half a second before that is still there, and the covariance of what is not."""
+    """Return the fraction of residual torques that remains after half a second, and the covariance of the change."""
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])
     before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])
@@ -240,14 +240,14 @@ def changes(left: list[Array], active: list[Array], growth: float, period: float
 
 
 def running_mean(values: Array, period: float) -> Array:
-    """Mean (T, n) of the rows of the last `BEFORE` s, fewer at the start."""
+    """Return the mean (T, n) of the rows in the last `BEFORE` seconds, or of fewer at the start."""
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
     first = np.maximum(np.arange(len(values)) + 1 - frames_of(BEFORE, period), 0)
     return np.asarray((total[1:] - total[first]) / (np.arange(len(values)) + 1 - first)[:, None])
 
 
 def regression(torques: list[Array], features: list[Array]) -> Array:
-    """Ridge regression of torques on features, columns in units of their size."""
+    """Return the weights (F, n) of a ridge regression of torques on features scaled to unit size."""
     X, Y = np.concatenate(features), np.concatenate(torques)
     size = np.sqrt(np.mean(X**2, axis=0)) + 1e-300
     Z = X / size
@@ -256,22 +256,22 @@ def regression(torques: list[Array], features: list[Array]) -> Array:
 
 
 def excursions(sums: Array) -> Array:
-    """Highest value of each stretch in which the cumulative sum is above zero."""
+    """Return the maximum of each interval in which the cumulative sum is positive."""
     up = np.concatenate([[0], (sums > 0).astype(int), [0]])
     starts, stops = np.flatnonzero(np.diff(up) == 1), np.flatnonzero(np.diff(up) == -1)
     return np.array([sums[a:b].max() for a, b in zip(starts, stops, strict=True)])
 
 
 def tail(peaks: Array, duration: float, rate: float) -> tuple[float, bool]:
-    """Threshold that peaks cross `rate` times an hour, and whether it lies beyond what `duration` s have shown.
+    """Return the threshold that peaks exceed `rate` times per hour, and whether it is extrapolated.
 
-    Excesses over the upper quartile follow a generalised Pareto law, its shape by probability-weighted moments, taken
-    within [0, `HEAVIEST`]: never lighter than exponential, whatever a short record seems to say.
+    `duration` [s] is that of the recordings. Excesses over the upper quartile follow a generalised Pareto law, with its
+    shape from probability-weighted moments, limited to [0, `HEAVIEST`]: never lighter than exponential.
 
     Source: Hosking and Wallis (1987), Parameter and quantile estimation for the generalized Pareto distribution
     """
     if peaks.size < 3:
-        raise InputError("free motion shows too few excursions to set a threshold: record more of it")
+        raise InputError("free motion has too few excursions to set a threshold: record more of it")
     base = float(np.quantile(peaks, 0.75)) if peaks.size >= MANY else float(np.median(peaks))
     above = np.sort(peaks[peaks > base] - base)
     wanted = rate * duration / 3600.0  # alarms expected within the record

@@ -1,8 +1,8 @@
-"""A force that sets in: generalised likelihood ratio of a step of the joint torques, on the filter's innovations.
+"""Detection of a force that sets in: generalised likelihood ratio of a torque step, on the filter's innovations.
 
-White innovations of unit variance, as long as the model holds; after a step of the torques by J f, f being a force at a
-point of the body and J its moment arms, they carry R_j J f, j frames after the onset. Over all onsets of late and all
-places along the body the largest (sum y)^2 / sum |R_j J|^2 is the test: the best that a frame after an onset can know.
+The innovations are white with unit variance as long as the model holds. After a step of the torques by J f, with f a
+force at a point of the body and J its moment arms, their mean is R_j J f at j frames after the onset. The test
+statistic is the largest (sum y)^2 / sum |R_j J|^2 over recent onsets and all positions along the body.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from pliant.simulation import state
 
 Array = np.ndarray
 WINDOWS = (0.027, 0.04, 0.053, 0.067, 0.08, 0.107, 0.133, 0.173)  # s since the onset
-MOTIONS = (0.0, 0.05, 0.25, 1.2, 6.0, 20.0)  # rad^2/s^2 for which the filter's answer is worked out
-SETTLED = 2.7  # s after which its covariance stands still
-PLACES = (0.25, 0.75)  # of each link but the first, which hardly shows a force
+MOTIONS = (0.0, 0.05, 0.25, 1.2, 6.0, 20.0)  # rad^2/s^2, mean square joint rates of the tabulated responses
+SETTLED = 2.7  # s after which the filter's covariance is stationary
+PLACES = (0.25, 0.75)  # positions on each link but the first, which hardly responds to a force
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Response of whitened innovations to a step of the joint torques.
+    """Response of the filter's whitened innovations to a step of the joint torques, tabulated by amount of motion.
 
     Attributes
     ----------
     motion : (B,) array
         Mean square joint rates [rad^2/s^2] of the B cases.
     response : (B, W, m, n) array
-        1/(N m): of row m, so many frames after a unit step of torque n; n + S of a body that lengthens.
+        Response of row m, at w frames after a unit step of torque n, 1/(N m); n + S torques for an extensible body.
     period : float
-        s between two frames.
+        Time between two frames, s.
     """
 
     motion: Array
@@ -51,27 +51,27 @@ class Answer:
 
     @property
     def windows(self) -> list[int]:
-        """Frames since the onset that are tried."""
+        """Return the numbers of frames since the onset that are tested."""
         return windows_of(self.period)
 
     def case(self, motion: Array) -> Array:
-        """The case (T,) nearest to the motion (T,) of each frame, in logarithms."""
+        """Return the index (T,) of the tabulated case closest to each frame's mean square joint rate `motion` (T,)."""
         edges = np.sqrt(np.maximum(self.motion[1:], 1e-3) * np.maximum(self.motion[:-1], 1e-2))
         return np.searchsorted(edges, motion)
 
 
 def frames_of(seconds: float, period: float) -> int:
-    """Frames in a time, at least one."""
+    """Return the number of frames in a time [s], at least one."""
     return max(1, round(seconds / period))
 
 
 def windows_of(period: float) -> list[int]:
-    """`WINDOWS` in frames, each once."""
+    """Return `WINDOWS` as numbers of frames, without duplicates, in rising order."""
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
 def answer_of(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> Answer:
-    """Answer of the settled filter at rest, for bodies that move little and much."""
+    """Return the step response of the stationary filter at rest, for each level of motion in `MOTIONS`."""
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
@@ -80,7 +80,7 @@ def answer_of(model: Model, noise: Noise, measurement: Measurement, *, step: flo
 
 
 def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
-    """Whitened innovations (W, m, n) after a unit step of each torque."""
+    """Return the whitened innovations (W, m, n) after a unit step of each torque, frame by frame."""
     n, rows = model.size, measurement.rows
     workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
@@ -117,20 +117,20 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 def likelihood_ratio(
     answer: Answer, model: Model, innovation: Array, motion: Array, angle: Array
 ) -> tuple[Array, Array]:
-    """Statistic (T,) of a force across the body that set in within the last frames, and how many frames ago (T,).
+    """Return the statistic (T,) of a force that recently set in across the body, and its age in frames (T,).
 
-    A body that lengthens shows forces along it too, but so does every change of pressure where the model errs in the
-    axial stiffness: they raise no alarm. For one place and onset it is a chi-square number of one degree of freedom, of
-    two in space, where no force set in.
+    Without a force, the statistic for one position and onset is chi-square with one degree of freedom (in space, two).
+    Forces along an extensible body are not tested, since every change of pressure produces them where the model's axial
+    stiffness is wrong.
 
     Parameters
     ----------
     innovation : array (T, m)
-        Whitened, of unit variance; rows that are not numbers count as 0.
+        Whitened innovations of unit variance; NaN counts as 0.
     motion : array (T,)
-        Mean square joint rates of late, rad^2/s^2.
+        Recent mean square joint rates, rad^2/s^2.
     angle : array (T, n)
-        Absolute link angles, rad; strains behind them where segments lengthen.
+        Absolute link angles, rad, followed by the strains of extensible segments.
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
     link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
@@ -151,5 +151,5 @@ def likelihood_ratio(
 
 
 def shifted(e: Array, frames: int) -> Array:
-    """Rows of `frames` ago; none before the first."""
+    """Return the rows of e (T, m) delayed by `frames`, with zeros before the first row."""
     return np.concatenate([np.zeros((frames, e.shape[1])), e[: len(e) - frames]])

@@ -1,4 +1,4 @@
-"""Location and size of a contact force, from the joint torques that it makes."""
+"""Location and size of a contact force from the joint torques that it causes."""
 
 from __future__ import annotations
 
@@ -13,40 +13,42 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
-HIDDEN = 0.5  # of what friction allows: a component known no better than this is called hidden
-NORMAL_PRIOR = 30.0  # N: no opinion on the force across the body
-END = 1.5e-3  # m before the end of the body
-ROUND = 2.0  # what friction is elsewhere: the end is round, almost any direction may be normal to it
+HIDDEN = 0.5  # of the force that friction allows: a component less certain than this is called hidden
+NORMAL_PRIOR = 30.0  # N, wide prior of the force across the body
+END = 1.5e-3  # m, length of the round end of the body
+ROUND = 2.0  # friction coefficient at the round end, where almost any direction may be normal to the surface
 
 
 @dataclass(frozen=True)
 class Push:
-    """One force on the body.
+    """One contact force on the body: position, components, covariance and goodness of fit.
 
     Attributes
     ----------
     arc_length : float
-        Along the body from the origin to the point, m; of one that lengthens, before it does.
+        Arc length from the origin to the point, m; on the unstretched body.
     arc_interval : (float, float)
-        Where the point lies at 95 %, m.
+        95 % interval of the arc length, m.
     end : float
-        Of the body, m along it.
+        Arc length of the body's end, m.
     link : int
-        0 the first.
+        Index of the link, 0 for the first.
     position, left, force : (2,) array, (3,) in space
-        Point on the smooth body through the joints [m], unit normal to the left of it, force [N], in the base frame. In
-        space the normal points as the part of the force across the body does.
+        Point on the smooth curve through the joints [m], unit normal to the left of it, and force [N], in the base
+        frame. In space the normal points along the part of the force across the body.
     covariance : (2, 2) array, (3, 3) in space
-        Of the force at that point, N^2.
+        Covariance of the force at that point, N^2.
     normal, tangential : float
-        Components of the force to the left of the body and towards its tip, N; in space the size of the one across it.
+        Components of the force to the left of the body and towards its tip, N. In space `normal` is the magnitude of
+        the force across the body.
     normal_sd, tangential_sd : float
+        Their standard deviations, N.
     chi_square : float
-        What the best point leaves unexplained, n - 3 expected; n + S - 3 of a body that lengthens; N - 4 in space.
+        Chi-square at the best point; its expected value is n - 3, n + S - 3 for an extensible body, N - 4 in space.
     chi_square_free : float
-        What is unexplained without a force, n expected where nothing touches, n + S of a body that lengthens.
+        Chi-square without a force; its expected value without contact is n, n + S for an extensible body.
     hidden : tuple of str
-        Components that the torques say nothing of: what is given of them is what friction makes likely.
+        Components that the torques do not determine; their values come from the friction prior.
     """
 
     arc_length: float
@@ -70,31 +72,31 @@ def locate(
     model: Model, angle: Array, torque: Array, covariance: Array, *, friction: float = 0.5, spacing: float = 5e-4,
     rigid: bool = False,
 ) -> Push:
-    """The single force that explains external joint torques best.
+    """Find the single contact force that best explains external joint torques.
 
-    Every point along the body is tried. There the force is the least-squares one, f = (J S^-1 J^T + W)^-1 J S^-1 r,
-    where W says that the tangential part is at most about `friction` times the normal one (at the round end it may
-    be larger). The point of the highest evidence is taken: unexplained chi-square, and what a free direction costs.
+    Points all along the body are tried. At each, the force is the least-squares one, f = (J S^-1 J^T + W)^-1 J S^-1 r.
+    The prior W states that the tangential part is at most about `friction` times the normal one (more at the round
+    end). The point of highest evidence is returned, from its chi-square and a penalty for an undetermined direction.
 
     Parameters
     ----------
     angle : array (n,)
-        Absolute link angles, rad; of a body that lengthens (n + S,), its strains behind them; in space (N,), the
+        Absolute link angles, rad; (n + S,) for an extensible body, followed by its strains; in space (N,), the
         coordinates.
     torque, covariance : array (n,), (n, n)
-        External joint torques [N m] and their covariance; behind them what works on the strains, N m.
+        External joint torques [N m] and their covariance; for an extensible body followed by the generalised forces of
+        the strains [N m].
     friction : float
-        Coefficient of friction that is likely; large: no opinion.
+        Likely coefficient of friction; a large value removes the prior.
     spacing : float
-        Between the points that are tried, m.
+        Distance between the points that are tried, m.
     rigid : bool
-        Whether the body bends at its joints alone, like the chain; see `pliant.contact.moment_arms.moment_arms`.
+        Whether the body bends at its joints only, like the chain; see `pliant.contact.moment_arms.moment_arms`.
 
     Returns
     -------
     Push
-        A straight body cannot show a force along itself, whatever its size: then "tangential" is among `hidden`. One
-        that lengthens can.
+        A force along a straight body of fixed length causes no joint torque: then "tangential" is among `hidden`.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def locate(
     if shapes != [(size,), (size,), (size, size)] or not friction > 0:
         strains = f" and {size - n} strains" if size > n else ""
         raise InputError(
-            f"a force is located from {n} angles{strains}, {size} torques and their covariance, friction above 0"
+            f"locate needs {n} angles{strains}, {size} torques, their covariance ({size}, {size}), and friction above 0"
         )
     try:
         whiten = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -133,26 +135,26 @@ def locate(
 
 
 class Tried(NamedTuple):
-    """The points that are tried, and the best force at each."""
+    """The candidate points of a contact, and the best force at each."""
 
     link: Array  # (P,)
     along: Array  # (P,) m, from the link's joint
     force: Array  # (P, d) N, across the body and towards its tip
     information: Array  # (P, d, d) 1/N^2, inverse of the force's covariance
-    weight: Array  # (P, d, d) 1/N^2, of that what friction makes likely
-    misfit: Array  # (P,) chi-square left
-    evidence: Array  # (P,) that and what freedom costs: the lowest is the likeliest
+    weight: Array  # (P, d, d) 1/N^2, contribution of the friction prior to `information`
+    misfit: Array  # (P,) chi-square
+    evidence: Array  # (P,) misfit plus a penalty for undetermined directions: the lowest is the likeliest
 
 
 def points(model: Model, spacing: float) -> tuple[Array, Array]:
-    """Points along the links: link and distance along it (P,), m."""
+    """Return points every `spacing` [m] along all links: link index (P,), and distance from its joint (P,) [m]."""
     counts = np.maximum(2, np.ceil(model.link_length / spacing).astype(int))
     along = [(np.arange(c) + 0.5) / c * l for c, l in zip(counts, model.link_length, strict=True)]
     return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
 def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
-    """The best point in the base frame, with what it cannot show; `without` is the chi-square without a force."""
+    """Return the best candidate as a `Push` in the base frame; `without` is the chi-square without a force."""
     best = int(np.argmin(tried.evidence))
     likely = tried.evidence <= tried.evidence[best] + 3.84
     j = int(tried.link[best])

@@ -1,4 +1,4 @@
-"""A map of contacts as a file: all of it, its cells as a table, or a figure."""
+"""Writing of a contact map to a file: the whole dataset, a table of cells, or a figure."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 def save_map(chart: xr.Dataset, path: str | Path) -> Path:
-    """Write a map as .nc (all of it), .csv (x, y, probability of every cell) or .png (a figure).
+    """Write a contact map as .nc (whole dataset), .csv (x, y, probability of every cell) or .png (figure).
 
     Raises
     ------
     InputError
-        For another ending, or when the file cannot be written.
+        For another suffix, or when the file cannot be written.
     """
     path = Path(path)
     if path.suffix not in (".nc", ".csv", ".png"):
-        raise InputError(f"a map is written as .nc, .csv or .png, not {path.name!r}")
+        raise InputError(f"a map can be written as .nc, .csv or .png, not as {path.name!r}")
     with whole(path) as draft:
         if path.suffix == ".nc":
             chart.to_netcdf(draft, engine="h5netcdf")
@@ -40,7 +40,7 @@ def save_map(chart: xr.Dataset, path: str | Path) -> Path:
 
 
 def contact_map(chart: Any) -> Figure:
-    """Occupancy of a map of contacts, dark where solid, and the touched points with their normals."""
+    """Plot a contact map: occupied cells dark, and the touched points with their normals."""
     with style():
         figure, ax = new_figure(width=COLUMN_WIDTH, height=3.2)
         x, y = (1e3 * chart[name].values for name in ("x", "y"))

@@ -1,4 +1,4 @@
-"""Torques at the joints of a chain from a force at a point of the body that the chain stands for."""
+"""Joint torques of a chain from a force at a point of the continuous body that the chain represents."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ Array = np.ndarray
 
 
 def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
-    """Moment arm (P,) [m] at `joint` (P,) of a force across a body that bends everywhere, u (P,) [m] beyond the joint.
+    """Return the moment arm (P,) [m] about `joint` (P,) of a force across a continuously bending body.
 
-    The angle between two links of a body weighs its curvature by a hat: up along the link before, or from the base at
-    once, and down along the link behind. The mean of max(u, 0) under that hat is the arm, scaled to be the chain's
-    own at the tip, as the joint's stiffness was found with the chain. Of a body that lengthens: before it does.
+    The force acts at u (P,) [m] beyond the joint, on the unstretched body. The angle between two links is a weighted
+    mean of the body's curvature, with a hat function: it rises along the link before (at the base, at once) and falls
+    along the link after. The arm is the mean of max(u, 0) under the hat, scaled to equal that of the chain at the tip,
+    since the joint's stiffness was identified with the chain.
     """
     l = model.link_length
     tip = np.cumsum(l[::-1])[::-1][joint]
@@ -33,21 +34,21 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 
 
 def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
-    """Joint torques (T, P, 2, n) of a unit force to the left of the body and of one towards its tip, m.
+    """Return the joint torques (T, P, 2, n) [m] of a unit force to the left of the body, and of one towards its tip.
 
-    Of a body that lengthens (T, P, 2, n + S): behind them what the force does to the strains of its segments. In space
-    (T, P, 3, N) of unit forces along the axes x and y of the link and along it, by all coordinates.
+    For an extensible body (T, P, 2, n + S), followed by the generalised forces of the strains. In space (T, P, 3, N),
+    for unit forces along the link's axes x and y and along the link, by all coordinates.
 
     Parameters
     ----------
     angle : array (T, n)
-        Absolute link angles, rad; of a body that lengthens (T, n + S), its strains behind them; in space (T, N),
+        Absolute link angles, rad; (T, n + S) for an extensible body, followed by its strains; in space (T, N),
         coordinates.
     link, along : arrays (P,)
-        Of the points: link, and distance from its joint before the link stretches, m.
+        Link index of each point, and its distance from the link's joint on the unstretched link, m.
     rigid : bool
-        Whether the body bends at its joints alone. Otherwise `mean_moment_arm` holds at the joints beside the force,
-        times the stretch of the force's link.
+        Whether the body bends at its joints only. Otherwise `mean_moment_arm` holds at the two joints next to the
+        force, times the stretch of the force's link.
 
     Source: virtual work, as `equations.extension.add_link_loads`
     """
@@ -72,7 +73,7 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
 
 
 def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
-    """Way (T, P, S, d) [m] of points by each strain: along every link before them, in its direction (T, n + 1, d)."""
+    """Return the displacement (T, P, S, d) [m] of points per unit of each segment's strain."""
     rows = np.arange(-1, model.n)
     length = np.append(model.base_length, model.link_length)
     way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
@@ -80,9 +81,10 @@ def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Point and unit tangent (2,), (3,) in space, at an arc length [m] of the cubic spline through the joints.
+    """Return point [m] and unit tangent (2,), in space (3,), at an arc length [m] of the curve through the joints.
 
-    Of a body that lengthens, with its strains behind the angles (n + S,), at that arc length before it does.
+    The curve is a cubic spline. For an extensible body, `angle` (n + S,) ends with its strains, and the arc length is
+    on the unstretched body.
     """
     chain, first = mechanics_of(model), int(model.base_length == 0.0)
     stretch, directions = chain.stretches(angle), chain.directions(angle)

@@ -1,4 +1,4 @@
-"""A planar occupancy map of touched and swept places, with its uncertainty and the stiffness of the touched."""
+"""Planar occupancy map from touches and swept areas, with uncertainty and the stiffness of the touched object."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pliant.contact.likelihood_ratio import frames_of
 from pliant.errors import InputError
 
 Array = np.ndarray
-FREE, TOUCHED = -0.85, 2.2  # log-odds that one pass and one touch are worth
-CLEAR = 3.0  # standard deviations by which a force must be clear of zero to tell of a surface
-STILL = 0.5  # rad/s: faster joints make torques that look like contact
-STEADY, SAME_PLACE, SAME_FORCE = 0.13, 5e-3, 0.3  # s for which place [m] and force [share] of a touch must have stayed
-LIMIT = 8.0  # log-odds beyond which nothing counts
-DEPTH = 2.0e-3  # m behind a surface that a touch says is solid
+FREE, TOUCHED = -0.85, 2.2  # log-odds of one pass and of one touch
+CLEAR = 3.0  # least force of a touch, in its standard deviations
+STILL = 0.5  # rad/s: faster joints produce torques that look like contact
+STEADY, SAME_PLACE, SAME_FORCE = 0.13, 5e-3, 0.3  # s for which position [m] and relative force must be steady
+LIMIT = 8.0  # largest absolute log-odds of a cell
+DEPTH = 2.0e-3  # m behind a touched surface that count as solid
 
 
 @dataclass(frozen=True)
 class Poke:
-    """Evidence of one recording about the surroundings.
+    """Evidence of one recording with probing contacts: where the body moved freely, and what it touched.
 
     Attributes
     ----------
@@ -45,16 +45,16 @@ class Poke:
 
 
 def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> Poke:
-    """Surface points, normals and swept curves of a result of `find_contact`.
+    """Return the surface points, normals and swept curves from a result of `find_contact`.
 
     Parameters
     ----------
     half_width : float
-        Of the body, from its centreline to its surface, m.
+        Distance of the body's surface from its centreline, m.
     most : float
-        m: a contact whose place is less certain than this (95 %) says nothing of the surface and is left out, and so
-        is one whose force is not clear of zero, whose place or force has not stayed for a while (a body that bounces or
-        leaves), or that is seen while the body moves fast.
+        Widest 95 % interval of a contact's position, m; less certain contacts are ignored. Also ignored are contacts
+        whose force does not differ clearly from zero, whose position or force is not steady (a body that bounces or
+        leaves), or that occur while the body moves fast.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
     """
     tips = contact["tip_position"].values
     if tips.shape[-1] != 2:
-        raise InputError("a map is drawn of pokes of bodies in a plane: take place and force of each contact in space")
+        raise InputError("a map needs a body in a plane: in space, use position and force of each contact instead")
     curve = np.concatenate([np.zeros((len(tips), 1, 2)), tips], axis=1)
     width = (contact["arc_high"] - contact["arc_low"]).values
     clear = np.abs(contact["normal_force"].values) > CLEAR * contact["normal_force_sd"].values
@@ -77,7 +77,7 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
 
 
 def steady(contact: xr.Dataset) -> Array:
-    """Whether place and force of a contact (T,) have stayed where they are for a while."""
+    """Return whether position and force of a contact have been steady for the last 0.13 s, for each frame (T,)."""
     period = float(np.median(np.diff(contact["time"].values)))
     place, force = contact["contact_arc_length"].values, contact["normal_force"].values
     same = np.ones(len(place), dtype=bool)
@@ -89,7 +89,7 @@ def steady(contact: xr.Dataset) -> Array:
 
 
 def dense(curve: Array, count: int = 40) -> Array:
-    """Curves (T, S, 2) resampled to `count` points each, straight between their own."""
+    """Return curves (T, S, 2) resampled to `count` points each by linear interpolation."""
     at = np.linspace(0, curve.shape[1] - 1, count)
     left = np.minimum(at.astype(int), curve.shape[1] - 2)
     part = (at - left)[None, :, None]
@@ -99,31 +99,32 @@ def dense(curve: Array, count: int = 40) -> Array:
 def map_contacts(
     pokes: Sequence[xr.Dataset | Poke], *, cell: float = 1e-3, half_width: float = 0.0, margin: float = 0.02
 ) -> xr.Dataset:
-    """A planar occupancy map from several pokes of the same surroundings.
+    """Compute a planar occupancy map from several recordings of probing contacts with the same surroundings.
 
-    Every cell begins undecided (log-odds 0). A body that passes over it lowers it; a touched surface point raises the
-    cells just behind the surface, weighed by how certain its place is. Cells that were neither stay undecided.
+    Every cell starts undecided (log-odds 0). A pass of the body lowers the log-odds of a cell. A touched surface point
+    raises those just behind the surface, weighted by the certainty of its position. All other cells stay undecided.
 
     Parameters
     ----------
-    pokes : results of `find_contact`, or Pokes
+    pokes : sequence of Dataset or Poke
+        Results of `find_contact`, one for each recording.
     cell : float
         Edge of a cell, m.
     half_width : float
         Half of the body's width, m.
     margin : float
-        Around everything that was swept or touched, m.
+        Width of the border around everything that was swept or touched, m.
 
     Returns
     -------
     xarray.Dataset
         log_odds, probability and entropy [bit] (y, x); surface points, normals and their standard deviation (touch);
-        stiffness [N/m] of what was touched with its standard deviation, not a number where no poke shows it.
+        attrs: stiffness [N/m] of the touched object with its standard deviation, NaN if it cannot be determined.
 
     Raises
     ------
     InputError
-        When there is no poke, or the cell is not positive.
+        When `pokes` is empty, or the cell size is not positive.
 
     Examples
     --------
@@ -139,7 +140,9 @@ def map_contacts(
         save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
     """
     if not pokes or not cell > 0:
-        raise InputError(f"a map needs at least one poke and a cell size above 0, got {len(pokes)} and {cell} m")
+        raise InputError(
+            f"a map needs at least one recording of contacts and a cell above 0, got {len(pokes)} and {cell} m"
+        )
     made = [p if isinstance(p, Poke) else poke_of(p, half_width=half_width) for p in pokes]
     x, y = axes(made, cell, margin + half_width)
     odds = np.zeros((y.size, x.size))
@@ -164,7 +167,7 @@ def map_contacts(
 
 
 def axes(pokes: Sequence[Poke], cell: float, margin: float) -> tuple[Array, Array]:
-    """Centres of the cells along x and y that hold everything."""
+    """Return the centres of the cells along x and y [m] that cover all curves and points."""
     spots = np.concatenate([a.reshape(-1, 2) for p in pokes for a in (p.curve, p.point)])
     spots = spots[np.isfinite(spots).all(axis=1)]
     low, high = np.floor((spots.min(axis=0) - margin) / cell), np.ceil((spots.max(axis=0) + margin) / cell)
@@ -172,7 +175,7 @@ def axes(pokes: Sequence[Poke], cell: float, margin: float) -> tuple[Array, Arra
 
 
 def swept(poke: Poke, x: Array, y: Array, cell: float, half_width: float) -> Array:
-    """Log-odds (y, x) of the space that a body passed through: it was free, however often it was passed."""
+    """Return the log-odds (y, x) of the space that a body passed through; repeated passes count once."""
     points = between(poke.curve[np.isfinite(poke.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
     inside = np.zeros((y.size, x.size), dtype=bool)
     reach = max(0, int(np.floor(half_width / cell)))
@@ -186,7 +189,7 @@ def swept(poke: Poke, x: Array, y: Array, cell: float, half_width: float) -> Arr
 
 
 def between(curve: Array, cell: float) -> Array:
-    """Curves (F, P, 2) with as many more between neighbours, in time and along them, as leave no cell out."""
+    """Return curves (F, P, 2) refined in time and along their length, so that no cell [m] is skipped."""
     gap = np.linalg.norm(np.diff(curve, axis=1), axis=2).max(initial=0.0)
     curve = dense(curve, max(curve.shape[1], int(np.ceil(curve.shape[1] * gap / cell)))) if gap > cell else curve
     parts = [curve[:1]]
@@ -198,9 +201,9 @@ def between(curve: Array, cell: float) -> Array:
 
 
 def touched(poke: Poke, x: Array, y: Array) -> Array:
-    """Log-odds (y, x) of the surface points: raised behind each of them, spread as far as its place is uncertain.
+    """Return the log-odds (y, x) of the touched surface points: raised behind each, spread by its uncertainty.
 
-    Touches of one poke are not independent of each other (they share the model's errors): a cell takes the strongest.
+    Touches of one recording share the model's errors and are not independent, so that a cell gets the strongest one.
     """
     odds = np.zeros((y.size, x.size))
     X, Y = np.meshgrid(x, y)
@@ -214,10 +217,10 @@ def touched(poke: Poke, x: Array, y: Array) -> Array:
 
 
 def stiffness_of(pokes: Sequence[Poke]) -> tuple[float, float]:
-    """Stiffness [N/m] of what was touched from force against indentation, all pokes together, and its deviation.
+    """Return the stiffness [N/m] of the touched object from force against indentation, and its standard deviation.
 
-    Indentation is measured along the mean normal, from where the force begins; a rigid thing shows as a slope that its
-    deviation does not bound: then it is not a number.
+    Indentation is measured along the mean normal, relative to the start of the force; all recordings are combined. Both
+    are NaN if the slope is less than twice its standard deviation, as for a rigid object.
     """
     slopes, weights = [], []
     for poke in pokes:
@@ -241,6 +244,6 @@ def stiffness_of(pokes: Sequence[Poke]) -> tuple[float, float]:
 
 
 def fused(pokes: Sequence[Poke]) -> Poke:
-    """Several pokes as one."""
+    """Return several `Poke` objects combined into one."""
     names = ("curve", "point", "normal", "deviation", "force")
     return replace(pokes[0], **{name: np.concatenate([getattr(p, name) for p in pokes]) for name in names})

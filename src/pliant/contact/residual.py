@@ -1,4 +1,4 @@
-"""Torques that pressure and material do not explain: by the momentum observer, and from the shape at rest."""
+"""External joint torques, unexplained by pressure and material: momentum observer, and statics from the shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 def momentum_residual(
     model: Model, time: Array, angle: Array, rate: Array, pressure: Array, *, bandwidth: float = 40.0
 ) -> Array:
-    """External joint torques (T, n) by the generalized-momentum observer, N m.
+    """Estimate the external joint torques (T, n) [N m] by the generalised-momentum observer.
 
     r = K_O [p - p(0) - int(p_dot of the model + r) dt],  so that dr/dt = K_O (tau_ext - r)
 
@@ -25,24 +25,27 @@ def momentum_residual(
     ----------
     model : Model
     time : array (T,)
-        s.
+        Times, s.
     angle, rate : array (T, n)
-        Absolute link angles [rad] and rates [rad/s]; no acceleration is needed.
-    pressure : array (T,), (T, C) of several chambers
-        Pa at these times.
+        Absolute link angles [rad] and rates [rad/s]; accelerations are not needed.
+    pressure : array (T,), (T, C) for several chambers
+        Pressure at these times, Pa.
     bandwidth : float
-        K_O, 1/s: fast observers see early and are noisy.
+        Observer gain K_O, 1/s. A high bandwidth responds faster but amplifies noise.
 
     Raises
     ------
     InputError
         When lengths do not agree or the bandwidth is not positive.
 
-    Source: De Luca and Mattone (2003); memory of the joints counts as external here
+    Source: De Luca and Mattone (2003); hysteresis of the joints counts as external here
     """
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n) or np.shape(pressure)[:1] != (T,) or np.shape(time) != (T,) or not bandwidth > 0:
-        raise InputError(f"the observer needs rates (T, n), pressures and times (T,) beside angles {np.shape(angle)}")
+        raise InputError(
+            f"the observer needs angles and rates of one shape, got {np.shape(angle)} and {np.shape(rate)}, {T} times, "
+            "pressures at these times and a bandwidth above 0"
+        )
     body, joints, _ = mechanics_of(fixed_length(model)).parts()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
@@ -62,25 +65,25 @@ def momentum_residual(
 
 
 def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
-    """External joint torques (T, n) of a body at rest: K q - tau and gravity, from its shape alone, N m.
+    """Return the external joint torques (T, n) [N m] of a body at rest, K q - tau and gravity, from its shape.
 
     Parameters
     ----------
     model : Model
     angle : array (T, n)
-        Absolute link angles, rad. Of a body that lengthens (T, n + S), its strains behind them: so is what is returned.
-        In space coordinates (T, N).
-    pressure : array (T,), (T, C) of several chambers
-        Pa.
+        Absolute link angles, rad. For an extensible body (T, n + S), followed by its strains, and so is the result. In
+        space coordinates (T, N).
+    pressure : array (T,), (T, C) for several chambers
+        Gauge pressure of each shape, Pa.
 
     Raises
     ------
     InputError
-        When a shape has other than n angles and S strains.
+        When a shape does not have n angles and S strains.
     """
     if np.shape(angle)[1:] != (model.size,):
         counted = mechanics_of(model).counted
-        raise InputError(f"shapes at rest hold {counted}, (T, {model.size}), got {np.shape(angle)}")
+        raise InputError(f"shapes at rest must hold {counted}, (T, {model.size}), got {np.shape(angle)}")
     tau = joint_torques_over(model.actuation, pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]

@@ -1,4 +1,4 @@
-"""Control by one pressure or several: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
+"""Control by one or several pressures: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
 
 from pliant.control.contract import Controller, ControllerKind, Pipeline
 from pliant.control.design import LqrDesign, design_lqr, design_outputs

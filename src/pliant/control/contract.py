@@ -1,4 +1,4 @@
-"""The interface of a controller: a state of the body goes in, a command comes out."""
+"""Interface of a controller, which turns the estimated state of the body into a command."""
 
 from __future__ import annotations
 
@@ -15,71 +15,74 @@ Array = np.ndarray
 
 
 class Controller(Protocol):
-    """A law that turns a state into a command.
+    """Interface of a control law that turns an estimated state into commands.
 
     Attributes
     ----------
     chambers : int
-        Number C of those whose pressures (C,) it takes and commands.
+        Number C of chambers that the controller commands.
     target, error : float or array (m,)
-        m, where the tip is wanted now, and how far along its path it was from there at the last step; of each output
-        that several chambers bring to its place, m and rad.
+        For one chamber: target of the tip's displacement, and the tip's error along its path at the last step [m]. For
+        several chambers: target and error of each output [m, rad].
     saturated : int
-        Steps whose command met a limit.
+        Number of steps in which a limit changed the command.
     fault : str
-        Why the last command is not the one that the law asks for, in one sentence; empty while it is. The loop counts
-        it, writes it to summary and log, and vents when it lasts (`Bounds.controller_faults`).
+        Why the last command does not follow the control law, in one sentence; empty if it does. The loop counts faults,
+        writes them to summary and log, and vents when they last (`Bounds.controller_faults`).
     """
 
     chambers: int
 
     @property
     def target(self) -> float | Array:
-        """Return the present target of the tip, m; or of each output."""
+        """Present target of the tip's displacement [m], or of each output (m,) [m, rad]."""
 
     @property
     def error(self) -> float | Array:
-        """Return the tip's error along its path at the last step, m; or that of each output."""
+        """Error of the tip along its path at the last step [m], or of each output (m,) [m, rad]."""
 
     @property
     def saturated(self) -> int:
-        """Steps whose command met a limit."""
+        """Number of steps in which a limit changed the command."""
 
     @property
     def fault(self) -> str:
-        """Return why the last command deviates from the control law; empty if it does not."""
+        """Why the last command deviates from the control law; empty if it does not."""
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Commands (C,) [Pa] for the period from `time` [s] on, by a state and the readings (C,) of pressures [Pa]."""
+        """Return the commands (C,) [Pa] for the period that starts at `time` [s].
+
+        They follow from the estimated state and the pressure readings (C,) [Pa].
+        """
 
     def reset(self) -> None:
-        """Start anew from no pressure."""
+        """Reset the controller to its initial state, with zero pressure."""
 
 
 class Pipeline(NamedTuple):
-    """From the shape to the command: what a loop runs every period."""
+    """Measurement, estimator and controller, which turn a shape into a command in every period of the loop."""
 
     measure: Measure
     estimator: Estimator
     controller: Controller
-    axes: int = 2  # coordinates of a point of the shape: 3 in space
+    axes: int = 2  # coordinates of a point of the shape; 3 in space
 
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """An entry of the list of controllers.
+    """A registered type of controller: its constructor and its properties.
 
     Attributes
     ----------
     make : callable
-        Controller of a Plan.
+        Function that returns the controller for a `Plan`.
     follows : {"trajectory", "path", "levels"}
-        What it takes of a motion of the tip that is planned ahead: the motion and its command, the displacement alone,
-        or nothing.
+        What the controller uses of a planned motion of the tip: the motion and its command ("trajectory"), the
+        displacement only ("path"), or nothing ("levels").
     tunable : bool
-        Whether the weights of the task's `Tuning` change it.
+        Whether the weights of the task's `Tuning` affect the controller.
     several : bool
-        Whether it takes several chambers, and bodies that lengthen.
+        Whether the controller supports several chambers and bodies that lengthen.
     """
 
     name: str

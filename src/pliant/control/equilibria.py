@@ -1,4 +1,4 @@
-"""The equilibria of a model under every pressure, and which of them a set-point of the tip means."""
+"""Equilibria of a model on a grid of pressures, and the pressure that holds a given tip displacement."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ ROUNDING = 1e-12  # m
 
 @dataclass(frozen=True)
 class Equilibria:
-    """The model at rest on a grid of pressures.
+    """Equilibria of a model on a grid of pressures.
 
     Attributes
     ----------
     pressure : array (G,)
-        Pa, from 0 to the highest allowed.
+        Pressures [Pa], from 0 to the highest allowed.
     angle : array (G, n)
-        Absolute link angles, rad.
+        Absolute link angles [rad].
     tip : array (G, 2)
-        m, in the model's frame.
+        Tip positions [m] in the model's frame.
     travel : array (G,)
-        Length of the tip's path of rests from pressure 0, m: for a small bend its displacement.
+        Length of the tip's path through the equilibria, from pressure 0 on [m].
     direction : array (G, 2)
-        Unit tangent of that path, towards more pressure.
+        Unit tangent of the tip's path, towards more pressure.
     """
 
     pressure: Array
@@ -42,21 +42,21 @@ class Equilibria:
 
     @property
     def reach(self) -> float:
-        """Largest tip displacement, m."""
+        """Tip displacement at the highest pressure, m."""
         return float(self.displacement[-1])
 
     @property
     def displacement(self) -> Array:
-        """Distance (G,) of the tip from its rest without pressure, m."""
+        """Distance (G,) of the tip from its position without pressure, m."""
         return np.linalg.norm(self.tip - self.tip[0], axis=1)
 
     def pressure_for(self, displacement: float) -> float:
-        """Pressure [Pa] at which the tip rests `displacement` [m] away from where it rests without pressure.
+        """Return the pressure [Pa] that holds the tip `displacement` [m] away from its position without pressure.
 
         Raises
         ------
         InputError
-            When no pressure up to the highest allowed brings the tip that far.
+            When no pressure up to the highest allowed moves the tip that far.
         """
         far = self.displacement
         rising = int(np.argmax(far)) + 1
@@ -68,11 +68,11 @@ class Equilibria:
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
     def moved(self, displacement: Array) -> Array:
-        """Changes (K, 2) of the tip from its rest without pressure to those `displacement` (K,) [m] away."""
+        """Return the changes (K, 2) [m] of the tip position for displacements (K,) [m] along its path."""
         return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
 
     def at(self, pressure: float) -> tuple[Array, Array, Array]:
-        """Angles (n,), tip (2,) and direction (2,) at the rest under a pressure, straight between the grid's."""
+        """Return angles (n,) [rad], tip (2,) [m] and path direction (2,) at a pressure [Pa], interpolated linearly."""
         p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))
         k = min(int(np.searchsorted(self.pressure, p, side="right")) - 1, self.pressure.size - 2)
         share = (p - self.pressure[k]) / (self.pressure[k + 1] - self.pressure[k])
@@ -82,7 +82,7 @@ class Equilibria:
 
 
 def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria:
-    """Equilibria of `model` from no pressure to `highest` [Pa].
+    """Compute the equilibria of `model` on a grid of pressures from 0 to `highest` [Pa].
 
     Raises
     ------

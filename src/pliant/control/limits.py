@@ -1,4 +1,4 @@
-"""Limits of a command: between 0 and the highest pressure, and no faster than the slew limit."""
+"""Limits of a command: the range from 0 to the highest pressure, and the slew rate."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ class Limits:
     Parameters
     ----------
     highest : float
-        Pa. The lowest is 0: there is no vacuum.
+        Highest pressure [Pa]. The lowest is 0, since there is no vacuum.
     slew : float
-        Fastest change, Pa/s; infinite by default.
+        Fastest change [Pa/s]; unlimited by default.
     chambers : tuple of float
-        Highest pressure of each of several chambers, Pa; `highest` for all by default.
+        Highest pressure [Pa] of each of several chambers; `highest` for all by default.
 
     Raises
     ------
     InputError
-        When a limit is not positive, or one of a chamber above `highest`.
+        When a limit is not positive, or a chamber's limit exceeds `highest`.
     """
 
     highest: float
@@ -41,17 +41,22 @@ class Limits:
             )
         if not all(0 < p <= self.highest for p in self.chambers):
             raise InputError(
-                f"the highest pressures of chambers must lie above 0 and not above {self.highest} Pa, got "
+                f"the highest pressure of each chamber must be > 0 and <= {self.highest} Pa, got "
                 f"{self.chambers}"
             )
 
     def each(self, count: int) -> Array:
-        """Highest pressure (C,) of each of `count` chambers, Pa; InputError where the limits name others than these."""
+        """Return the highest pressure (C,) [Pa] of each of `count` chambers.
+
+        Raises InputError when the limits are given for another number of chambers.
+        """
         if len(self.chambers) not in (0, count):
-            raise InputError(f"the limits name {len(self.chambers)} chambers, the model has {count}")
+            raise InputError(
+                f"the limits have {len(self.chambers)} chambers, the model has {count}: give one limit for each chamber"
+            )
         return np.array(self.chambers or (self.highest,) * count, dtype=float)
 
     def __call__(self, command: float, before: float, period: float) -> float:
-        """The command nearest to `command` that the limits allow a `period` [s] after `before` [Pa]."""
+        """Return the value nearest to `command` [Pa] that is allowed a `period` [s] after the command `before` [Pa]."""
         reach = self.slew * period
         return min(max(command, 0.0, before - reach), self.highest, before + reach)

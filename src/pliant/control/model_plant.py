@@ -1,4 +1,4 @@
-"""A plant from a model file: what the testbed's rod is for one chamber, for as many as the model has."""
+"""A simulated plant from a model file, with any number of chambers."""
 
 from __future__ import annotations
 
@@ -16,39 +16,41 @@ from pliant.model import Model, Valve
 from pliant.simulation import Stepper
 
 Array = np.ndarray
-POINTS = 41  # of a shape
+POINTS = 41  # points of a shape
 
 
 class ModelPlant:
-    """A model that moves under one command for each of its chambers, its valves and dead times included.
+    """A simulated model with valves and dead times that moves under one command for each of its chambers.
 
-    Its sensors are white noise on the shape and the pressures. To learn what a controller does to a body unlike its
-    model, give it another model's file; against a plant of its own model it shows what the design can do at best.
+    Its sensors add white noise to the shape and the pressures. With the file of a different model than the
+    controller's, it shows how the controller handles model errors. With the same model, it shows the best possible
+    result of the design.
 
     Parameters
     ----------
     model : Model
     period : float
-        Of the frames, s.
+        Frame period [s]; it must be a multiple of `step`.
     step : float
-        Of the model, s; the period and dead times are rounded to multiples of it.
+        Time step of the model [s]. Dead times are rounded to multiples of it.
     noise : float
-        Standard deviation of each coordinate of the shape, m.
+        Standard deviation of each coordinate of the shape [m].
     pressure_noise : float
-        Of a reading, Pa.
+        Standard deviation of a pressure reading [Pa].
     seed : int
+        Seed of the noise.
     supply : tuple of SupplyValve or None, optional
-        The rig's valve of each chamber, where more is known of it than the model holds.
+        The rig's valve of each chamber; None to use the model's.
     arc_length : array (S,), optional
-        Of the points along the body that a shape holds, m; default: 41 at equal distances.
+        Arc lengths [m] of the points of a shape; default: 41 at equal distances.
 
     Raises
     ------
     InputError
-        When a period is no whole number of steps, or a valve settles late or has a dead band.
+        When the period is no whole number of steps, or a valve has a slow settling part, dead band or opening time.
     """
 
-    rides = True  # its points stay where they are on the links
+    rides = True  # the points are material points, fixed to the links
 
     def __init__(
         self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
@@ -58,7 +60,7 @@ class ModelPlant:
         check_followed(model)
         self._parts = round(period / step)
         if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
-            raise InputError(f"a period of {period:g} s is no whole number of steps of {step:g} s")
+            raise InputError(f"the period of {period:g} s is no whole number of steps of {step:g} s")
         self.period, self.time, self._step = period, 0.0, step
         bare = [
             replace(c, valve=Valve() if c.valve.natural_frequency else replace(c.valve, dead_time=0.0))
@@ -79,18 +81,18 @@ class ModelPlant:
 
     @property
     def tip(self) -> Array:
-        """True position (2,), in space (3,), of the tip, m."""
+        """True position of the tip (2,), or (3,) in space, m."""
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures (C,) [Pa].
+        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
 
-        In space its points are (S, 3).
+        Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
 
         Raises
         ------
         InputError
-            When there are not as many commands as chambers, or one is not finite or negative.
+            When there are not as many commands as chambers, or a command is not finite or negative.
         """
         asked = self._stepper.model.actuation.pressures(command)
         if not (np.isfinite(asked).all() and (asked >= 0.0).all()):
@@ -105,16 +107,16 @@ class ModelPlant:
 
     @property
     def position(self) -> Array:
-        """Absolute link angles (n,) [rad], then strains; in space the joint coordinates (N,)."""
+        """Absolute link angles (n,) [rad], followed by strains; in space the joint coordinates (N,)."""
         return self._stepper.position.copy()
 
     def displace(self, change: Array) -> None:
-        """Change angles and strains (n + S,) at once, as a hand that lets go of the body does."""
+        """Add `change` (n + S,) to angles and strains at once, as when a hand releases the body."""
         saved = self._stepper.snapshot()
         self._stepper.restore(saved._replace(angle=saved.angle + change))
 
     def _behind(self, c: int, asked: float) -> float:
-        """Mean pressure [Pa] that the stepper takes of a chamber over a step, from a command [Pa]."""
+        """Return the mean pressure [Pa] in chamber `c` over a time step under the command `asked` [Pa]."""
         waiting, valve, held = self._waiting[c], self._valves[c], self._held[c]
         waiting.append(asked)
         arrived, supply = waiting.popleft(), self._supply[c]
@@ -130,11 +132,11 @@ class ModelPlant:
         return float(0.5 * (before + held[0]))
 
     def _pressure(self) -> Array:
-        """True pressures (C,) behind the valves, Pa."""
+        """Return the true pressures (C,) [Pa] behind the valves."""
         own = self._stepper.pressure
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
-        """Points (S, 2), in space (S, 3), of the body along its links, m."""
+        """Return the true points (S, 2), in space (S, 3), of the body [m] at `arc_length`."""
         known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
         return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)

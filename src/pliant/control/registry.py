@@ -1,4 +1,4 @@
-"""Which controllers there are: the built-in ones, and those of other packages (entry points ``pliant.controllers``)."""
+"""Registry of controllers: built-in ones and those of other packages (entry points ``pliant.controllers``)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BUILT_IN = {
 
 
 def controllers() -> dict[str, ControllerKind]:
-    """All known controllers by name."""
+    """Return all known controllers by name."""
     return offered(GROUP, BUILT_IN, ControllerKind)
 
 
 def controller_kind(name: str) -> ControllerKind:
-    """The controller of a name; InputError names the known ones."""
+    """Return the controller with the given name; raise InputError, which lists the known names, for another one."""
     return chosen(GROUP, BUILT_IN, ControllerKind, name)

@@ -1,4 +1,4 @@
-"""Energies and power of the chain: what the tests balance and what a trajectory reports. All in absolute angles."""
+"""Energies and power of the planar chain, in absolute angles; tests check their balance."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pliant.equations.elastic import bending_energy, spring_energy
 
 
 def kinetic_energy(c, s, w, body):
-    """1/2 w^T M w, J, given c = cos(phi), s = sin(phi) and w = dphi/dt."""
+    """Return the kinetic energy 1/2 w^T M w [J], from c = cos(phi), s = sin(phi) and w = dphi/dt [rad/s]."""
     n = len(w)
     value = 0.0 * w[0]
     for k in range(n):
@@ -17,7 +17,10 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """Energy of the springs, J, 0 in the rest shape; those of the strains (n..n+S) of `phi` count too."""
+    """Return the energy [J] of all springs, 0 in the rest shape.
+
+    `phi` holds the absolute angles (n,), and behind them the strains (S,) of segments that lengthen.
+    """
     value = bending_energy(phi, joints)
     for i in range(len(joints.theta0), joints.hardening.shape[1]):
         value = value + spring_energy(i, joints, phi[i], phi[i])
@@ -27,7 +30,10 @@ def elastic_energy(phi, joints):
 
 
 def gravity_energy(c, s, body):
-    """-sum m (gx x + gy y), J, zero where every link lies at the first joint; c = cos(phi), s = sin(phi)."""
+    """Return the potential energy -sum m (gx x + gy y) [J], from c = cos(phi) and s = sin(phi).
+
+    It is zero where every link lies at the first joint.
+    """
     value = 0.0 * c[0]
     for k in range(len(c)):
         value = value + body.h[k] * (body.gx * s[k] - body.gy * c[k])
@@ -35,7 +41,7 @@ def gravity_energy(c, s, body):
 
 
 def damping_power(w, joints):
-    """sum_i D_i dq_i^2, W, what the dampers take; those of the extensions stand behind those of the joints."""
+    """Return the power [W] dissipated by the dampers, sum_i D_i dq_i^2, of joints and of segments that lengthen."""
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -48,7 +54,7 @@ def damping_power(w, joints):
 
 
 def input_power(w, torque, joints):
-    """sum_i torque_i dq_i + sum_s torque_s de_s, W, what the pressure gives: p dV/dt by virtual work."""
+    """Return the power [W] of the actuation, sum_i torque_i dq_i + sum_s torque_s de_s (p dV/dt by virtual work)."""
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -60,9 +66,9 @@ def input_power(w, torque, joints):
 
 
 def add_step_work(w, h, torque, joints, work, total):
-    """Add what a step of `motion.step` took to total (2,) [J]: input work, and loss of the dampers, by the middle rate.
+    """Add the input work and the damper loss of one `motion.step` to total (2,) [J], both at the rates in mid-step.
 
-    w: rates (n,) after the step, which leaves its turns over half the time in work.a.
+    `w` (n,) are the rates after the step. `work.a` still holds the change of the rates over the step.
     """
     for i in range(len(w)):
         work.c[i] = w[i] - 0.5 * work.a[i]

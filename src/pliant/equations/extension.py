@@ -1,16 +1,16 @@
-"""A body that lengthens: the chain of Eq. (5) with one uniform axial strain e_s for each of its segments.
+"""Planar chain whose segments lengthen: Eq. (5) with one uniform axial strain e_s for each segment.
 
-Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s
-with a_ks the share of link k that lies in segment s. Index 0 of the links is the part between the origin and the first
-joint: it lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic
-energy is 1/2 sum_kl B_kl u'_k . u'_l and B is the constant of the chain that does not lengthen, rotary inertia on its
-diagonal: a rod that stretches takes its own with it. So
+Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s,
+where a_ks is the fraction of link k that lies in segment s. Link 0 is the part between the origin and the first joint,
+which lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic energy
+is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not lengthen, with the rotary inertia on its
+diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
 
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
 M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
 
-and all else is what an acceleration of each u_k meets (`carried`), seen along n_k by phi_k and along e_k by the
-strains. Without segments it is `motion`, which runs where nothing lengthens. Derived for Eq. (5) [eq:eom].
+All other inertial terms are the forces b_k = sum_l B_kl u''_l (`carried`), projected on n_k for phi_k and on e_k for
+the strains. Chains without such segments use `motion` instead. Derived for Eq. (5) [eq:eom].
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def place(x, v, ahead, body, joints, work):
-    """Cosine, sine and stretch (n + 1,) of all links, `ahead` [s] along the rates v, into `work`."""
+    """Write cosine, sine and stretch (n + 1,) of all links into `work`, at the coordinates x + ahead v.
+
+    `ahead` [s] extrapolates along the rates v.
+    """
     n = len(joints.theta0)
     for k in range(n + 1):
         angle = joints.base_angle
@@ -37,7 +40,10 @@ def place(x, v, ahead, body, joints, work):
 
 
 def carried(body, work):
-    """b_k = sum_l B_kl a_l for vectors a (n + 1,) of `work`, in one sweep each way: B_kl = l_k h_l for k < l."""
+    """Write b_k = sum_l B_kl a_l (n + 1,) to `work.bx`, `work.by`, for vectors a in `work.ax`, `work.ay`.
+
+    One sweep in each direction suffices, because B_kl = l_k h_l for k < l.
+    """
     last = len(body.l) - 1
     x = 0.0 * work.ax[0]
     y = 0.0 * work.ay[0]
@@ -56,7 +62,7 @@ def carried(body, work):
 
 
 def along_strain(s, body, work):
-    """sum_k a_ks e_k . b_k: what a vector b_k on every link does along the strain s."""
+    """Return sum_k a_ks e_k . b_k: the component along strain s of the vectors b_k in `work.bx`, `work.by`."""
     value = 0.0 * work.bx[0]
     for k in range(len(body.l)):
         value = value + body.share[k, s] * (work.c[k] * work.by[k] - work.s[k] * work.bx[k])
@@ -64,7 +70,7 @@ def along_strain(s, body, work):
 
 
 def inertia(body, work, M):
-    """The lower triangle of M (n + S, n + S), kg m^2, of links as `place` left them."""
+    """Write the lower triangle of M (n + S, n + S) [kg m^2], for the links as `place` wrote them to `work`."""
     n = len(body.l) - 1
     c = work.c
     s = work.s
@@ -85,10 +91,11 @@ def inertia(body, work, M):
 
 
 def inertial_forces(v, body, work, f):
-    """Centrifugal, Coriolis and gravity forces f (n + S,) on the left-hand side of Eq. (5), at rates v; N m.
+    """Write the centrifugal, Coriolis and gravity forces f (n + S,) [N m] of the left-hand side of Eq. (5), at rates v.
 
-    What the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l meet, less the weight:
     f_k = st_k n_k . (b_k - h_k g),  f_s = sum_k a_ks e_k . (b_k - h_k g)
+
+    with b of `carried` for the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l at constant rates.
     """
     n = len(body.l) - 1
     c = work.c
@@ -115,9 +122,10 @@ def inertial_forces(v, body, work, f):
 
 
 def acceleration(x, v, torque, body, joints, work, a):
-    """Accelerations a (n + S,) of angles [rad/s^2] and strains [1/s^2]; as `motion.acceleration`.
+    """Write the accelerations a (n + S,) of the link angles [rad/s^2] and strains [1/s^2].
 
-    `torque` (n + S,) is what drives each joint and each strain [N m]. `work.A` keeps the factors of M.
+    `torque` (n + S,) [N m] is the actuation of each joint and each strain. `work.A` keeps the factors of M. The planar
+    chain of constant length has `motion.acceleration`.
 
     Paper: Eq. (5) [eq:eom], of a body that lengthens
     """
@@ -153,10 +161,13 @@ def axial_forces(x, v, joints, torque, ahead, f):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (n + S,) in place by h [s] under the mean torques (n + S,): the step of `motion.step`.
+    """Advance x and v (n + S,) in place by h [s] under the mean actuation `torque` (n + S,) [N m].
 
-    Springs, dampers and the slope of gravity are implicit, of the axial springs as of the joints; what goes with the
-    square of the rates is taken at their middle by a second solve with the same factors.
+    The rule is that of `motion.step`.
+
+    Springs, dampers and the slope of gravity are implicit, for the axial springs as for the joints. Terms quadratic in
+    the rates are evaluated at the rates in mid-step by a second solve with the same factors. `work.a` keeps the change
+    of v.
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] of a body that lengthens
     """
@@ -195,10 +206,10 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def implicit_terms(half, body, joints, work, A):
-    """Add to the lower triangle of A what a step of 2 `half` [s] takes as implicit; `work.a` has the springs' slopes.
+    """Add to the lower triangle of A the implicit terms h/2 D + h^2/4 (K + G) of a step of h = 2 `half` [s].
 
-    h/2 D + h^2/4 (K + G), G the slope of gravity: h_k st_k (g_y cos - g_x sin) among angles, a_ks h_k (g_x cos +
-    g_y sin) between an angle and a strain.
+    G is the slope of gravity: h_k st_k (g_y cos - g_x sin) on the diagonal of the angles, a_ks h_k (g_x cos + g_y sin)
+    between an angle and a strain. `work.a` holds the slopes of the joint springs [N m/rad].
     """
     n = len(joints.theta0)
     quarter = half * half
@@ -221,11 +232,12 @@ def implicit_terms(half, body, joints, work, A):
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add to the torques work.tau (n + S,) of joints and strains those of forces at points of the links, N m.
+    """Add the torques [N m] of forces at points of the links to work.tau (n + S,), along the joints and the strains.
 
-    `load` (n + 1, 4) holds for each link, the part before the first joint first, what it carries along itself times the
-    force, which stretches with it, and behind that what it carries across, which does not. With L_k and R_k of these
-    Q_k = n_k . (st_k L_k + R_k) and Q_s = sum_k a_ks e_k . L_k, at angles and strains `ahead` [s] along v.
+    `load` (n + 1, 4) [N m] holds two vectors for each link, beginning with the part before the first joint: L_k, the
+    sum of forces times their distance along the link, which stretches with it, and R_k, the sum of forces times their
+    distance across the link, which does not stretch. Q_k = n_k . (st_k L_k + R_k) and Q_s = sum_k a_ks e_k . L_k, at
+    the angles and strains x + ahead v (`ahead` in s).
 
     Source: virtual work, as `contact.add_link_loads`
     """
@@ -248,7 +260,7 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
 
 
 def kinetic_energy(x, v, body, joints, work):
-    """1/2 v^T M v, J: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
+    """Return the kinetic energy 1/2 v^T M v [J]: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
     n = len(joints.theta0)
     place(x, v, 0.0, body, joints, work)
     for k in range(n + 1):
@@ -268,7 +280,7 @@ def kinetic_energy(x, v, body, joints, work):
 
 
 def gravity_energy(x, v, body, joints, work):
-    """-sum m (gx x + gy y), J, zero where all mass lies at the origin."""
+    """Return the potential energy -sum m (gx x + gy y) [J], zero where all mass lies at the origin."""
     place(x, v, 0.0, body, joints, work)
     value = 0.0 * x[0]
     for k in range(len(body.l)):

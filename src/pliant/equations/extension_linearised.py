@@ -1,8 +1,9 @@
-"""The exact Jacobian of one implicit step of `extension.step`: as `linearised`, of a body that lengthens.
+"""Exact Jacobian of one implicit step of `extension.step`, for a planar chain whose segments lengthen.
 
-Both solves of the step ask that F = h f + M a meets what drive, springs and dampers give. Seen by link k that is
-st_k n_k . (b_k - h h_k g), and e_k . of the same by the strains, with b_k what an acceleration of each u_l meets:
-`met` along n_l and e_l. A turn of link j moves its own two directions and, through b, all other links.
+Both solves of the step balance F = h f + M a with the torques of actuation, springs and dampers. The component of F for
+the angle of link k is st_k n_k . (b_k - h h_k g), and for a strain it is e_k . of the same vector. b_k is the sum of
+`extension.carried` for the accelerations of all u_l; `met` returns these along n_l and e_l. A turn of link j changes
+its own two directions and, through b, the forces of all other links.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
-    """Advance x and v (N,), N = n + S, in place as `extension.step`, and give the Jacobian J (3N, 2N) of that step.
+    """Advance x and v (N,), N = n + S, in place by h [s] as `extension.step`, and write its Jacobian J (3N, 2N).
 
-    J[v, u] = d(x', v')_u / d(x, v, t)_v, row by variable, t [N m] being a further torque of each joint and of each
-    strain that is held over the step.
+    J[v, u] = d(x', v')_u / d(x, v, t)_v: one row for each variable. t (N,) [N m] are additional torques of the joints
+    and strains, constant over the step.
 
     Paper: Eq. (5) [eq:eom] of a body that lengthens, discretised and differentiated
     """
@@ -59,9 +60,9 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Take from row (N,) the change of h f as the rates work.v (N,) change by work.t (N,); the latter is used up.
+    """Subtract from row (N,) the change of h f for a change work.t (N,) of the rates work.v (N,); overwrites work.t.
 
-    Half of h f at v + t less that at v - t: exact, since f goes with the square of the rates.
+    The change is h/2 (f(v + t) - f(v - t)), which is exact because f is quadratic in the rates.
     """
     N = len(row)
     for side in range(2):
@@ -69,14 +70,14 @@ def other_rates(h, body, work, row):
             work.t[i] = work.v[i] + work.t[i]
         inertial_forces(work.t, body, work, work.f)
         for i in range(N):
-            work.t[i] = work.v[i] - work.t[i]  # back to the change, to the other side
+            work.t[i] = work.v[i] - work.t[i]  # v - t in the second pass
             row[i] = row[i] + (side - 0.5) * h * work.f[i]
 
 
 def moved_middles(v, h, body, work, J):
-    """Right-hand sides of both solves of `step_jacobian` for a move of each middle angle and strain.
+    """Write the right-hand sides, of both solves of `step_jacobian`, for the derivatives by mid-step coordinates.
 
-    The first N entries of a row belong to the first solve (in `work.r`), the others to the second (in `work.a`).
+    The first N entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """
     N = len(v)
     for stage in range(2):
@@ -99,7 +100,10 @@ def moved_middles(v, h, body, work, J):
 
 
 def met(k, h, a, body, work):
-    """Acceleration of u_k over a step along n_k and e_k: h times that of the rates work.v, and that of a (N,)."""
+    """Return the change of u'_k over a step of h [s] along n_k and along e_k.
+
+    This is h times the acceleration at constant rates `work.v`, plus the part of the change a (N,) of the rates.
+    """
     n = len(body.l) - 1
     turn = 0.0 * a[0]
     alpha = 0.0 * a[0]
@@ -115,7 +119,12 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """What a move does to the directions by which a link sees b - h h_k g, b in `work.bx`, and to gravity's slope."""
+    """Add to J the derivatives by each link's own directions n_k, e_k in the projection of b - h h_k g.
+
+    The derivative of gravity's slope is included.
+
+    b is in `work.bx`, `work.by`. `o` is the first column of the solve at hand.
+    """
     n = len(body.l) - 1
     quarter = 0.25 * h * h
     for k in range(1, n + 1):
@@ -136,7 +145,7 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Into `work.ax`: how the accelerations that `met` tells change with angle or strain `row`."""
+    """Write to `work.ax`, `work.ay` the derivative of the accelerations of `met` by angle or strain `row`."""
     n = len(body.l) - 1
     for k in range(n + 1):
         across = 0.0 * a[0]
@@ -153,7 +162,7 @@ def other_links(row, h, a, body, work):
 
 
 def seen(body, work, row):
-    """Take from row (N,) what the vectors b_k in `work.bx` do to each angle and strain."""
+    """Subtract from row (N,) the projections of the vectors b_k in `work.bx`, `work.by` on each angle and strain."""
     n = len(body.l) - 1
     for k in range(n):
         across = work.c[k + 1] * work.bx[k + 1] + work.s[k + 1] * work.by[k + 1]
@@ -163,7 +172,7 @@ def seen(body, work, row):
 
 
 def axial_terms(x, v, h, joints, work, J):
-    """Add what springs and dampers of the strains, and their torques, give to both solves of `step_jacobian`.
+    """Add the derivatives by axial springs, dampers and torques of the strains to both solves of `step_jacobian`.
 
     x and v are those after the step, as in `linearised.tridiagonal_terms`.
     """

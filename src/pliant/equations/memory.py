@@ -1,30 +1,32 @@
-"""Memory of the joints: creep (Prony), rate-independent friction (Maxwell-slip) and Bouc-Wen, beside Eq. (5).
+"""Hysteresis of the joints beside Eq. (5): creep (Prony), rate-independent friction (Maxwell-slip) and Bouc-Wen.
 
-Every joint i carries K_i r_i beside its spring, r_i [rad] being a sum over branches whose states are angles, the same
-normalised law for all joints:
+Every joint i carries the torque K_i r_i in addition to its spring. r_i [rad] is a sum over branches, whose states are
+angles. The law is the same for all joints, relative to their K_i:
 
     r = sum_j creep_share_j (q - xi_j) + sum_j slip_share_j e_j + boucwen_share z
 
-Within one step each branch is a straight line in the joint's middle angle, r = slope q_m + offset. So the step of
-`motion.step` stays as it is: it sees a stiffer spring K_i (1 + slope_i) with another rest angle. What a branch gives
-back and what it dissipates add up to what it takes at every step, whatever the step's length.
+Within one step, r is a linear function of the joint's mid-step angle, r = slope q_m + offset. `motion.step` can
+therefore be used unchanged, with a stiffer spring K_i (1 + slope_i) and another rest angle. In every step, whatever its
+length, the energy that a branch takes up equals the energy that it stores, returns and dissipates.
 
-Comparisons look at real parts: derivatives by complex step pass through.
+Comparisons use real parts, so that derivatives by complex step are preserved.
 """
 
 from __future__ import annotations
 
 from pliant.equations.motion import step
 
-TRIALS = 60  # solves of one step before it is given up; one or two are the rule
-CALM = 12  # from this trial on, half-way moves: they end a cycle between two sets of sticking branches
-AGREE = 1e-12  # rad, between what the step took for r and what the branches deliver
+TRIALS = 60  # solves of one step, at most; one or two are usual
+CALM = 12  # from this trial on, moves are halved, which ends a cycle between two sets of sticking branches
+AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of the branches after it
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Slope and offset (n,) of the creep part of r over a step of h [s], whatever the turn.
+    """Write slope and offset (n,) [rad] of the creep part of the hysteresis angle r over a step of h [s].
 
-    The implicit midpoint rule:  q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
+    r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
+
+    q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
     """
     for i in range(len(q)):
         slope[i] = 0.0 * q[i]
@@ -37,9 +39,13 @@ def creep_lines(q, h, state, memory, slope, offset):
 
 
 def friction_line(e, q, dq, share, limit):
-    """Slope and offset of one slip element of stretch e over a step in which its joint is thought to turn by dq.
+    """Return slope and offset of one slip element over a step in which its joint turns by dq [rad] from q.
 
-    It sticks, r = share (e + q_m - q), where |e + dq| <= limit; else it ends there, r = share (e +- limit) / 2.
+    `e` is the stretch of the element at the start, `limit` [rad] the stretch at which it slips. The pair describes r =
+    slope q_m + offset, with q_m the joint angle in mid-step.
+
+    The element sticks, r = share (e + q_m - q), where |e + dq| <= limit. Otherwise it ends at the limit, and
+    r = share (e +- limit) / 2.
     """
     end = e + dq
     if end.real > limit.real:
@@ -50,9 +56,12 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add the slip elements and Bouc-Wen, z_m = (z + q_m - q) / (1 + x), to slope and offset (n,); see `creep_lines`.
+    """Add slip elements and Bouc-Wen to slope and offset (n,) of the hysteresis angle, as `creep_lines` writes them.
 
-    Exact where the turns dq (n,) lead slip elements to the same ends, and Bouc-Wen where they are the turns made.
+    For Bouc-Wen, z_m = (z + q_m - q) / (1 + x).
+
+    dq (n,) [rad] are the assumed turns of the joints over the step. The result is exact for slip elements if the actual
+    turns end in the same state (sticking or slipping), and for Bouc-Wen if the actual turns equal dq.
     """
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -75,10 +84,12 @@ def friction_lines(q, dq, state, memory, slope, offset):
 
 
 def boucwen_decay(z, dq, memory):
-    """Decay x = |dq|/2 (beta + gamma sgn(dq z_m)) |z_m|^{n-1} of z_m (1 + x) = z + dq/2; not negative.
+    """Return the decay x >= 0 of the Bouc-Wen state in one step, where z_m (1 + x) = z + dq/2.
 
-    dz = dq - |dq| (beta + gamma sgn(dq z)) |z|^{n-1} z at the middle of the step. The right-hand side of z_m = ... is
-    monotone in z_m, so that Newton's method from above finds its one root.
+    x = |dq|/2 (beta + gamma sgn(dq z_m)) |z_m|^{n-1}, for the turn dq [rad] of the joint over the step.
+
+    This is dz = dq - |dq| (beta + gamma sgn(dq z)) |z|^{n-1} z with the right-hand side at the middle of the step. The
+    equation is monotone in z_m, so that Newton's method from above finds its only root.
 
     Source: Bouc (1967), Wen (1976); passive where beta >= |gamma| (Erlicher and Point 2004; Ikhouane and Rodellar 2007)
     """
@@ -89,7 +100,7 @@ def boucwen_decay(z, dq, memory):
 
 
 def decay_along(goal, turn, memory):
-    """`boucwen_decay` of a size z_m (1 + x) = `goal`, not negative, and a `turn` along it."""
+    """Return the decay of `boucwen_decay` for `goal` = |z_m| (1 + x) >= 0, with `turn` the part of dq along z_m."""
     rate = memory.boucwen_beta
     if turn.real > 0.0 and goal.real > 0.0:
         rate = rate + memory.boucwen_gamma
@@ -113,14 +124,14 @@ def decay_along(goal, turn, memory):
 
 
 def size(x):
-    """|x|, on complex numbers that of the real part: what carries a derivative by complex step."""
+    """Return |x|, as x or -x with a real part >= 0, so that derivatives by complex step are kept."""
     if x.real < 0.0:
         return -x
     return x
 
 
 def stretched(e, dq, limit):
-    """Stretch of a slip element at the end of a step that turns its joint by dq."""
+    """Return the stretch [rad] of a slip element after its joint turned by dq [rad], limited to +-`limit` [rad]."""
     end = e + dq
     if end.real > limit.real:
         return limit
@@ -130,10 +141,10 @@ def stretched(e, dq, limit):
 
 
 def remember(q, dq, h, K, state, memory):
-    """Move the states (n, branches) over a step from q by dq (n,); returns the energy that they dissipate, J.
+    """Update the hysteresis states (n, branches) over a step from q by dq (n,), and return the dissipated energy [J].
 
-    The rules of `creep_lines` and `friction_lines`; each term of the loss is a square or a product of equal signs, so
-    never negative.
+    The rules are those of `creep_lines` and `friction_lines`. Each term of the energy is a square or a product of equal
+    signs, and therefore not negative.
     """
     lost = 0.0 * q[0]
     P = len(memory.creep_share)
@@ -164,9 +175,9 @@ def remember(q, dq, h, K, state, memory):
 
 
 def follow_change(phi, change, joints, past):
-    """Move slip elements and Bouc-Wen as if the links turned from phi by `change` (n,) at once; creep stays.
+    """Update slip elements and Bouc-Wen for a sudden turn of the links from phi by `change` (n,) [rad].
 
-    It leaves the joints' angles and turns in `past.held`; what that dissipates is not counted.
+    Creep states do not change. `past.held` receives the joints' angles and turns. The dissipated energy is not counted.
     """
     held = past.held
     angle = joints.base_angle
@@ -180,7 +191,7 @@ def follow_change(phi, change, joints, past):
 
 
 def memory_angle(i, q, state, memory):
-    """r_i [rad]: the torque of the memory of joint i at this moment, over K_i."""
+    """Return r_i [rad]: the present hysteresis torque of joint i, divided by K_i, at the joint angle q [rad]."""
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -194,7 +205,7 @@ def memory_angle(i, q, state, memory):
 
 
 def memory_stored(i, q, state, memory):
-    """Energy that the branches of joint i hold, over K_i: half the sum of share times stretch squared."""
+    """Return the energy stored in the branches of joint i over K_i: half the sum of share times squared stretch."""
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -208,7 +219,7 @@ def memory_stored(i, q, state, memory):
 
 
 def relax(phi, joints, past):
-    """Set the creep of all joints to rest at phi (n,)."""
+    """Set the creep states of all joints to equilibrium at the absolute angles phi (n,)."""
     last = joints.base_angle
     for i in range(len(joints.theta0)):
         for j in range(len(past.memory.creep_share)):
@@ -217,14 +228,15 @@ def relax(phi, joints, past):
 
 
 def step_with_memory(phi, w, h, torque, body, joints, past, work):
-    """`motion.step` with the memory of every joint: phi, w (n,) and state (n, branches) advance in place by h [s].
+    """Advance phi, w (n,) and the hysteresis states in place by h [s], and return the energy [J] they dissipate.
 
-    `past` (`symbols.Past`) holds the law of the memory, its state, and scratch arrays.
+    `past` (`symbols.Past`) holds the hysteresis law, its states (n, branches), and scratch arrays. `torque` (n,) [N m]
+    is the mean actuation torque of each joint.
 
-    Which elements slip, and Bouc-Wen's decay, depend on the turn that the step is to find. They are guessed, the
-    linear step is made, and made again until what it took for r agrees with what the branches deliver.
+    Which elements slip, and the decay of Bouc-Wen, depend on the unknown turn of the step. They are guessed,
+    `motion.step` is made, and both are repeated until the r used by the step equals the r of the branches after it.
 
-    Returns the energy [J] that the branches dissipate, never negative; -1 where no agreement is found.
+    The returned energy is never negative. It is -1 where this iteration does not converge.
 
     Paper: Eq. (5) [eq:eom], with the hysteresis that the paper leaves to later work
     """
@@ -252,7 +264,7 @@ def step_with_memory(phi, w, h, torque, body, joints, past, work):
 
 
 def hold_start(phi, w, h, joints, held):
-    """Keep the start of a step in `held`, with a first guess of the turns: every joint goes on at its rate."""
+    """Copy the start of a step to `held`, and guess the turn of every joint from its present rate."""
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
@@ -266,9 +278,9 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Largest difference [rad] in any joint between r as the step took it and as it comes out of the turns made.
+    """Return the largest difference [rad] between the hysteresis angles r used by the step and those after it.
 
-    Leaves these turns in held.dq (half-way between them and those of before, when `calm`). Not a number where the step
+    Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
     failed.
     """
     held = past.held

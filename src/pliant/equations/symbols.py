@@ -1,4 +1,4 @@
-"""The symbol table as code: what the kernels call their parameters.
+"""Parameter records of the kernels: the symbol table of the equations as named tuples.
 
 Two coordinate sets describe the same motion: the joint angles q of the paper, relative to the rest shape, and
 the absolute link angles phi_i = base_angle + sum_{k<=i} (q_k + theta0_k), from the base tangent +y.
@@ -13,35 +13,38 @@ if TYPE_CHECKING:
 
 
 class Body(NamedTuple):
-    """Constants of the inertia in absolute angles, from `inertia.body_constants`.
+    """Constants of the inertia of the planar chain in absolute angles, from `inertia.body_constants`.
 
     In absolute angles the kinetic energy is 1/2 sum_kl B_kl cos(phi_k - phi_l) w_k w_l + 1/2 sum_k I_k w_k^2 with
-    constant B: all that depends on the shape is the cosine (Sec. III-C; derived, see docs/equations.md).
+    constant B. Only the cosine depends on the shape (Sec. III-C; derived, see docs/equations.md).
     """
 
     B: np.ndarray  # (n, n) kg m^2, coupling of the link directions
     I: np.ndarray  # (n,)   kg m^2, rotary inertia of each link about its centre of mass
-    h: np.ndarray  # (n,)   kg m, first moment of what link k carries
+    h: np.ndarray  # (n,)   kg m, first moment of link k and all mass beyond it
     gx: float  # m/s^2, gravity along x of the base frame
     gy: float  # m/s^2, gravity along y of the base frame
 
 
 class ExtensibleBody(NamedTuple):
-    """Constants of the inertia of a body that lengthens: `extension`. Link 0 lies before the first joint."""
+    """Constants of the inertia of a planar chain whose segments lengthen, see `extension`.
+
+    Link 0 is the part before the first joint.
+    """
 
     B: np.ndarray  # (n + 1, n + 1) kg m^2, rotary inertia on its diagonal
     l: np.ndarray  # (n + 1,) m, lengths of the links unstretched
-    h: np.ndarray  # (n + 1,) kg m, first moment of what link k carries
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment
+    h: np.ndarray  # (n + 1,) kg m, first moment of link k and all mass beyond it
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment
     gx: float  # m/s^2
     gy: float  # m/s^2
 
 
 class SpatialBody(NamedTuple):
-    """Constants of a chain in space: `spatial`. Links are bodies of revolution; a tip mass belongs to the last."""
+    """Constants of a chain in space, see `spatial`. Links are bodies of revolution, the last one with a tip mass."""
 
     length: np.ndarray  # (n + 1,) m, the part before the first joint first
-    mass: np.ndarray  # (n,)   kg, of the links behind joints: the part before the first joint does not move
+    mass: np.ndarray  # (n,)   kg, of the links behind joints; the part before the first joint is fixed
     centre: np.ndarray  # (n,)   m, from the joint to the centre of mass, on the link's axis
     lateral: np.ndarray  # (n,)   kg m^2, moment of inertia about an axis across the link through its centre of mass
     axial: np.ndarray  # (n,)   kg m^2, about the link's own axis
@@ -50,17 +53,17 @@ class SpatialBody(NamedTuple):
     gx: float  # m/s^2, gravity in fixed axes
     gy: float  # m/s^2
     gz: float  # m/s^2
-    lever: np.ndarray  # (R, N) m, of each tendon at each coordinate: `tendon`; no rows without tendons
+    lever: np.ndarray  # (R, N) m, lever arm of each tendon at each coordinate, see `tendon`; no rows without tendons
     tendon_stiffness: np.ndarray  # (R,) N/m
     pretension: np.ndarray  # (R,) N
     friction: np.ndarray  # (R,) coefficient of friction along the path
     slip_rate: np.ndarray  # (R,) m/s, over which friction changes its direction
-    beyond: np.ndarray  # (N, n) part of what a coordinate draws in that lies beyond the middle of each joint's arc
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; no columns without
+    beyond: np.ndarray  # (N, n) fraction of a coordinate's path length beyond the middle of each joint's arc
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
 
 
 class Links(NamedTuple):
-    """The links one by one, as the paper's recursion takes them."""
+    """Constants of each link, as the paper's recursion needs them."""
 
     l: np.ndarray  # (n,) m
     theta0: np.ndarray  # (n,) rad
@@ -74,14 +77,14 @@ class Links(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Springs and dampers of the joints, and the direction that the first one counts from."""
+    """Springs and dampers of the joints, and the base direction from which the first joint angle is measured."""
 
     base_angle: float  # rad, the base tangent from +y
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
     hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
-    unloaded: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
+    unloaded: np.ndarray  # (n,) rad, theta0 without the shift by hysteresis; K2, K3 ... act on the angle from here
 
 
 class ExtensibleJoints(NamedTuple):
@@ -101,7 +104,7 @@ class ExtensibleJoints(NamedTuple):
 
 
 class SpatialJoints(NamedTuple):
-    """Springs and dampers of a chain in space, as in `Joints`; each of n joints has two or three coordinates of N."""
+    """Springs and dampers of a chain in space, as `Joints`; each of n joints has two or three of the N coordinates."""
 
     base_angle: float  # 0
     theta0: np.ndarray  # (N,) rad, 0
@@ -109,25 +112,25 @@ class SpatialJoints(NamedTuple):
     D: np.ndarray  # (N,) N m s/rad
     hardening: np.ndarray  # (terms + 1, N)
     unloaded: np.ndarray  # (n,) 0
-    line: np.ndarray  # (m, 3) what K r adds to a step: `spatial_memory`; no rows without memory
+    line: np.ndarray  # (m, 3) linear functions of hysteresis in a step, see `spatial_memory`; no rows without it
 
 
 class ObservedChain(NamedTuple):
-    """Lengths that the positions of points on a chain follow from: `equations.observation`."""
+    """Lengths from which the positions of points on a chain are computed, see `equations.observation`."""
 
     base_length: float  # m, from the origin to the first joint
     length: np.ndarray  # (n,) m, of the links, unstretched
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; (., 0) where none does
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
 
 
 class MemoryLaw(NamedTuple):
-    """Parameters of creep, slip and Bouc-Wen branches, equal for all joints; stiffness in parts of the joint's K."""
+    """Parameters of the creep, slip and Bouc-Wen branches, equal for all joints; stiffness as a fraction of K."""
 
-    creep_share: np.ndarray  # (P,) stiffness of each Prony branch, in parts of K
+    creep_share: np.ndarray  # (P,) stiffness of each Prony branch, as a fraction of K
     creep_time: np.ndarray  # (P,) s, its relaxation time
-    slip_share: np.ndarray  # (S,) stiffness of each Maxwell-slip element, in parts of K
+    slip_share: np.ndarray  # (S,) stiffness of each Maxwell-slip element, as a fraction of K
     slip_angle: np.ndarray  # (S,) rad, the stretch at which it slips
-    boucwen_share: float  # stiffness of the Bouc-Wen branch at z = 0, in parts of K
+    boucwen_share: float  # stiffness of the Bouc-Wen branch at z = 0, as a fraction of K
     boucwen_beta: float  # 1/rad^n
     boucwen_gamma: float  # 1/rad^n, at most beta in size
     boucwen_exponent: float  # n, at least 1
@@ -151,30 +154,27 @@ class AxialMemoryLaw(NamedTuple):
 
 
 class ChamberConstants(NamedTuple):
-    """One pressure that makes one torque: `equations.chamber`."""
+    """Constants of one chamber: torque law, viscoelastic lag and inflation, see `equations.chamber`."""
 
-    law: np.ndarray  # (k,) numbers of the torque law at rest, of the polynomial in N m/Pa^i
-    swell_share: float  # of the law's growth with pressure that comes late
-    swell_time: float  # s
-    inflation_limit: float  # Pa, towards which the wall expands; 0: a rigid wall
-    inflation_time: float  # s
-    inflation_jm: float  # J_m of a Gent wall, at which its stretch ends; 0: neo-Hookean
-    form: float  # number of the law: `equations.laws`
+    law: np.ndarray  # (k,) numbers of the static torque law; of the polynomial in N m/Pa^i
+    swell_share: float  # lagging fraction of the growth of the lever arm with pressure
+    swell_time: float  # s, time constant of this lag
+    inflation_limit: float  # Pa, pressure at which a neo-Hookean wall expands without bound; 0: a rigid wall
+    inflation_time: float  # s, time constant of the wall
+    inflation_jm: float  # J_m of a Gent wall, which limits its stretch; 0: neo-Hookean
+    form: float  # number of the law in `equations.laws`
 
 
 class ActuationConstants(NamedTuple):
-    """All chambers of a body: each a `ChamberConstants`, and how the joints share its torque.
-
-    Few arrays: each costs a caller.
-    """
+    """Constants of all chambers of a body, each as in `ChamberConstants`, and the gains of their torques."""
 
     law: np.ndarray  # (C, k) numbers of the laws
-    gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
+    gain: np.ndarray  # (C, n) fraction of each chamber's torque at each joint; 1 by virtual work
     rubber: np.ndarray  # (C, 6) the last six entries of each `ChamberConstants`
 
 
 class Interval(NamedTuple):
-    """The pressure of a chamber in one interval of time, Pa."""
+    """The pressure of a chamber [Pa] over a time interval: at its start, middle and end, and its mean."""
 
     start: float
     middle: float
@@ -183,16 +183,16 @@ class Interval(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """A valve of first order whose pressure rises and falls no faster than its rates."""
+    """A first-order valve with limits on the rates at which its pressure rises and falls."""
 
-    rise: float  # s
-    fall: float  # s
+    rise: float  # s, time constant at rising pressure
+    fall: float  # s, time constant at falling pressure
     rise_rate: float  # Pa/s
     fall_rate: float  # Pa/s
 
 
 class Slopes(NamedTuple):
-    """What `motion.acceleration_jacobian` writes: entry [l, k] of a matrix is da_k / d._l."""
+    """Arrays written by `motion.acceleration_jacobian`; entry [l, k] of a matrix is da_k / dphi_l or da_k / dw_l."""
 
     a: np.ndarray  # (n,) rad/s^2
     a_phi: np.ndarray  # (n, n)
@@ -200,18 +200,18 @@ class Slopes(NamedTuple):
 
 
 class Held(NamedTuple):
-    """Scratch arrays of one step with memory: its start, its turn, and the springs that the step sees."""
+    """Scratch arrays of one step with hysteresis: its start, its turn, and the modified springs of the step."""
 
     phi: np.ndarray  # (n,) rad, at the start
     w: np.ndarray  # (n,) rad/s, at the start
     q: np.ndarray  # (n,) rad, at the start
     dq: np.ndarray  # (n,) rad, turn of each joint over the step
-    creep_slope: np.ndarray  # (n,) of creep's line in the middle angle, in parts of K
-    creep_offset: np.ndarray  # (n,) rad, of the same
-    slope: np.ndarray  # (n,) of the line of all branches
-    offset: np.ndarray  # (n,) rad, of the same
-    K: np.ndarray  # (n,) N m/rad, that of `springs`
-    theta0: np.ndarray  # (n,) rad, that of `springs`
+    creep_slope: np.ndarray  # (n,) slope of the creep part of r in the mid-step angle
+    creep_offset: np.ndarray  # (n,) rad, offset of the same
+    slope: np.ndarray  # (n,) slope of r of all branches
+    offset: np.ndarray  # (n,) rad, offset of the same
+    K: np.ndarray  # (n,) N m/rad, K of `springs`
+    theta0: np.ndarray  # (n,) rad, theta0 of `springs`
     springs: Joints
 
 
@@ -233,17 +233,17 @@ class ExtensibleHeld(NamedTuple):
 
 
 class SpatialHeld(NamedTuple):
-    """Scratch arrays of one step with memory in space, m of whose N coordinates remember."""
+    """Scratch arrays of one step with hysteresis in space; m of the N coordinates have hysteresis states."""
 
     x: np.ndarray  # (N,) rad, at the start
     v: np.ndarray  # (N,) rad/s, at the start
     dq: np.ndarray  # (m,) rad, motion over the step
-    line: np.ndarray  # (m, 3) level [rad] of r in the middle of the step, slope by the coordinate and by its partner
-    springs: SpatialJoints  # with `line`: what the step sees
+    line: np.ndarray  # (m, 3) r in mid-step: offset [rad], slope by the coordinate and by its partner
+    springs: SpatialJoints  # springs of the step, with `line`
 
 
 class Past(NamedTuple):
-    """What a chain that remembers carries through its steps."""
+    """Hysteresis law of a chain, its states, and scratch arrays."""
 
     memory: MemoryLaw | AxialMemoryLaw
     state: np.ndarray  # (n, branches) rad; (n + S, branches) where segments remember; in space (m, branches)
@@ -260,7 +260,7 @@ class Workspace(NamedTuple):
     t: np.ndarray  # (n + 1,)
     r: np.ndarray  # (n,)
     a: np.ndarray  # (n,)
-    tau: np.ndarray  # (n,) N m, what the chambers give each joint
+    tau: np.ndarray  # (n,) N m, torque of the chambers at each joint
 
 
 class ExtensibleWorkspace(NamedTuple):
@@ -272,7 +272,7 @@ class ExtensibleWorkspace(NamedTuple):
     t: np.ndarray  # (N + 1,)
     r: np.ndarray  # (N,)
     a: np.ndarray  # (N,)
-    tau: np.ndarray  # (N,) N m, what the chambers give each joint and strain
+    tau: np.ndarray  # (N,) N m, torque of the chambers at each joint and strain
     f: np.ndarray  # (N,)
     v: np.ndarray  # (N,)
     stretch: np.ndarray  # (n + 1,)
@@ -283,9 +283,9 @@ class ExtensibleWorkspace(NamedTuple):
 
 
 class SpatialWorkspace(NamedTuple):
-    """Scratch arrays of one step of a chain in space: `spatial`.
+    """Scratch arrays of one step of a chain in space, see `spatial`.
 
-    Of its N coordinates T = 2 n turn joints, or 3 n where it twists; the strains of S segments stand behind.
+    The first T = 2 n of its N coordinates (3 n with twist) are angles of joints, the last S are strains of segments.
     """
 
     A: np.ndarray  # (N, N)
@@ -294,15 +294,16 @@ class SpatialWorkspace(NamedTuple):
     f: np.ndarray  # (N,)
     q: np.ndarray  # (N,) the coordinates in the middle of the step
     v: np.ndarray  # (N,) the rates there
-    tau: np.ndarray  # (N + R,) N m, what the inputs give each coordinate; behind them, N, what they draw each tendon by
+    tau: np.ndarray  # (N + R,) inputs: torque along each coordinate [N m], then force k u or tension of each tendon [N]
     pull: np.ndarray  # (N,) N m, torques of the tendons without friction
-    rub: np.ndarray  # (N,) N m, what friction along the tendons changes of them
+    rub: np.ndarray  # (N,) N m, change of these torques by friction along the tendons
+    start: np.ndarray  # (R,) N, forces of `tendon.signed_tension` at the start of the step
     tension: np.ndarray  # (R,) N, mean tensions at the base
-    slope: np.ndarray  # (R,) their slopes by the force at the end of the step
+    slope: np.ndarray  # (R,) their derivatives by the force at the end of the step
     run: np.ndarray  # (R, n) 1 where a tendon slips towards the base at a joint, -1 towards the tip
     ease: np.ndarray  # (R, n) s/m, slope of the exponent of friction by the slip
-    kept: np.ndarray  # (R, n) fraction of the tension that is left behind each joint
-    felt: np.ndarray  # (R, N) fraction of it that each coordinate feels
+    kept: np.ndarray  # (R, n) fraction of the tension behind each joint
+    felt: np.ndarray  # (R, N) fraction of the tension that acts on each coordinate
     B: np.ndarray  # (N, N) matrix of a move of Newton's method
     move: np.ndarray  # (N,) the move
     R: np.ndarray  # (n + 1, 3, 3) rotations of the links, the part before the first joint first
@@ -326,13 +327,13 @@ class SpatialWorkspace(NamedTuple):
     length: np.ndarray  # (n + 1,) m, stretched
     centre: np.ndarray  # (n,) m, stretched
     lateral: np.ndarray  # (n,) kg m^2, stretched
-    h: np.ndarray  # (n + 1,) kg m, first moment of what each link carries along itself, unstretched
+    h: np.ndarray  # (n + 1,) kg m, first moment along each link of its mass and the mass beyond it, unstretched
     second: np.ndarray  # (n + 1,) kg m^2, second moment of the same
-    along: np.ndarray  # (n + 1,) N m or kg m^2, what each link asks along its axis
+    along: np.ndarray  # (n + 1,) N m or kg m^2, inertial force along each link's axis times its length
 
 
 class SpatialSlopes(NamedTuple):
-    """What `spatial_linearised.step_jacobian` writes, and the complex numbers that it works on."""
+    """The Jacobian written by `spatial_linearised.step_jacobian`, and its complex work arrays."""
 
     J: np.ndarray  # (3N + R, 2N) by coordinates, rates, torques and commands of tendons
     x: np.ndarray  # (N,)

@@ -1,4 +1,4 @@
-"""State from shape: the filter beside the experiment, the smoother behind it, and two simpler estimators."""
+"""State estimation from shape and pressure: an online Kalman filter, an offline smoother, and simpler estimators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The adaptive observer: a model run beside the body, corrected with a constant gain, its torque learnt."""
+"""Adaptive observer: a simulated model, corrected by each frame with a constant gain, and a learnt torque factor."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from pliant.options import with_defaults
 from pliant.simulation import state
 
 Array = np.ndarray
-UNIT = 1e-6  # N m/Pa, of a law in place of the chamber's own, which may begin with the square: torques are asked for
+UNIT = 1e-6  # N m/Pa, slope of a linear law that replaces the chamber's own, whose slope at 0 Pa may be 0
 
 
 class ObserverNoise(TypedDict, total=False):
-    """Noise that an `AdaptiveObserver` assumes of frames and model."""
+    """Noise levels that an `AdaptiveObserver` assumes for frames and model; keyword options documented there."""
 
     noise: float
     random_walk: float
@@ -52,50 +52,48 @@ OBSERVER_NOISE: ObserverNoise = {
 
 
 class AdaptiveObserver:
-    """The model run beside the body and corrected by each frame with a constant (stationary Kalman) gain.
+    """State observer: the simulated model, corrected by each frame with a constant (stationary Kalman) gain.
 
-    Beside angles and rates it carries a shift of every joint's rest angle, a random walk: creep, friction, contact and
-    an error of the torque law or the stiffness end up there; K times the shift is the torque that the model lacks.
-    Beside both, one factor on the torques of all chambers is learnt: the sensitivity of the observer's state to it
-    obeys the observer's own equation, and what of an innovation lies along it corrects the factor by recursive least
-    squares.
+    The state holds angles, rates and a shift of every joint's rest angle, modelled as a random walk. Creep, friction,
+    contact and errors of torque law or stiffness appear as this shift; K times the shift is the torque that the model
+    lacks. In addition, one factor on the torques of all chambers is estimated by recursive least squares. The
+    sensitivity of the observer's state to this factor obeys the observer's own equation.
 
     Source: Zhang, IEEE Trans. Autom. Control 47(3), 2002 (adaptive observers)
 
     Parameters
     ----------
     model : Model
-        With its memory, if any. Its valves are left out: pressures are those behind them.
+        With its hysteresis and creep, if any. Its valves are ignored: pressures are taken as behind them.
     period : float
-        Of the frames, s.
+        Time between frames, s.
     noise : float
         Standard deviation of the joint angles of one frame, rad; default: 2e-3.
     random_walk : float
-        Of the rest angles, rad per square root of a second; default: 0.05.
+        Random walk of the rest angles, rad per square root of a second; default: 0.05.
     jerk : float
-        Standard deviation of the joint rates that the model misses in a second, rad/s per square root of a second;
-        default: 0.5.
+        Random walk of the joint rates by model error, rad/s per square root of a second; default: 0.5.
     step : float
-        Longest step of the model, s.
+        Longest integration step, s.
     late : int
-        Frames by which the shape is late: pressures are held back as long.
+        Delay of the shape in frames: pressures are delayed by as many.
     scale_sd, scale_random_walk : float
         Standard deviation of `scale` at the start, and its growth per square root of a second; 0 keeps it at 1.
         Default: 0.2 and 0.02.
     share : float
-        That of ``frozen(model, share)`` to whose rest angles the state's `rest_shift` belongs.
+        Argument of ``frozen(model, share)``, whose rest angles are the reference of the state's `rest_shift`.
 
     Attributes
     ----------
     model : Model
-        Without its valves.
+        The model without its valves.
     missed : int
-        Frames that were lost.
+        Number of lost frames.
     fault : str
         Why model and body no longer agree; empty while they do.
     """
 
-    LARGEST = 0.5  # rad: a larger innovation means that model and body have parted
+    LARGEST = 0.5  # rad: a larger innovation means that model and body no longer agree
 
     def __init__(
         self, model: Model, period: float, *, step: float = 2e-3, late: int = 0, share: float = 1.0,
@@ -120,7 +118,7 @@ class AdaptiveObserver:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the model's rest without pressure."""
+        """Set the state to the equilibrium of the model without pressure."""
         model, n = self.model, self.model.n
         q = state.equilibrium(model, 0.0)
         self._x = np.zeros((5, n))
@@ -141,25 +139,27 @@ class AdaptiveObserver:
 
     @property
     def scale(self) -> float:
-        """Factor on the torque of the pressure, learnt from the frames: another specimen is softer or pulls harder."""
+        """Return the estimated factor on the torque of all chambers: above 1 if the body is softer or pulls harder."""
         return float(self.own.factor[0])
 
     def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
-        """Arguments of `adaptive_observer_loops.follow` for a frame's values (n,), so many periods after the last."""
+        """Return the arguments of `adaptive_observer_loops.follow` for a frame `values` (n,) [rad]."""
         return (periods, self._pressure, values, *self._records)
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take pressures [Pa]; the mean of those at a frame and at the one before moves the model between them."""
+        """Take pressures (C,) [Pa]; between two frames the model runs under the mean of the pressures at both."""
         del time
         self._latest = self.model.actuation.pressures(pressure)
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Predict up to the time of a frame, then correct by it unless it is lost; the gain's own noise counts.
+        """Predict to the time of a frame [s] and correct the state by it; a lost frame is counted in `missed`.
+
+        `variance` is ignored, since the gain is constant.
 
         Raises
         ------
         InputError
-            When the rows are others than those of `LinkAngles`.
+            When the rows are not those of `LinkAngles`.
         """
         del variance
         if rows is not self._rows:
@@ -181,7 +181,7 @@ class AdaptiveObserver:
             self.fault = f"a frame differs from the observer's model by more than {self.LARGEST} rad"
 
     def state(self, time: float) -> State:
-        """That of the last frame."""
+        """Return the state at the last frame, whatever `time` is."""
         del time
         angle, rate, own, _, shift = self._x.copy()
         return State(
@@ -190,7 +190,7 @@ class AdaptiveObserver:
 
 
 def make(setting: Setting) -> AdaptiveObserver:
-    """The observer of a body."""
+    """Return an adaptive observer for a `Setting`."""
     return AdaptiveObserver(setting.model, setting.period, late=setting.late)
 
 
@@ -198,18 +198,18 @@ ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:
-    """The model without its memory, stiffer by a share of what the memory holds before anything creeps or slips."""
+    """Return the model without hysteresis and creep, stiffer by `share` times their instantaneous stiffness."""
     stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
     return model.with_(**stiffer_springs(model, stiffer), memory=Memory())
 
 
 def without_valves(model: Model) -> Model:
-    """The model that takes the pressures behind its valves."""
+    """Return the model with ideal valves, whose inputs are the pressures in the chambers."""
     return model.with_(chambers=tuple(replace(c, valve=Valve()) for c in model.chambers))
 
 
 def with_shifts(model: Model) -> tuple[Array, Array]:
-    """State matrix (3 n, 3 n) of angles, rates and rest shifts at rest; what the chambers' torques do (3 n, C)."""
+    """Return the linearised state matrix (3 n, 3 n) of angles, rates and rest shifts, and the input matrix (3 n, C)."""
     unit = tuple(replace(c, law=POLYNOMIAL, torque=np.array([UNIT])) for c in model.chambers)
     linear = linearise(model.with_(chambers=unit), 0.0)
     n, count = model.n, model.actuation.count
@@ -222,15 +222,15 @@ def with_shifts(model: Model) -> tuple[Array, Array]:
 
 
 class Stationary(NamedTuple):
-    """The stationary Kalman filter of angles, rates and rest shifts, at rest."""
+    """Stationary Kalman filter of angles, rates and rest shifts, linearised about rest."""
 
     gain: Array  # (3n, n), from absolute link angles
     precision: Array  # (n, n) 1/rad^2, inverse of the innovations' covariance
-    covariance: Array  # (3n, 3n), behind a frame
+    covariance: Array  # (3n, 3n), after a frame
 
 
 def stationary(model: Model, period: float, noise: float, random_walk: float, jerk: float) -> Stationary:
-    """Its gain for frames of a period [s]; `noise`, `random_walk` and `jerk` as for `AdaptiveObserver`."""
+    """Return the stationary Kalman filter for frames every `period` [s]; noise levels as for `AdaptiveObserver`."""
     from scipy.linalg import solve_discrete_are
 
     n = model.n
@@ -250,7 +250,7 @@ def stationary(model: Model, period: float, noise: float, random_walk: float, je
 
 
 def in_torques(model: Model, covariance: Array) -> Array:
-    """A covariance (3 n, 3 n) of angles, rates and rest shifts as one of angles, rates and disturbance torques."""
+    """Convert a covariance (3 n, 3 n) of angles, rates and rest shifts to one with torques in place of rest shifts."""
     size = np.concatenate([np.ones(2 * model.n), model.stiffness])
     made = size[:, None] * covariance * size
     made.flags.writeable = False

@@ -1,4 +1,4 @@
-"""The arithmetic of one frame of the observer, compiled: model ahead, factor on the torque, correction, rest shifts.
+"""Compiled loop of the adaptive observer for one frame: prediction, torque factor, correction, rest shifts.
 
 Paper: Eq. (5) [eq:eom] for the model; the rest is estimation and not of the paper.
 """
@@ -26,10 +26,10 @@ from pliant.estimation.symbols import (
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):
-    """Move an observer so many periods on to the time of a frame, under pressures (C,) [Pa], and correct it by it.
+    """Advance an observer by `periods` frames under pressures (C,) [Pa], and correct it by a frame's `values` (n,).
 
-    `values` (n,) are the angles of the links, each against the one before [rad], not a number where the frame is lost.
-    Returns FOLLOWED, FRAME_LOST, PARTED (an innovation exceeds `pace.largest`) or STEP_FAILED (of the model).
+    `values` are the angles of the links, each relative to the link before [rad], NaN if the frame is lost. Returns
+    FOLLOWED, FRAME_LOST, PARTED (an innovation exceeds `pace.largest`) or STEP_FAILED (an integration step failed).
     """
     failed = False
     if periods > 0:
@@ -55,7 +55,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
 
 
 def follow_of_tuples(periods, pressure, values, records):
-    """`follow` of plain tuples: Python hands their arrays over in a third of the time of named ones."""
+    """Call `follow` with plain tuples in place of named ones, which Python passes three times as fast."""
     state, model, gains, pace, workspace = records
     joints, body, chambers, memory, instantaneous = model
     own = ObserverModel(
@@ -68,7 +68,7 @@ def follow_of_tuples(periods, pressure, values, records):
 
 
 def lost(values):
-    """Whether an angle is not a number."""
+    """Return whether any of the angles is not a number."""
     for i in range(len(values)):
         if not np.isfinite(values[i]):
             return True
@@ -76,7 +76,7 @@ def lost(values):
 
 
 def ahead(state, pressure, model, count, h, workspace):
-    """The model's own steps under constant pressures (C,) [Pa]; whether one failed."""
+    """Integrate the observer's model over `count` steps at constant pressures (C,) [Pa]; return whether one failed."""
     springs = workspace.springs
     for i in range(len(state.angle)):
         springs.theta0[i] = model.joints.theta0[i] + state.own_shift[i]
@@ -96,9 +96,9 @@ def ahead(state, pressure, model, count, h, workspace):
 
 
 def learn_ahead(state, gains, periods, pressure, chambers, new):
-    """Sensitivity of the observer's state to the factor after whole periods under pressures (C,) [Pa].
+    """Propagate the sensitivity of the observer's state to the torque factor over whole periods.
 
-    `chambers` are those of factor 1; `new` (3n,) is workspace.
+    `pressure` (C,) [Pa] is constant. `chambers` are the model's own, with factor 1; `new` (3n,) is workspace.
 
     Source: Zhang, IEEE Trans. Autom. Control 47(3), 2002
     """
@@ -121,7 +121,7 @@ def learn_ahead(state, gains, periods, pressure, chambers, new):
 
 
 def correct_all(state, gains, weight, move):
-    """Correct state and factor by an innovation: the constant gain, and recursive least squares along the sensitivity.
+    """Correct state and torque factor by an innovation: constant gain, and recursive least squares for the factor.
 
     `weight` and `move` (3n,) are workspace.
     """
@@ -156,7 +156,10 @@ def correct_all(state, gains, weight, move):
 
 
 def rest_shift(angle, own_shift, memory_state, base_angle, rest_angle, memory, left, shift):
-    """Rest shifts of the model without memory: K (q - own) + K r = tau, with r = r_now + c (q - q_now)."""
+    """Write to `shift` (n,) [rad] the total rest shifts of the model without hysteresis and creep.
+
+    K (q - own) + K r = tau, with r = r_now + c (q - q_now), where c is `left`.
+    """
     before = base_angle
     for i in range(len(angle)):
         q = angle[i] - before - rest_angle[i]

@@ -1,6 +1,6 @@
-"""The interface of an estimator: pressures and frames of the shape go in, states come out.
+"""The interface of an estimator, which turns pressure samples and frames of the shape into states.
 
-All times are in seconds on one clock, that of whoever pushes: the loop, or a recording.
+All times are in seconds on one clock: that of the control loop, or of the recording.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ class State(NamedTuple):
     Attributes
     ----------
     time : float
-        s, of which it tells.
+        Time of the state, s.
     angle, rate : array (n,)
-        Absolute link angles [rad] and rates [rad/s]; in space (N,), of the joint coordinates, and N stands for n.
+        Absolute link angles [rad] and rates [rad/s]; in space (N,), of the joint coordinates, and N replaces n below.
     rest_shift : array (n,)
-        Of the joints' rest angles against those of ``frozen(model)``, rad: the memory as it is, and what the model
-        lacks; zeros where the estimator has no model.
+        Shift of the joints' rest angles from those of ``frozen(model)``, rad: the effect of creep and hysteresis, and
+        of model error. Zeros where the estimator has no model.
     disturbance : array (n,)
         Torque of each joint that the model does not explain, N m; zeros where it is not estimated.
     covariance : array (2 n, 2 n) or (3 n, 3 n)
-        Of angles, rates and, where it is estimated, the disturbance.
+        Covariance of angles, rates and, where it is estimated, the disturbance.
     torque_scale : float
-        The body turns as the model would under so many times the torque.
+        Estimated factor on the model's torque.
     fault : str
         Why model and body no longer agree, in one sentence; empty while they do.
     strain, strain_rate : array (S,)
-        Of the segments that lengthen, and per second; the covariance then holds them behind the angles, and behind the
-        rates, and what disturbs them [N m] behind the torques.
+        Strain of each extensible segment, and its rate, 1/s. The covariance then holds strains after the angles, their
+        rates after the rates, and their disturbances [N m] after the torques.
     strain_shift : array (S,)
-        Of the strains at rest, by the axial force that the model does not explain.
+        Shift of each rest strain, by the axial force that the model does not explain.
     """
 
     time: float
@@ -57,55 +57,55 @@ class State(NamedTuple):
 
     @property
     def consistent(self) -> bool:
-        """Whether model and body agree."""
+        """Return whether model and body agree, that is, whether `fault` is empty."""
         return not self.fault
 
 
 class Frame(NamedTuple):
-    """One frame of the shape as an estimator takes it."""
+    """One frame of the shape in the form that an estimator takes: m measured values with their variances."""
 
-    rows: Array  # (m, 4) of (kind, link, along, across), in space aside: what each value sees, as of `rows_of`
-    values: Array  # (m,) m or rad, in the model's base frame; NaN where one is lost
-    variance: Array  # (m,)
+    rows: Array  # (m, 4) of (kind, link, along, across), in space aside: the quantity of each value, by `rows_of`
+    values: Array  # (m,) m or rad, in the model's base frame; NaN where one is missing
+    variance: Array  # (m,) m^2 or rad^2
 
 
-Measure = Callable[[Array], Frame]  # points of the body (S, 2), m, to what an estimator takes: see `LinkAngles.frame`
+Measure = Callable[[Array], Frame]  # points of the body (S, 2) [m] to a frame, such as `LinkAngles.frame`
 
 
 class Estimator(Protocol):
-    """An object that turns pressures and frames into states."""
+    """Protocol of an estimator, which turns pressures and frames into states."""
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a sample of a `time` [s]: gauge pressures (C,) [Pa]; a number is enough for one."""
+        """Take a pressure sample at `time` [s]: gauge pressures (C,) [Pa]; a number is enough for one chamber."""
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a frame of a `time` [s]; see `Frame`. A lost one is pushed too, its values NaN."""
+        """Take a frame of the shape at `time` [s]; see `Frame`. Lost frames are pushed too, with NaN as values."""
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s]; that of the last frame where an estimator does not predict."""
+        """Return the state at `time` [s]; an estimator that does not predict returns the state of the last frame."""
 
 
 class Setting(NamedTuple):
-    """The setting from which an estimator is made."""
+    """The arguments from which an estimator is created: model, frame period and delay."""
 
-    model: Model  # with the rest shape of the body at hand, and its memory
+    model: Model  # with the rest shape of the actual body, and with its hysteresis and creep
     period: float  # s, of the frames
-    late: int  # periods by which the stamp of a frame lies before the pressures that arrive with it
+    late: int  # delay of the frames, in periods, against the pressures that arrive with them
 
 
 @dataclass(frozen=True)
 class EstimatorKind:
-    """An entry of the list of estimators.
+    """A registered kind of estimator: its name, its constructor and its properties.
 
     Attributes
     ----------
     make : callable
-        Estimator of a Setting.
+        Function that returns an estimator for a `Setting`.
     predicts : bool
-        Whether its state is that of the time asked for. Otherwise it is as old as the last frame, and a control design
-        counts that as dead time.
+        Whether `state(time)` predicts to that time. Otherwise the state is as old as the last frame, and a control
+        design counts that age as dead time.
     fixed_length : bool
-        Whether it follows bodies of fixed length in a plane alone.
+        Whether it supports only planar bodies of fixed length.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The simplest estimator: angles as they are seen, rates by filtered differences; it needs no model."""
+"""The simplest estimator, without a model: measured angles, and rates by low-pass filtered differences."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Array = np.ndarray
 
 
 class Differences:
-    """Angles of the last frame, rates by differences behind a first-order filter.
+    """Estimator without a model: the angles of the last frame, and rates by differences with a first-order filter.
 
-    Its covariance is what the frames' noise brings; that the rates lag behind the motion is not in it.
+    Its covariance comes from the noise of the frames; the lag of the rates is not included.
 
     Parameters
     ----------
     model : Model
-        For its number of links alone.
+        Only its number of links, rest angles and base angle are used.
     cutoff : float
-        Of the filter, Hz.
+        Cutoff frequency of the filter, Hz.
 
     Raises
     ------
@@ -40,19 +40,19 @@ class Differences:
         self._still = np.zeros(model.n)
         self._time, self._keep, self._gain = -math.inf, 1.0, self._omega
         self._angle, self._rate = np.array(model.rest_angle, dtype=float).cumsum() + model.base_angle, np.zeros(model.n)
-        self._variance = np.full(model.n, math.pi**2)  # rad^2, of angles that nobody has seen
+        self._variance = np.full(model.n, math.pi**2)  # rad^2, before the first frame
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Pressures tell it nothing."""
+        """Ignore the pressure, which this estimator does not use."""
         del time, pressure
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take the angle of every link; a frame that is lost, or not newer than the last one, changes nothing.
+        """Take the angle of every link [rad]; a lost frame, or one not newer than the last, is ignored.
 
         Raises
         ------
         InputError
-            When the rows are others than those of `LinkAngles`.
+            When the rows are not those of `LinkAngles`.
         """
         if rows is not self._rows:
             self._rows = needs_joint_rows(self._model, rows, "an estimator of differences")
@@ -66,7 +66,7 @@ class Differences:
         self._time, self._angle, self._variance = time, angle, variance
 
     def state(self, time: float) -> State:
-        """That of the last frame."""
+        """Return the state at the last frame, whatever `time` is."""
         del time
         return State(
             self._time, self._angle.copy(), self._rate.copy(), self._still.copy(), self._still.copy(),
@@ -89,7 +89,7 @@ class Differences:
 
 
 def make(setting: Setting) -> Differences:
-    """Differences of a body's links."""
+    """Return an estimator by differences for a `Setting`."""
     return Differences(setting.model)
 
 

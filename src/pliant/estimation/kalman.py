@@ -1,4 +1,4 @@
-"""The filter at work: one pressure sample or one frame of the shape at a time, late frames put where they belong."""
+"""Extended Kalman filter for use during an experiment; frames that arrive late are inserted at their time."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
-LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body have parted
+LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body no longer agree
 
 
 class FilterEvent(NamedTuple):
-    """Something that reached the filter, in the order of its own time."""
+    """A pressure sample or a frame that the filter received, with its time."""
 
     time: float  # s
     pressure: Array | None  # (C,) Pa, held from here on; None for a frame
@@ -41,7 +41,7 @@ class FilterEvent(NamedTuple):
 
 
 class FilterSnapshot(NamedTuple):
-    """The filter before an event; `state` holds angles, rates, disturbance, covariance and memory in one row."""
+    """The filter before an event; `state` holds angles, rates, disturbance, covariance and hysteresis in one vector."""
 
     time: float
     pressure: Array  # (C,) Pa
@@ -51,46 +51,49 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """Number of frames by how the filter used them."""
+    """Numbers of frames by how the filter used them."""
 
     used: int = 0
-    skipped: int = 0  # no row was a number
-    late: int = 0  # put where it belonged, what followed replayed
-    too_late: int = 0  # older than the buffer: left out
-    flipped: int = 0  # orientations more than 90 degrees from the model's, as of flipped markers: left out
+    skipped: int = 0  # without any value
+    late: int = 0  # inserted at their time, with later events applied again
+    too_late: int = 0  # older than the buffer: ignored
+    flipped: int = 0  # orientations more than 90 degrees from the model's, as of flipped markers: ignored
     last_ratio: float = field(default=math.nan)  # normalised innovation squared of the last frame, over its rows
 
 
 class KalmanFilter:
-    """Extended Kalman filter that runs with the experiment.
+    """Extended Kalman filter that runs during an experiment, on pressures and frames of the shape.
 
     Parameters
     ----------
     model : Model
-        Pressures passed in are taken as behind its valve.
+        Its valves are ignored: pressures are taken as behind them.
     noise : Noise, optional
+        Default: `default_noise(model)`.
     step : float
-        Longest step of a prediction, s.
+        Longest integration step of a prediction, s.
     latency : float
-        s between a shape and the stamp of its frame.
+        Delay of a frame's time stamp after the shape that it shows, s.
     buffer : float
-        s for which events are kept, so that late frames can be put where they belong.
-    pressure : float, array (C,) of several chambers
-        Pa at the start, under which the chain rests.
+        Time for which events are kept, so that late frames can be inserted at their time, s.
+    pressure : float, array (C,) for several chambers
+        Initial pressure, at which the chain starts in equilibrium, Pa.
     time : float
-        s at the start; minus infinity: when the first event comes.
+        Initial time, s; minus infinity: that of the first event.
 
     Attributes
     ----------
     pressure : array (C,)
-        Held now, Pa.
+        Current pressure, Pa.
     angle, rate, disturbance : array (n,)
         Absolute link angles [rad] and rates [rad/s], disturbance torques of the joints [N m]; in space (N,), of the
         joint coordinates.
     strain, strain_rate : array (S,)
-        Of the segments that lengthen, and per second.
+        Strain of each extensible segment, and its rate, 1/s.
     covariance : array (N, N)
+        Covariance of the state.
     counts : Counts
+        How many frames were used, skipped or late.
     fault : str
         Why model and body no longer agree; empty while they do.
 
@@ -142,12 +145,12 @@ class KalmanFilter:
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure sample [Pa] of a `time` [s], (C,) of several chambers; it is held until the next one.
+        """Take a pressure sample [Pa] at `time` [s], (C,) for several chambers; it holds until the next one.
 
         Raises
         ------
         InputError
-            When it is not finite (a filter has no opinion of its own on the pressure), or not one for each chamber.
+            When it is not finite, or does not have one value for each chamber.
         """
         held = self.model.actuation.pressures(pressure)
         if not (np.isfinite(held).all() and math.isfinite(time)):
@@ -155,12 +158,11 @@ class KalmanFilter:
         self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a frame of the shape: `rows` (m, 4) as `rows_of` makes them, their values (m,) and variances (m,).
+        """Take a frame of the shape at `time` [s]: `rows` (m, 4) from `rows_of`, with values (m,) and variances (m,).
 
-        In space rows are (m, 5), and an orientation is a rotation vector: three rows. One that is more than 90 degrees
-        off is left out, and counted.
-
-        Values that are not numbers are skipped; positions and angles are those of the model's base frame.
+        Positions and angles are in the model's base frame; NaN values are skipped. In space, rows are (m, 5), and an
+        orientation is a rotation vector in three rows. One that differs from the model's by more than 90 degrees is
+        ignored and counted.
 
         Raises
         ------
@@ -177,7 +179,7 @@ class KalmanFilter:
         self._take(FilterEvent(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s], or at the newest event where that is later."""
+        """Return the state at `time` [s], or at the newest event if that is later."""
         self.advance(time)
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
@@ -208,7 +210,7 @@ class KalmanFilter:
         return np.asarray((shift + left * strain - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
-        """Predict up to `time` [s] under the pressure that is held; a time in the past changes nothing."""
+        """Predict to `time` [s] under the current pressure; a time in the past changes nothing."""
         span = time - self.time
         if not span > 1e-12 or math.isinf(span):
             return
@@ -216,11 +218,13 @@ class KalmanFilter:
         prediction = Prediction(count, span / count, self._torque(span), self._densities)
         failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
         if failed < 0:
-            raise SimulationError(f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long")
+            raise SimulationError(
+                f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long; use a shorter step"
+            )
         self.time = float(time)
 
     def _torque(self, span: float) -> Array:
-        """Mean torques (n,) [N m] of the joints under the pressures that are held; their chambers move on by `span`."""
+        """Return the mean torques (n,) [N m] of the joints over `span` [s] under the current pressures."""
         self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
         return self._tau
 
@@ -243,7 +247,7 @@ class KalmanFilter:
             self._events.popleft()
 
     def _replay(self, event: FilterEvent) -> None:
-        """Go back to before the event, take it, and take again what had come after it."""
+        """Go back to before the event, apply it, and apply again all later events."""
         now, again = self.time, []
         while self._events and self._events[-1][1].time > event.time:
             kept, later = self._events.pop()
@@ -277,7 +281,7 @@ class KalmanFilter:
         off = np.abs(event.value - workspace.seen)
         angular = (event.rows[:, 0] == ANGLE) | (event.rows[:, 0] == JOINT) | (event.rows[:, 0] >= TURN_X)
         if used and np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
-            self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad, or as much of its length"
+            self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad or {LARGEST} body lengths"
 
     def _restore(self, kept: FilterSnapshot) -> None:
         self.time, self.pressure = kept.time, kept.pressure
@@ -286,7 +290,7 @@ class KalmanFilter:
 
 
 def make(setting: Setting) -> KalmanFilter:
-    """The filter of a body, from the first event on; it puts late frames where they belong by their time."""
+    """Return a Kalman filter for a `Setting`, which starts at the first event."""
     return KalmanFilter(setting.model, time=-math.inf)
 
 

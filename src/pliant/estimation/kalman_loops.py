@@ -1,9 +1,9 @@
-"""The compiled loops of estimation: prediction by exact Jacobians, updates row by row, whole records at once.
+"""Compiled loops of the Kalman filter: prediction with exact Jacobians, sequential updates, whole recordings.
 
 The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
-[N m] of each joint, a random walk; where segments lengthen, strains, their rates and what disturbs them stand behind
-those of the links, so that n + S stands for n; in space the N coordinates of the joints stand for the n angles. Memory
-of the joints moves with the estimate; what is not known of it is left to the disturbance.
+[N m] of each joint, a random walk. With S extensible segments, strains, strain rates and their disturbances follow the
+links' entries, so that n + S replaces n. In space the N joint coordinates replace the n angles. Hysteresis and creep
+states move with the estimate; their uncertainty is left to the disturbance.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pliant.equations.observation import motion_of, observe_rows
 from pliant.equations.symbols import Past
 from pliant.estimation.symbols import FilterFrame
 
-FADE = 0.1  # s for which motion is remembered
+FADE = 0.1  # s, decay time of the recent motion
 
 
 def predict(state, model, h, torque, noise, workspace):
-    """Move the estimate and its covariance P (N, N) over one step of h [s] under the mean `torque` (n,) [N m].
+    """Advance the estimate and its covariance P (N, N) by one step h [s] under the mean `torque` (n,) [N m].
 
-    Returns the Jacobian of the step in workspace.J, row by variable; -1 where the step failed, else 0.
+    Writes the Jacobian of the step to workspace.J, one row for each variable. Returns -1 if the step failed, else 0.
     """
     phi, w, d, P, memory_state = state
     gain, body, joints, law, remembers = model
@@ -56,9 +56,10 @@ def predict(state, model, h, torque, noise, workspace):
 
 
 def moved(J, B, N, n, W):
-    """The first 2n rows of W become those of F B; the columns of F = [[A, G], [0, 1]] are the rows of J (3n, 2n).
+    """Write the first 2n rows of F B to W, for the step's Jacobian F and a matrix B (N, N).
 
-    Serves the covariance and the transition of a whole frame alike; the rows below stay those of B.
+    The columns of F = [[A, G], [0, 1]] are the rows of J (3n, 2n). The other rows of F B are those of B. Used for the
+    covariance and for the transition of a whole frame.
     """
     for a in range(2 * n):
         for b in range(N):
@@ -70,7 +71,7 @@ def moved(J, B, N, n, W):
 
 
 def propagate(P, N, n, J, W):
-    """P becomes F P F^T."""
+    """Replace the covariance P (N, N) by F P F^T, with the rows of J as the columns of F."""
     m = 2 * n
     moved(J, P, N, n, W)
     for a in range(m):
@@ -88,7 +89,10 @@ def propagate(P, N, n, J, W):
 
 
 def add_noise(P, n, h, gain, noise, J, G):
-    """Add what white torques held over the step, and the disturbance's random walk, bring to P. G (2n,): workspace."""
+    """Add to P the covariance of white torques held over the step, and of the disturbance's random walk.
+
+    `G` (2n,) is workspace.
+    """
     own, common, random_walk, motion_growth, recent = noise
     m = 2 * n
     for i in range(n):
@@ -111,16 +115,16 @@ def add_noise(P, n, h, gain, noise, J, G):
 
 
 def recall(power, h, recent):
-    """Keep the highest mean square of the joint rates [rad^2/s^2] of late: it fades within `FADE`."""
+    """Update the recent peak of the mean square joint rate [rad^2/s^2], which decays within `FADE`."""
     recent[0] = max(power, recent[0] / (1.0 + h / FADE))
 
 
 def update(state, model, frame, workspace):
-    """Correct the estimate by a frame; rows whose values, or what is seen of them, are not numbers are skipped.
+    """Correct the estimate by a frame, one row after another; missing values are skipped.
 
-    One row after the other, all linearised about the prediction: the same estimate as from all rows at once, without a
-    matrix to factor, and each innovation is white of those before it. Writes them to `frame.innovation`, of unit
-    variance; returns (number of rows used, normalised innovation squared, log of the determinant of the innovations'
+    All rows are linearised about the prediction, which gives the same estimate as a joint update without factoring a
+    matrix. Each innovation is independent of those before it. Writes them to `frame.innovation`, scaled to unit
+    variance. Returns (number of rows used, normalised innovation squared, log of the determinant of the innovations'
     covariance).
 
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), Sec. V
@@ -167,7 +171,7 @@ def update(state, model, frame, workspace):
 
 
 def correct(state, model, change, workspace):
-    """Add a change (N,) to the state; slip elements and Bouc-Wen follow the joint, creep does not."""
+    """Add a change (N,) to the state; slip elements and Bouc-Wen states follow the joint, creep states do not."""
     phi, w, d, _P, memory_state = state
     joints, law, remembers = model.joints, model.memory, model.remembers
     n = len(phi)
@@ -181,7 +185,7 @@ def correct(state, model, change, workspace):
 
 
 def predict_span(state, model, prediction, workspace):
-    """Predict over several steps under one torque; -1 where a step failed, else 0."""
+    """Predict over several steps under one torque; return -1 if a step failed, else 0."""
     for _ in range(prediction.steps):
         if predict(state, model, prediction.h, prediction.torque, prediction.noise, workspace) < 0:
             return -1
@@ -189,18 +193,19 @@ def predict_span(state, model, prediction, workspace):
 
 
 def many_frames(count, state, model, prediction, frame, workspace):
-    """Filter `count` frames that are all the same: what a frame costs, for a benchmark."""
+    """Filter `count` identical frames, to measure the time per frame in a benchmark."""
     for _ in range(count):
         predict_span(state, model, prediction, workspace)
         update(state, model, frame, workspace)
 
 
 def filter_record(state, model, plan, noise, frames, out, workspace):
-    """Filter a whole record. `plan` is (h, torque, first step of each frame); `frames` has values (T, m).
+    """Filter a whole recording and write predictions, estimates, covariances and innovations to `out`.
 
-    `out` takes, frame by frame, the prediction and the estimate (T, N), their covariances (T, N, N), the transition
-    from the frame before (T, N, N), whitened innovations (T, m) and (rows used, their sum of squares, log of the
-    determinant, motion of late). Returns the frame at which a step failed, or -1.
+    `plan` is (h, torque, first step of each frame); `frames` has values (T, m). `out` receives, frame by frame, the
+    prediction and the estimate (T, N), their covariances (T, N, N), the transition from the frame before (T, N, N),
+    whitened innovations (T, m) and (rows used, their sum of squares, log of the determinant, recent motion). Returns
+    the frame at which a step failed, or -1.
     """
     h, torque, begin = plan
     z = frames.values
@@ -228,7 +233,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
 
 
 def chain_transition(F, N, n, J, W):
-    """F becomes the transition of one more step times F."""
+    """Replace F (N, N) by the transition of one more step times F."""
     moved(J, F, N, n, W)
     for a in range(2 * n):
         for b in range(N):
@@ -236,7 +241,7 @@ def chain_transition(F, N, n, J, W):
 
 
 def store(state, x, C):
-    """Copy the estimate and its covariance into a record."""
+    """Copy the estimate to x (N,) and its covariance to C (N, N)."""
     phi, w, d, P, _memory = state
     n = len(phi)
     for a in range(P.shape[0]):

@@ -1,4 +1,4 @@
-"""Angles of the chords between a body's joints, compiled."""
+"""Compiled loop that computes link angles from points along the body."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 
 def joint_values(points, ends, out):
-    """Angles of the links, each against the one before, from points (S, 2) along the body; NaN where one is lost.
+    """Write to `out` (n,) [rad] the angle of each link relative to the one before, from points (S, 2) [m].
 
-    out (n,) [rad]: the first against +y. `ends` holds the point before each end of a link (n + 1,) and the share of the
-    next one (n + 1,). Each angle is the one nearest to that of the link before.
+    The first angle is relative to +y; all are NaN if a point is lost. `ends` holds for each end of a link the index of
+    the point before it (n + 1,) and the weight of the point after it (n + 1,). Angles are unwrapped.
     """
     left, share = ends
     for k in range(len(points)):

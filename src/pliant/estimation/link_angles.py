@@ -1,4 +1,4 @@
-"""From points along the body to link angles, and the model with the rest shape of the body at hand."""
+"""Link angles from points along the body, and the model with the rest shape of the actual body."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ Array = np.ndarray
 
 
 class LinkAngles:
-    """Angles of the links from points along the body: chords between the points that lie at the model's joints.
+    """Angles of the links from points along a planar body, by chords between the points at the model's joints.
 
     Parameters
     ----------
     model : Model
     arc_length : array (S,)
-        Of the points, m, from the origin; increasing.
+        Arc lengths of the points, m, from the origin; increasing.
     noise : float
         Standard deviation of the angle between two links in one frame, rad.
 
     Attributes
     ----------
     rows : array (n, 4)
-        What the values of `frame` see: the angle of each link, against the one before.
+        The quantities that the values of `frame` measure: the angle of each link relative to the one before.
     """
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 2e-3) -> None:
@@ -53,68 +53,68 @@ class LinkAngles:
         self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
     def ends(self, points: Array) -> Array:
-        """Ends of the links (n + 1, 2) among points (S, 2), m."""
+        """Return the ends of the links (n + 1, 2) [m], the base first, for points (S, 2) [m]."""
         return (1 - self._share) * points[self._left] + self._share * points[self._left + 1]
 
     def __call__(self, points: Array) -> Array:
-        """Absolute link angles (n,) of points (S, 2), rad."""
+        """Return the absolute link angles (n,) [rad] of points (S, 2) [m]."""
         across = np.diff(self.ends(points), axis=0)
         return np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
 
     def frame(self, points: Array) -> Frame:
-        """Return the values that estimators compare of a shape (S, 2) [m]: angles between links, with independent
-        errors.
+        """Return the angles between links as a `Frame` for estimators, from points (S, 2) [m]; NaN if one is lost.
 
-        Their values are NaN where a point is lost.
+        Angles between links have independent errors, absolute ones do not.
 
         Raises
         ------
         InputError
-            When there are other than S points.
+            When the number of points is not S.
         """
         if points.shape != (self._size, 2):
-            raise InputError(f"a shape has {self._size} points in the plane, (x, y) each, got {points.shape}")
+            raise InputError(f"a shape must have {self._size} points in the plane, (x, y) each, got {points.shape}")
         values = np.empty(len(self._variance))
         self._values(points, self._ends, values)
         return Frame(self.rows, values, self._variance)
 
 
 def joint_rows(model: Model) -> Array:
-    """Rows (n, 4) that see the angle of each link, against the one before it; the first against +y."""
+    """Return rows (n, 4) that measure the angle of each link relative to the one before; the first relative to +y."""
     return np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)], dtype=float)
 
 
 
 
 def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
-    """The rows, when they are `joint_rows`.
+    """Return `rows` if they are `joint_rows(model)`; raise InputError otherwise. `who` names the estimator.
 
     Raises
     ------
     InputError
-        When a frame holds anything else.
+        When a frame holds other quantities.
     """
     if rows.shape != (model.n, 4) or not np.array_equal(rows[:, :2], joint_rows(model)[:, :2]):
         raise InputError(
-            f"{who} takes the angle of each of {model.n} links against the one before, as LinkAngles.frame makes "
-            f"them, got {len(rows)} other rows: use the filter, which takes any"
+            f"{who} needs the angle of each of {model.n} links relative to the one before, as LinkAngles.frame returns "
+            f"them, got {len(rows)} other rows: use the filter, which accepts any"
         )
     return rows
 
 
 def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
-    """The model with the rest shape of the body at hand: rest angles and link lengths from frames (T, S, 2) at rest.
+    """Return the model with the rest angles and link lengths of the actual body, from frames (T, S, 2) [m] at rest.
 
-    Stiffness, damping and torque law stay. Lost frames (NaN) are left out.
+    `arc_length` (S,) [m] gives the positions of the points along the body. Stiffness, damping and torque law stay. Lost
+    frames (NaN) are ignored.
 
     Raises
     ------
     InputError
-        When fewer than 5 frames are whole.
+        When fewer than 5 frames are complete.
     """
     whole = frames[np.isfinite(frames).all(axis=(1, 2))]
     if len(whole) < 5:
-        raise InputError(f"a rest shape needs at least 5 whole frames, got {len(whole)} of {len(frames)}")
+        raise InputError(f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}")
     mean = whole.mean(axis=0)
     link_angles = LinkAngles(model, arc_length)
     ends = link_angles.ends(mean)

@@ -1,4 +1,4 @@
-"""From points that ride on a body as it lengthens to the tips of its links, and the model with its rest shape."""
+"""Link tips from material points of an extensible or spatial body, and the rest shape of the actual body."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from pliant.model import Model, Space
 from pliant.simulation import state
 
 Array = np.ndarray
-WHOLE = 5  # frames that tell a rest
-TURNS = 12  # the weight turns joints by what the rest angles are, and these follow from it
+WHOLE = 5  # least number of frames for a rest shape
+TURNS = 12  # iterations: the rotation of joints by weight depends on the rest angles, and these on it
 
 
 class LinkTips:
-    """Places of the link tips from points that stay where they are on the body, such as markers.
+    """Positions of the link tips, interpolated between material points of the body such as markers.
 
-    A tip lies between its neighbours among the points in the shares that it has of the unstretched body.
+    A tip lies between its two neighbouring points, divided in the same ratio as on the unstretched body.
 
     Parameters
     ----------
     model : Model
-        It may lengthen, or move in space.
+        May be extensible or spatial.
     arc_length : array (S,)
-        Of the points along the unstretched body, m, from the origin; increasing.
+        Arc lengths of the points along the unstretched body, m, from the origin; increasing.
     noise : float
         Standard deviation of each coordinate of a tip in one frame, m.
 
     Attributes
     ----------
     rows : array (2 n, 4), (3 n, 5) in space
-        What the values of `frame` see: x and y, and z in space, of each tip.
+        The quantities that the values of `frame` measure: x and y, and z in space, of each tip.
     """
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 3e-4) -> None:
@@ -54,39 +54,39 @@ class LinkTips:
         self._variance = np.full(len(self.rows), noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Tips of the links (..., n, 2) among points (..., S, 2), m; in space (..., n, 3) among (..., S, 3)."""
+        """Return the link tips (..., n, 2) [m] for points (..., S, 2) [m]; in space (..., n, 3) for (..., S, 3)."""
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
         return np.asarray((1.0 - self._share) * near + self._share * far)
 
     def frame(self, points: Array) -> Frame:
-        """Return the values that estimators compare of points (S, 2), in space (S, 3) [m]; NaN where one is lost.
+        """Return the tips as a `Frame` for estimators, from points (S, 2), in space (S, 3) [m]; NaN where one is lost.
 
         Raises
         ------
         InputError
-            For other than S points.
+            When the number of points or axes is wrong.
         """
         if points.shape != self._shape:
             size, axes = self._shape
-            raise InputError(f"a shape has {size} points, ({', '.join('xyz'[:axes])}) each, got {points.shape}")
+            raise InputError(f"a shape must have {size} points, ({', '.join('xyz'[:axes])}) each, got {points.shape}")
         return Frame(self.rows, self.tips(points).ravel(), self._variance)
 
 
 def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
-    """The model with the rest shape of the body at hand, and what its frames are measured by, with the noise at rest.
+    """Return the model with the rest shape of the actual body, and its `LinkTips` with the noise measured at rest.
 
-    Rest angles, in space rest turns, follow from the frames; lengths, stiffness, damping and law stay. Lost frames
-    (NaN) are left out.
+    Rest angles (in space rest rotations) follow from `frames` (T, S, d) [m] at rest. Lengths, stiffness, damping and
+    torque law stay. Lost frames (NaN) are ignored.
 
     Raises
     ------
     InputError
-        When fewer than 5 frames are whole.
+        When fewer than 5 frames are complete.
     """
     places = LinkTips(model, arc_length)
     seen = places.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
     if len(seen) < WHOLE:
-        raise InputError(f"a rest shape needs at least {WHOLE} whole frames, got {len(seen)} of {len(frames)}")
+        raise InputError(f"a rest shape needs at least {WHOLE} complete frames, got {len(seen)} of {len(frames)}")
     made = model
     for _ in range(TURNS):
         loose, shape = state.equilibrium(made), seen.mean(axis=0)
@@ -95,7 +95,7 @@ def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkT
 
 
 def turned_by(model: Model, loose: Array, tips: Array) -> Model:
-    """Return the model with the rest angles that bring its links, bent by `loose` (n + S,), to tips (n, 2) [m]."""
+    """Return the model with the rest angles at which its links, bent by `loose` (n + S,), end at tips (n, 2) [m]."""
     joint = (1.0 + model.stretch_share[0] @ loose[model.n :]) * model.first_joint
     across = np.diff(tips, axis=0, prepend=joint[None])
     angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
@@ -103,7 +103,7 @@ def turned_by(model: Model, loose: Array, tips: Array) -> Model:
 
 
 def turned_in_space(model: Model, loose: Array, tips: Array) -> Model:
-    """Return the model with the rest turns, least from its own, that bring its links, turned by `loose` (N,), to tips.
+    """Return the model with rest rotations, changed least, at which its links, turned by `loose` (N,), end at the tips.
 
     The tips (n, 3) [m] do not show twist.
     """

@@ -1,4 +1,4 @@
-"""The measurement of an aligned recording: rows of angles and coordinates; dense curves are compressed to link tips."""
+"""Measurement rows of an aligned recording: coordinates and angles of stations, or joint angles of a dense curve."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Array = np.ndarray
 AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 TURNS = (TURN_X, TURN_Y, TURN_Z)
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
-PLAIN = 0.5  # correlation of the pressure with the tip's x, of the wrong sign, from which a recording is refused
+PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
 
 class Measurement(NamedTuple):
     """A measurement over time: rows (m, 4) of (kind, link, along, across), values (T, m), variances (m,)."""
 
     time: Array  # (T,) s, as stamped
-    rows: Array  # in space (m, 5), with aside behind
+    rows: Array  # in space (m, 5), followed by aside
     value: Array  # NaN where a row is missing
     variance: Array
     label: tuple[str, ...]
@@ -38,10 +38,11 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Rows (m, 4) that see x and y, and the angle, of stations on links, in the model's base frame.
+    """Return measurement rows (m, 4) for x and y, and optionally the angle, of stations in the model's base frame.
 
-    In space rows (m, 5) that see x, y and z, and where an angle is wanted the orientation of the station's link: three
-    rows, whose values are the rotation vector [rad] of the link's frame (x aside, z along the link) in the base frame.
+    Each row is (kind, link, along, across). In space, rows (m, 5) for x, y and z, with aside as the last entry. With
+    `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
+    the link's frame (x aside, z along the link) in the base frame.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
     rows: list[tuple[float, ...]] = []
     for s in stations:
         if not 0 <= s.link < model.n:
-            raise InputError(f"station {s.name!r} sits on the base and tells nothing of the links: leave it out")
+            raise InputError(f"station {s.name!r} lies on the base and does not depend on the links: leave it out")
         if position:
             rows += [(kind, s.link, s.along, s.across, s.aside) for kind in AXES[: mechanics_of(model).dimension]]
         if angle:
@@ -61,34 +62,37 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
 
 
 def row_width(model: Model) -> int:
-    """Return how many numbers a row of a measurement has: kind, link, along, across; in space aside too."""
+    """Return the number of entries of a measurement row: 4 (kind, link, along, across), in space 5 (aside too)."""
     return 4 if model.space is None else 5
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
-    """Refuse rows, values and variances of a frame that do not go together, and rows of half an orientation.
+    """Raise InputError if rows, values and variances of a frame differ in number, or an orientation is incomplete.
 
     Raises
     ------
     InputError
-        In one sentence.
+        With the reason in one sentence.
     """
     wide = row_width(model)
     if rows.shape != (values.size, wide) or variance.shape != values.shape:
-        raise InputError(f"a frame has rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}")
+        raise InputError(f"a frame needs rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}")
     turns = np.flatnonzero(rows[:, 0] >= TURN_X)
     if not turns.size:
         return
     threes = rows[turns, :2].reshape(-1, 3, 2) if turns.size % 3 == 0 else np.empty((0, 3, 2))
     if not (len(threes) and (threes[..., 0] == TURNS).all() and (threes[..., 1] == threes[:, :1, 1]).all()
             and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
-        raise InputError("an orientation has three rows of one link, one after the other: make them with rows_of")
+        raise InputError("an orientation needs three consecutive rows of one link: make them with rows_of")
     if (np.linalg.norm(np.nan_to_num(values[turns].reshape(-1, 3)), axis=1) > HALF_TURN).any():
-        raise InputError("an orientation is a rotation vector of at most half a turn, in rad")
+        raise InputError("an orientation must be a rotation vector of at most half a turn (pi rad)")
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
-    """Count the orientations of frames, values (..., m) in all, of which the filter saw no number: flips of markers."""
+    """Return the number of orientations in `values` (..., m) that the filter rejected as flipped markers.
+
+    These are the orientations that were given but are NaN in `seen` (..., m).
+    """
     turned = rows[:, 0] >= TURN_X
     given, found = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
     return int((np.isfinite(given).all(axis=-1) & np.isnan(found[..., 0])).sum())
@@ -97,18 +101,18 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
-    """Return the measurement that relates an aligned recording to a model.
+    """Return the measurement of a model by an aligned recording: rows, values and variances over time.
 
-    Stations that the model knows are taken as they are, with their angles where recorded. A recording of none of them
-    but of a dense curve, base first, is compressed to the angles between links that divide the
-    curve's length as the model's do. In space the positions of the model's stations are taken, and orientations of
-    rigid bodies there, as turns since the rest of the recording: from the model's rest without input.
+    Positions of the model's stations are used, with their angles where recorded. A dense curve, base first, without any
+    of these stations is compressed to the angles between links that divide the curve's length as the model's do. In
+    space, the positions of the model's stations are used, with orientations of rigid bodies there. A recording holds
+    these as rotations since its rest; they are added to the model's equilibrium without input.
 
     Raises
     ------
     InputError
-        When the recording is not aligned in the plane, or in space, as the model is; bends to the other side than the
-        model; or shows neither the model's stations nor a dense curve (which tells nothing of a body that lengthens).
+        When the recording is not aligned, is planar for a model in space or the reverse, bends to the other side than
+        the model, or shows neither the model's stations nor a dense curve (which is not enough for an extensible body).
     """
     check_recording(recording)
     space = model.space is not None
@@ -129,7 +133,8 @@ def measurement_of(
     if len(names) >= 3 * model.n and not space:
         return from_curve(recording, model, noise)
     raise InputError(
-        f"the recording shows {', '.join(names[:5])}, the model's stations are {', '.join(known)}: name them alike"
+        f"no station of the recording ({', '.join(names[:5])}) is one of the model's ({', '.join(known)}): "
+        "name them alike"
         + ("" if space else f", or record a curve of at least {3 * model.n} points, base first")
     )
 
@@ -149,7 +154,7 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
-    """Coordinates, and angles or in space orientations where recorded, of named stations."""
+    """Return the measurement of named stations: coordinates, and angles or, in space, orientations where recorded."""
     names = [s.name for s in stations]
     angled = "angle" in recording and model.space is None
     axes = recording["axis"].values
@@ -176,7 +181,7 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
-    """Recorded angles (T, S) as absolute link angles, rad."""
+    """Return the recorded angles of the stations as absolute link angles (T, S), rad."""
     angle = recording["angle"].sel(station=[s.name for s in stations])
     turned = angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
@@ -185,9 +190,10 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
 
 
 def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
-    """Rotation vectors (T, 3) [rad] of the frames of links that carry stations, where recorded, by index of these.
+    """Return the recorded orientations as rotation vectors (T, 3) [rad] of the links' frames, by station index.
 
-    A recording has turns since its rest, in the axes of the base frame; the sign of a quaternion plays no part.
+    A recording holds rotations since its rest, in the axes of the base frame. Stations without an orientation are
+    omitted.
     """
     from scipy.spatial.transform import Rotation
 
@@ -203,14 +209,14 @@ def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:
-    """Angles between the links laid through a dense curve; frames with missing points are left out and counted.
+    """Return the measurement of a dense curve: angles between links laid through it; incomplete frames are NaN.
 
-    A fibre's curvature errs from point to point, so angles between neighbouring links err independently of each other;
-    the tips, which are sums of them, do not.
+    The curvature of a sensor fibre has independent errors from point to point. Angles between neighbouring links
+    therefore have independent errors too, whereas the tips, which are sums of them, have not.
     """
     fixed_length(
-        model, f"a dense curve does not show which of its points belong to which link of {model.name!r}, which "
-        "lengthens: record stations that the model knows, or leave its extensions out",
+        model, f"a dense curve does not show which of its points belong to which link of the extensible model "
+        f"{model.name!r}: record stations of the model, or leave its extensions out",
     )
     body = body_of(recording)
     share = np.append(0.0, np.cumsum(model.link_length)) + model.base_length

@@ -1,4 +1,4 @@
-"""Noise of the model and of the sensors, as estimators assume it."""
+"""Noise levels of model and sensors that estimators assume."""
 
 from __future__ import annotations
 
@@ -12,36 +12,38 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
-TORQUE_SHARE = 2e-5  # rad sqrt(s): torque noise in parts of the stiffness, tuned on one virtual actuator
-ALONE_SHARE = 8e-4  # rad sqrt(s): torque noise where no disturbance takes up what the model lacks
-WALK_SHARE = 3e-3  # rad/sqrt(s): random walk of the disturbance, likewise
-MOTION_GROWTH = 30.0  # s^2/rad^2, likewise
+TORQUE_SHARE = 2e-5  # rad sqrt(s): torque noise over stiffness, tuned on one virtual actuator
+ALONE_SHARE = 8e-4  # rad sqrt(s): torque noise over stiffness, without a disturbance state
+WALK_SHARE = 3e-3  # rad/sqrt(s): random walk of the disturbance over stiffness, tuned on the same
+MOTION_GROWTH = 30.0  # s^2/rad^2, tuned on the same
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations, all SI. Torques are those of one joint; what drives the strain of a segment that lengthens
-    is as uncertain in parts of its stiffness, and strains start as uncertain as angles.
+    """Noise levels of sensors and model that an estimator assumes, as standard deviations in SI units.
+
+    Torques are those of one joint. For the strain of an extensible segment they are scaled by its stiffness, and the
+    initial strain is as uncertain as an initial angle.
 
     Parameters
     ----------
     position : float
-        Of a measured coordinate, m, with what a chain of straight links cannot show.
+        Measured coordinate, including the deviation of the body from a chain of straight links, m.
     angle : float
-        Of a measured angle, in space of each component of an orientation's rotation vector, rad.
+        Measured angle, or component of an orientation's rotation vector in space, rad.
     torque : float
-        Square root of the spectral density of the torque that the model does not know, N m sqrt(s).
+        Square root of the spectral density of the unmodelled torque, N m sqrt(s).
     pressure : float
-        The same of the pressure sensor, Pa sqrt(s).
+        Square root of the spectral density of the pressure sensor's noise, Pa sqrt(s).
     random_walk : float
         Growth of the disturbance torque, N m/sqrt(s); 0 leaves the disturbance out of the state.
     motion_growth : float
         Growth of the disturbance's variance with motion, per mean square of the joint rates, s^2/rad^2: the model errs
         more while the body moves.
     initial_angle, initial_rate, initial_disturbance : float
-        Of what is assumed at the start, rad, rad/s, N m.
+        Uncertainty of the initial state, rad, rad/s, N m.
     stations : mapping
-        Standard deviation of a coordinate by station, m, where it differs from `position`.
+        Measured coordinate by station, m, where it differs from `position`.
 
     Raises
     ------
@@ -70,26 +72,27 @@ class Noise:
                 raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
-        """For the loops: spectral densities of joint torques, a common torque, the disturbance's rate; its growth."""
+        """Return spectral densities for the loops: joint torques, common torque, disturbance rate and its growth."""
         common = np.array([(float(c.lever_at(0.0)) * self.pressure) ** 2 for c in model.chambers])
         size = scales(model) ** 2
         return self.torque**2 * size, common, self.random_walk**2 * size, float(self.motion_growth)
 
     def states(self, model: Model) -> int:
-        """Number of states: angles, rates and, where it is a random walk or not known at the start, the disturbance."""
+        """Return the number of states: angles, rates and, if it is estimated, the disturbance."""
         return model.size * (3 if self.random_walk > 0 or self.initial_disturbance > 0 else 2)
 
     def initial(self, model: Model) -> Array:
-        """Covariance of the state at the start."""
+        """Return the covariance (N, N) of the initial state."""
         levels = np.outer([self.initial_angle, self.initial_rate, self.initial_disturbance], np.ones(model.size))
         levels[2] *= scales(model)
         return np.diag(levels.ravel()[: self.states(model)] ** 2)
 
 
 def scales(model: Model) -> Array:
-    """Size (N,) of what is unknown of each generalised force: 1 for the joints' bending.
+    """Return the size (N,) of the noise of each generalised force relative to a joint's bending torque.
 
-    For the strains of segments, and in space for bending about y and for twist, their stiffness over the joints' mean.
+    It is 1 for the bending of joints. For strains of segments, and in space for bending about y and for twist, it is
+    their stiffness over the joints' mean.
     """
     chain = mechanics_of(model)
     size = chain.joints.K / float(np.mean(model.stiffness))
@@ -98,9 +101,9 @@ def scales(model: Model) -> Array:
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
-    """Noise in proportion to the model's stiffness, with or without a disturbance torque.
+    """Return default noise levels in proportion to the model's stiffness, with or without a disturbance torque.
 
-    Without one, the model's errors are left to white torque noise, which suits them less.
+    Without a disturbance, model errors are described by white torque noise, which fits them less well.
     """
     stiffness = float(np.mean(model.stiffness))
     if not disturbance:

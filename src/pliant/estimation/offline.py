@@ -1,4 +1,4 @@
-"""`estimate`: a recording and a model in, states with their uncertainty out."""
+"""The function `estimate`: states with uncertainties from a recording and a model."""
 
 from __future__ import annotations
 
@@ -44,43 +44,46 @@ def estimate(
     lag: int = 10,
     pressure_window: float = 8e-3,
 ) -> xr.Dataset:
-    """Joint angles, rates and disturbance torques of a recording, by an extended Kalman filter and smoother.
+    """Estimate joint angles, rates and disturbance torques from a recording, by extended Kalman filter and smoother.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Aligned recording: the model's stations, with angles where recorded, or a dense curve, base first; of a model in
-        space its stations, with orientations of rigid bodies where recorded; those more than 90 degrees from the
-        estimate, as of flipped markers, are left out and counted. Missing numbers are skipped and counted.
+        Aligned recording of the model's stations, with angles where recorded, or of a dense curve, base first. For a
+        model in space, its stations with orientations of rigid bodies where recorded; orientations that differ from
+        the estimate by more than 90 degrees (flipped markers) are ignored and counted. Missing values are skipped and
+        counted.
+    model : Model
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
     pressure : Input, or one for each chamber, optional
-        Commanded pressure, through the model's valve. Default: the measured one, taken as behind the valve.
+        Commanded pressure, which passes through the model's valve. Default: the measured one, taken as behind the
+        valve.
     drive : dict, optional
-        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
-        index (from 0); one that it leaves out rests at 0 Pa. Default: those of the same names.
+        For a model of several chambers: maps each chamber of the model to the recorded pressure that drives it, by name
+        or index (from 0). Chambers not listed stay at 0 Pa. Default: the pressures of the same names.
     disturbance : bool
-        Whether to estimate an unknown torque of each joint too, which takes up what the model lacks; when `noise`
-        is given, its `random_walk` decides.
+        Whether to estimate an unknown torque of each joint too, which absorbs model error. If `noise` is given, its
+        `random_walk` decides.
     stations : tuple of str, optional
-        Which to use. Default: all that recording and model share.
+        Stations to use. Default: all that recording and model share.
     latency : float
-        s by which the stamps of the shape are late on the clock of the pressure.
+        Delay of the shape's time stamps on the clock of the pressure, s.
     step : float
-        Longest step of a prediction, s.
+        Longest integration step of a prediction, s.
     lag : int
-        Frames that the smoothed states wait for.
+        Number of later frames that the smoothed states use.
     pressure_window : float
-        s over which a measured pressure is averaged, centred: its noise shakes light links more than a frame's noise
-        does. Up to twice the latency of the shape it costs no delay.
+        Width of the centred moving average of a measured pressure, s. Sensor noise of the pressure disturbs light links
+        more than the noise of a frame. A window of up to twice the latency of the shape adds no delay.
 
     Returns
     -------
     xarray.Dataset
-        joint_angle, joint_rate, disturbance (time, joint) as filtered, `smooth_*` of them `lag` frames later, `*_sd`
-        their standard deviations; in space of each axis: joint_angle_x, joint_angle_y, joint_angle_twist ...; of
-        segments that lengthen axial_strain, axial_strain_rate, axial_disturbance [N] (time, segment); innovation
-        (time, row), whitened; normalised_innovation_squared and rows_used (time).
+        joint_angle [rad], joint_rate [rad/s] and disturbance [N m] (time, joint), filtered; `smooth_*`, smoothed with
+        `lag` later frames; `*_sd`, their standard deviations. In space for each axis: joint_angle_x, joint_angle_y,
+        joint_angle_twist ... For extensible segments: axial_strain, axial_strain_rate, axial_disturbance [N]
+        (time, segment). Also innovation (time, row), whitened; normalised_innovation_squared and rows_used (time).
         attrs: nis_ratio with its 95 % bounds, innovation_correlation with its bound, frames skipped, orientations
         flipped, notes.
 
@@ -103,7 +106,7 @@ def estimate(
         found.joint_rate[-1].values                                # rad/s, now
         found.smooth_joint_rate.values                             # rad/s, ten frames later
         found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
-        found.disturbance, found.disturbance_sd                    # N m of each joint: pushed?
+        found.disturbance, found.disturbance_sd                    # N m of each joint: external forces, model error
     """
     settings = noise or default_noise(model, disturbance=disturbance)
     measurement = measurement_of(recording, model, settings, stations)
@@ -120,13 +123,13 @@ def input_of(
     recording: xr.Dataset, model: Model, pressure: Input | Sequence[Input] | None, window: float = 0.0,
     drive: Mapping[str, str | int] | None = None,
 ) -> tuple[Input | Sequence[Input], Model]:
-    """The pressures of a recording and the model that takes them: without its valves where they were measured."""
+    """Return the pressure inputs of a recording, and the model for them: without valves if they were measured."""
     if pressure is not None:
         return pressure, model
     if "pressure" not in recording:
         raise InputError("the recording has no measured pressure: give the commanded one (pressure=Pulse(...))")
     if not (np.isfinite(window) and window >= 0):
-        raise InputError(f"the window of the pressure is a time in seconds, at least 0, got {window}")
+        raise InputError(f"pressure_window must be a time in seconds, at least 0, got {window}")
     clock = recording["pressure_time"].values.astype(float)
     samples = measured("to estimate", recording, model, drive)
     sources = tuple(Trace(*averaged(clock, values, window)) for values in samples)
@@ -134,9 +137,10 @@ def input_of(
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
-    """Centred mean over `window` [s] of a signal that is straight between its samples, narrower towards its ends.
+    """Return times and values of the centred moving average over `window` [s] of a piecewise linear signal.
 
-    Between samples further apart than half the window, times are added at which the mean begins and ends to change.
+    The window narrows towards both ends. Where samples are further apart than half the window, times are added at which
+    the mean starts and stops changing.
     """
     if window == 0 or clock.size < 2:
         return clock, values
@@ -154,7 +158,7 @@ def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
 
 
 def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
-    """Integral from the first sample to the times `at` of a signal that is straight between its samples."""
+    """Return the integral of a piecewise linear signal from the first sample to the times `at`."""
     k = np.clip(np.searchsorted(clock, at, side="right") - 1, 0, clock.size - 2)
     u = at - clock[k]
     slope = (values[k + 1] - values[k]) / (clock[k + 1] - clock[k])
@@ -162,7 +166,7 @@ def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
 
 
 def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> FilterOutput:
-    """Filter a record with the compiled loop."""
+    """Filter a recording with the compiled loop."""
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
     own = FilterState(
@@ -179,27 +183,27 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     if failed >= 0:
         raise SimulationError(
             f"the prediction of frame {failed} at {measurement.time[failed]:.6g} s fails: a link turns by more than a "
-            "radian in a step; use a shorter step, or check pressure and model"
+            "radian in one step; use a shorter step, or check pressure and model"
         )
     return out
 
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
-    """Return the loops' inputs for values (m,), or for many frames (T, m), with scratch arrays for innovations (m,)."""
+    """Return a `FilterFrame` for values (m,), or (T, m) for many frames, with a scratch array for innovations (m,)."""
     constants = mechanics_of(model).observed()[0]
     return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:
-    """Return the loops' inputs for a model."""
+    """Return the constants of a model for the filter's loops."""
     gain, memory = np.array(model.actuation.columns), model.memory
     return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
-    """Joint coordinates, rates and disturbances with standard deviations, from states (T, k N) and covariances.
+    """Return joint coordinates, rates and disturbances with standard deviations, from states and covariances.
 
-    Variables of a dataset, of each kind of coordinates: dimensions, values and units.
+    `x` is (T, k N), `P` (T, k N, k N). The result holds dataset variables: name to dimensions, values and units.
     """
     chain, size = mechanics_of(model), model.size
     made: dict[str, tuple[Any, ...]] = {}
@@ -215,14 +219,14 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
 
 
 def standard_deviations(T: Array, P: Array) -> Array:
-    """Standard deviations (T, n) of T x for covariances P of x."""
+    """Return the standard deviations (T, n) of T x for covariances P (T, N, N) of x."""
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 
 def described(
     model: Model, measurement: Measurement, out: FilterOutput, noise: Noise, plan: Drive, lag: int
 ) -> xr.Dataset:
-    """The dataset of `estimate`."""
+    """Return the dataset of `estimate` from the output of the filter."""
     data: dict[str, Any] = {}
     for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
         for name, (dims, values, units) in split(model, x, P).items():
@@ -248,7 +252,7 @@ def described(
 
 
 def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Model, lag: int) -> dict[str, Any]:
-    """Consistency of the innovations, frames that were skipped, and settings, for the record."""
+    """Return the attributes of the dataset: consistency of the innovations, counts of frames, and settings."""
     used = out.score[:, 0]
     settled = np.flatnonzero(used > 0)[1:]  # the first one meets the assumed start
     correlation, bound = whiteness(out.innovation[settled])

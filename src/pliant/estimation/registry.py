@@ -1,4 +1,4 @@
-"""Which estimators there are: the built-in ones, and those of other packages (entry points ``pliant.estimators``)."""
+"""Registry of estimators: the built-in ones, and those of other packages (entry points ``pliant.estimators``)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BUILT_IN = {
 
 
 def estimators() -> dict[str, EstimatorKind]:
-    """All known estimators by name."""
+    """Return all known kinds of estimators by name."""
     return offered(GROUP, BUILT_IN, EstimatorKind)
 
 
 def estimator_kind(name: str) -> EstimatorKind:
-    """The estimator of a name; InputError names the known ones."""
+    """Return the kind of estimator called `name`; raise InputError with the known names otherwise."""
     return chosen(GROUP, BUILT_IN, EstimatorKind, name)

@@ -1,4 +1,4 @@
-"""The moment at which a hand that held a body let go, from the disturbance torques of `estimate`."""
+"""Detection of the time at which a hand that held a body let go, from the disturbance torques of `estimate`."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import xarray as xr
 from pliant.errors import InputError
 
 Array = np.ndarray
-CLEAR = 2.0  # times the torques at the end of the record that a pull must be
-REST = 50  # frames of that end
+CLEAR = 2.0  # least ratio of the pull to the torques at the end of the recording
+REST = 50  # frames at the end of the recording
 
 
 class Release(NamedTuple):
-    """A hand's pull and its end.
+    """The times at which the pull of a hand ended, and its torques.
 
     Attributes
     ----------
     begin : float
-        s: last frame at which the pull was above nine tenths of what it had been.
+        Time of the last frame at which the pull was above nine tenths of its initial value, s.
     half, gone : float
-        s: first frames at which it was below a half, and below a tenth.
+        Times of the first frames at which the pull was below a half, and below a tenth, s.
     held : array (n,)
         Torques of the joints while held, N m; in space (2 n,), those about x first.
     after : float
-        Root mean square of the torques later than half a second after `half`, over that of `held`.
+        Root mean square of the torques from half a second after `half` on, over that of `held`.
     """
 
     begin: float
@@ -39,13 +39,13 @@ class Release(NamedTuple):
 def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
     """Return when the pull that held a body at the start of a recording ended.
 
-    The torques of `frames` frames after the first `start`, in which the filter finds them, are the pull; later torques
-    are projected onto it. A hand or a tendon that lets go slowly shows as a long way from `begin` to `gone`.
+    The pull is the median torque of `frames` frames after the first `start` frames, in which the filter converges.
+    Later torques are projected onto it. A slow release appears as a long time from `begin` to `gone`.
 
     Parameters
     ----------
     found : xarray.Dataset
-        Of `estimate`, with disturbance torques.
+        Result of `estimate`, with disturbance torques.
 
     Raises
     ------
@@ -63,20 +63,22 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     """
     parts = [name for name in ("disturbance", "disturbance_x", "disturbance_y") if name in found]
     if not parts or found.sizes["time"] < start + 2 * frames:
-        raise InputError(f"a release needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames")
+        raise InputError(
+            f"release_of needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames"
+        )
     time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
     held = np.median(torque[start : start + frames], axis=0)
     left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))
     if np.linalg.norm(held) <= CLEAR * left:
         raise InputError(
-            f"the torque at the start, {np.linalg.norm(held):.3g} N m, is not clear of {left:.3g} N m at the end: "
-            "nothing held the body, or it is still held"
+            f"the torque at the start, {np.linalg.norm(held):.3g} N m, is below {CLEAR:g} times that at the end, "
+            f"{left:.3g} N m: the body was not held at the start, or is still held at the end"
         )
     pull = torque @ held / float(held @ held)
     later = np.arange(start + frames, time.size)
     low, least = later[pull[later] < 0.5], later[pull[later] < 0.1]
     if not least.size:
-        raise InputError("the pull does not end within the recording")
+        raise InputError("the pull does not end within the recording: record until the body is free")
     begin = np.flatnonzero(pull[: low[0]] > 0.9)[-1]
     rest = torque[time > time[low[0]] + 0.5]
     after = float(np.sqrt(np.sum(rest**2) / max(len(rest), 1) / float(held @ held)))

@@ -1,4 +1,4 @@
-"""Fixed-lag smoothing of a filtered record: what the frames that followed say of a moment."""
+"""Fixed-lag smoothing of a filtered recording: each state is improved by the frames that follow."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ Array = np.ndarray
 
 
 def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
-    """States (T, N) and covariances (T, N, N) of each frame given the frames up to `lag` later.
+    """Return states (T, N) and covariances (T, N, N) of each frame, given all frames up to `lag` frames later.
 
     x_{k|k+L} = x_k + sum_{j=1..L} C_k ... C_{k+j-1} (x_{k+j} - x^-_{k+j}),  C_k = P_k F_{k+1}^T (P^-_{k+1})^{-1}
 
-    All frames at once, one lag after the other. With a lag as long as the record this is the Rauch-Tung-Striebel
-    smoother of the whole record.
+    With a lag as long as the recording this is the Rauch-Tung-Striebel smoother of the whole recording.
 
     Source: Rauch, Tung and Striebel (1965); Sarkka, Bayesian Filtering and Smoothing, Sec. 8.2
 
@@ -26,7 +25,7 @@ def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
         When the lag is negative.
     """
     if lag < 0:
-        raise InputError(f"the lag is a number of frames, at least 0, got {lag}")
+        raise InputError(f"the lag must be a number of frames, at least 0, got {lag}")
     x, P = out.estimate.copy(), out.covariance.copy()
     frames = x.shape[0]
     gain = gains(out)
@@ -41,9 +40,9 @@ def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
 
 
 def gains(out: FilterOutput) -> Array:
-    """Smoothing gains C_k (T - 1, N, N) from each frame to the next.
+    """Return the smoothing gains C_k (T - 1, N, N) from each frame to the next.
 
-    States that the model cannot move and that are known have no variance: they are scaled apart before the division.
+    States with zero variance (known, and constant in the model) are scaled by 1 so that the division stays defined.
     """
     forward = out.transition[1:] @ out.covariance[:-1]  # F P, the transpose of P F^T
     ahead = out.predicted_covariance[1:]

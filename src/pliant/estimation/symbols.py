@@ -1,4 +1,4 @@
-"""What the compiled loops of estimation call their parameters."""
+"""Named tuples that hold the arguments of the compiled loops of estimation."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from pliant.equations.symbols import (
     Workspace,
 )
 
-FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # what became of a frame of the adaptive observer
+FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # outcome of a frame for the adaptive observer
 
 
 class ObserverModel(NamedTuple):
-    """The model that the adaptive observer runs."""
+    """The model that the adaptive observer simulates, as constants of the compiled loop."""
 
     joints: Joints
     body: Body
     chambers: ActuationConstants
     memory: MemoryLaw
-    instantaneous: float  # stiffness of the hysteresis before it slips, in parts of K, as far as `frozen` keeps it
+    instantaneous: float  # stiffness of the hysteresis before it slips, over K, as far as `frozen` keeps it
 
 
 class ObserverGains(NamedTuple):
-    """Constant gain of the adaptive observer, and the linear model that its factor on the torque is learnt by."""
+    """Constant gain of the adaptive observer, and the linear model for the estimation of its torque factor."""
 
     gain: np.ndarray  # (3n, n), of angles, rates and rest shifts
     precision: np.ndarray  # (n, n) 1/rad^2, inverse of the innovations' covariance
@@ -49,9 +49,9 @@ class ObserverState(NamedTuple):
 
     angle: np.ndarray  # (n,) rad, absolute
     rate: np.ndarray  # (n,) rad/s
-    own_shift: np.ndarray  # (n,) rad, of the rest angles: what the model lacks
+    own_shift: np.ndarray  # (n,) rad, estimated shift of the rest angles by model error
     innovation: np.ndarray  # (n,) rad, of the last frame
-    rest_shift: np.ndarray  # (n,) rad, of the rest angles of the model without memory
+    rest_shift: np.ndarray  # (n,) rad, total shift of the rest angles of `frozen(model)`
     memory: np.ndarray  # (n, branches)
     sensitivity: np.ndarray  # (3n,) of angles, rates and rest shifts to the factor
     factor: np.ndarray  # (2,) on the torque: its value and its variance
@@ -59,26 +59,29 @@ class ObserverState(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """Steps of the adaptive observer."""
+    """Time steps of the adaptive observer within a frame period."""
 
     parts: int  # steps in a period
     h: float  # s, length of one
-    largest: float  # rad: a larger innovation means that model and body have parted
+    largest: float  # rad: a larger innovation means that model and body no longer agree
 
 
 class ObserverWorkspace(NamedTuple):
-    """Arrays that a frame of the adaptive observer works in."""
+    """Scratch arrays for one frame of the adaptive observer."""
 
     held: Held
     work: Workspace
-    springs: Joints  # those that a step sees, their rest moved by the shift
+    springs: Joints  # joints of a step, with shifted rest angles
     gain: np.ndarray  # (C, n) of the chambers' torques, times the factor
     weight: np.ndarray  # (3n,)
     move: np.ndarray  # (3n,)
 
 
 class FilterState(NamedTuple):
-    """State of the Kalman filter, changed in place: N = 2n or 3n states of n links (n + S where S lengthen)."""
+    """State of the Kalman filter, changed in place, with N = 2n or 3n states of n links.
+
+    With S extensible segments, n + S replaces n.
+    """
 
     angle: np.ndarray  # (n,) rad, absolute
     rate: np.ndarray  # (n,) rad/s
@@ -88,27 +91,27 @@ class FilterState(NamedTuple):
 
 
 class FilterModel(NamedTuple):
-    """What the filter's loops take of a model."""
+    """The constants of a model that the filter's loops need."""
 
-    gain: np.ndarray  # (C, n) share of the torque of each chamber that each joint feels; (C, N + R) with tendons
+    gain: np.ndarray  # (C, n) factor on the torque of each chamber at each joint; (C, N + R) with tendons
     body: Body | ExtensibleBody | SpatialBody
     joints: Joints
     memory: MemoryLaw
-    remembers: bool  # whether there is memory
+    remembers: bool  # whether the model has hysteresis or creep
 
 
 class FilterNoise(NamedTuple):
-    """Spectral densities of what the model does not know."""
+    """Spectral densities of the filter's process noise."""
 
     own: np.ndarray  # (n,) (N m)^2 s, of the torque of each joint
-    common: np.ndarray  # (C,) (N m)^2 s, of the torque that the pressure of each chamber brings to its joints
+    common: np.ndarray  # (C,) (N m)^2 s, of the torque of each chamber, from the noise of its pressure
     random_walk: np.ndarray  # (n,) (N m)^2/s, of the disturbance's rate
-    motion_growth: float  # s^2/rad^2: growth of the last with the mean square of the joint rates
-    recent: np.ndarray  # (1,) rad^2/s^2, how much motion there was of late
+    motion_growth: float  # s^2/rad^2: growth of random_walk with the mean square of the joint rates
+    recent: np.ndarray  # (1,) rad^2/s^2, recent mean square of the joint rates
 
 
 class Prediction(NamedTuple):
-    """A prediction to the time of a frame."""
+    """The time steps, torque and noise of a prediction to the time of a frame."""
 
     steps: int
     h: float  # s, length of a step
@@ -117,23 +120,23 @@ class Prediction(NamedTuple):
 
 
 class FilterFrame(NamedTuple):
-    """What the filter is corrected by: one frame, or the frames of a record with values (T, m)."""
+    """The measurement by which the filter is corrected: one frame (m,), or all frames (T, m) of a recording."""
 
     base_angle: float  # rad
     chain: ObservedChain | SpatialBody
     rows: np.ndarray  # (m, 4), in space (m, 5), see `equations.observation.observe_rows`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
-    innovation: np.ndarray  # (m,) takes the whitened innovations
+    innovation: np.ndarray  # (m,) output: the whitened innovations
 
 
 class FilterWorkspace(NamedTuple):
-    """Arrays that one prediction or update works in: n links, N states, m rows of the measurement."""
+    """Scratch arrays for one prediction or update: n links, N states, m rows of the measurement."""
 
     work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
-    J: np.ndarray  # (3n, 2n); rows of tendons behind
-    slopes: np.ndarray | SpatialSlopes  # J, in space with what it is made by
+    J: np.ndarray  # (3n, 2n), followed by rows of tendons
+    slopes: np.ndarray | SpatialSlopes  # J; in space with the arrays from which it is computed
     W: np.ndarray  # (N, N)
     phi: np.ndarray  # (n,)
     w: np.ndarray  # (n,)
@@ -146,7 +149,7 @@ class FilterWorkspace(NamedTuple):
 
 
 class FilterOutput(NamedTuple):
-    """What `kalman_loops.filter_record` writes, frame by frame."""
+    """Output of `kalman_loops.filter_record`, frame by frame."""
 
     predicted: np.ndarray  # (T, N)
     predicted_covariance: np.ndarray  # (T, N, N)

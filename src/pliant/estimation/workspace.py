@@ -1,4 +1,4 @@
-"""Arrays that the compiled loops of estimation work in and write to, owned by the caller."""
+"""Allocation of the scratch and output arrays of the compiled loops of estimation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
-    """Workspace of the filter for a model, so many states and rows."""
+    """Return the scratch arrays of the Kalman filter for a model, with this number of states and measured rows."""
     n, chain = model.size, mechanics_of(model)
     slopes = chain.slopes()
     J = slopes if isinstance(slopes, np.ndarray) else slopes.J
@@ -24,7 +24,7 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:
-    """Workspace of the adaptive observer."""
+    """Return the scratch arrays of the adaptive observer for a model."""
     n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
         mechanics_of(model).held(), planar.workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
@@ -33,7 +33,7 @@ def make_observer_workspace(model: Model) -> ObserverWorkspace:
 
 
 def make_output(frames: int, states: int, rows: int) -> FilterOutput:
-    """Room for so many frames."""
+    """Return zeroed output arrays of the Kalman filter for this number of frames, states and measured rows."""
     N = states
     shapes = [(N,), (N, N), (N,), (N, N), (N, N), (rows,), (4,)]
     return FilterOutput(*(np.zeros((frames, *shape)) for shape in shapes))

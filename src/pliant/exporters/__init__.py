@@ -1,4 +1,4 @@
-"""Export of models to other tools: one module for each target, what each can express, and `export`."""
+"""Export of models to other tools: one module for each target, and the function `export`."""
 
 from pliant.exporters.registry import Exported, Exporter, export, exporters
 

@@ -1,4 +1,4 @@
-"""Features that a model may have beyond links and springs: how each is named, and the model without it."""
+"""Features of a model that an export target may lack: their names, and how to remove each from a model."""
 
 from __future__ import annotations
 
@@ -20,53 +20,53 @@ from pliant.simulation.state import equilibrium
 
 
 class Feature(NamedTuple):
-    """One property of a model that not every target can express."""
+    """A property of a model that not every export target can express."""
 
     title: str
-    names: Callable[[Model], tuple[str, ...]]  # what a model has of it, each by its name; empty: nothing
-    without: Callable[[Model], Model]  # the nearest model that has none of it
-    fields: tuple[str, ...]  # of the model's parts that describe it, as Part.field
+    names: Callable[[Model], tuple[str, ...]]  # names of a model's parts with this feature; empty: none
+    without: Callable[[Model], Model]  # returns the nearest model without the feature
+    fields: tuple[str, ...]  # fields of the model's parts that describe the feature, as Part.field
 
 
 def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
-    """`name` for a model that has it."""
+    """Return a function of a model that gives (`name`,) if `has` is true of the model, else ()."""
     return lambda model: (name,) if has(model) else ()
 
 
 def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tuple[str, ...]]:
-    """``name 1`` ... ``name k``."""
+    """Return a function of a model that gives the names ``name 1`` ... ``name k``, with k = `count` of the model."""
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
 def lag(chamber: Chamber) -> bool:
-    """Whether the pressure lags behind the command by more than a dead time."""
+    """Return whether the pressure lags behind the command by more than a dead time."""
     v = chamber.valve
     lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
     return any(lagging)
 
 
 def curved(chamber: Chamber) -> bool:
-    """Whether the torque is more than a multiple of the pressure, as a polynomial."""
+    """Return whether the torque law is a polynomial of higher degree than a multiple of the pressure."""
     return chamber.law == POLYNOMIAL and bool(chamber.torque[1:].any())
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
-    """A model with other chambers."""
+    """Return a function of a model that applies `change` to each of its chambers."""
     return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """A model with other valves."""
+    """Return a function of a model that changes the given fields of each chamber's valve."""
     return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
-    """A model with another memory."""
+    """Return a function of a model that changes the given fields of its hysteresis."""
     return lambda model: model.with_(memory=replace(model.memory, **changes))
 
 
 def straight_law(model: Model) -> Model:
-    """Torques that are multiples of the pressure, right at half of the typical pressure."""
+    """Return the model with torques proportional to pressure, which are exact at half of the typical pressure."""
     level = 0.5 * (typical_pressure(model) or 1e5)
 
     def straight(chamber: Chamber) -> Chamber:
@@ -77,7 +77,10 @@ def straight_law(model: Model) -> Model:
 
 
 def unbounded(model: Model) -> Model:
-    """Springs K q (1 + s q + a q^2) nearest to bounded ones up to the bend of the typical pressure."""
+    """Return the model with springs K q (1 + s q + a q^2), fitted to its bounded springs.
+
+    The fit covers the bend up to that of the typical pressure.
+    """
     most = max(np.abs(equilibrium(model, first_alone(model, typical_pressure(model)))).max(), 0.01)
     bend = np.linspace(-most, most, 41)[:, None]
     held = np.array([springs_of(model).torque(np.full(model.n, q)) for q in bend[:, 0]])
@@ -87,13 +90,13 @@ def unbounded(model: Model) -> Model:
 
 
 def one_lag(chamber: Chamber) -> Chamber:
-    """One time constant for rise and fall, their mean."""
+    """Return the chamber with one time constant for rise and fall, the mean of both."""
     mean = 0.5 * (chamber.valve.rise_time + chamber.valve.fall_time)
     return replace(chamber, valve=replace(chamber.valve, rise_time=mean, fall_time=mean))
 
 
 def first_order(chamber: Chamber) -> Chamber:
-    """A first-order valve that is as late as the second-order one."""
+    """Return the chamber with a first-order valve that has the same delay as its second-order valve."""
     v = chamber.valve
     if not v.natural_frequency:
         return chamber
@@ -102,30 +105,30 @@ def first_order(chamber: Chamber) -> Chamber:
 
 
 def soft(model: Model) -> bool:
-    """Whether springs are more than linear."""
+    """Return whether the model's springs are nonlinear."""
     return bool(model.stiffening.any() or model.cubic_stiffening.any())
 
 
 def untwisted(model: Model) -> Model:
-    """A body in space whose joints do not twist."""
+    """Return the model in space with joints that do not twist."""
     return model.with_(space=replace(model.space or Space(), twist_ratio=0.0))
 
 
 def no_plane(model: Model) -> Model:
-    """Refuse: a body in space has no nearest one in a plane."""
+    """Raise InputError: a model in space has no nearest planar model."""
     raise InputError(
-        f"{model.name!r} is a model in space, and this target takes planar models alone: export to mjcf, c99, fmu, "
+        f"{model.name!r} is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
         "state-space or urdf"
     )
 
 
 def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
-    """A model whose tendons are changed, each by itself."""
+    """Return a function of a model that applies `change` to each of its tendons."""
     return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """A pair as it is while both of its tendons are taut, one spring of twice the stiffness; without backlash."""
+    """Return a pair of tendons as one spring of twice the stiffness, which is exact while both are taut."""
     if not tendon.pair:
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
@@ -133,12 +136,15 @@ def both_taut(tendon: Tendon) -> Tendon:
 
 
 def no_tendons(model: Model) -> Model:
-    """Refuse: without what drives it, a body does not move."""
-    raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express")
+    """Raise InputError: a model whose tendons are removed does not move."""
+    raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express: use mjcf, c99 or fmu")
 
 
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
-    """`name` for a model of which a chamber has it; of several chambers with their names."""
+    """Return a function of a model that gives `name` for each chamber with the property `has`.
+
+    If the model has several chambers, the chamber's name is appended.
+    """
 
     def names(model: Model) -> tuple[str, ...]:
         titles = [f"{name} of {c.name}" for c in model.chambers] if model.actuation.count > 1 else [name]
@@ -148,7 +154,7 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
 
 
 def spring_term(name: str) -> Feature:
-    """One term of the springs beyond the linear one, of its field of `Model`."""
+    """Return the feature of one nonlinear spring term, named like its field of `Model`."""
     return Feature(
         f"spring term {name}", when(f"spring term {name}", lambda m: getattr(m, name).any()),
         lambda m: m.with_(**{name: [0.0]}), (f"Model.{name}",),
@@ -156,7 +162,7 @@ def spring_term(name: str) -> Feature:
 
 
 def longer(model: Model) -> tuple[str, ...]:
-    """Segments that lengthen, each by its name."""
+    """Return a name for each segment that lengthens."""
     return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
 
 
@@ -224,18 +230,18 @@ FEATURES: dict[str, Feature] = {
         when("bounded softening", lambda m: (m.stiffening * m.stiffening_bound).any()), unbounded,
         ("Model.stiffening_bound",),
     ),
-    **{  # terms that came later than the first two: a target that does not name them refuses them
+    **{  # terms beyond the first two: a target that does not list them refuses them
         term: spring_term(term) for term in tuple(SPRING_TERMS)[2:]
     },
     "law": Feature(
-        "torque law beyond a multiple", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
+        "torque law of higher degree", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
     ),
     "own_law": Feature(
         "torque law that is no polynomial", some("torque law that is no polynomial", lambda c: c.law != POLYNOMIAL),
         straight_law, ("Chamber.law",),
     ),
     "lagging_law": Feature(
-        "such a law behind a lagging valve",
+        "torque law of higher degree behind a lagging valve",
         some("torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c)), straight_law,
         ("Chamber.torque",),
     ),
@@ -323,36 +329,36 @@ FEATURES: dict[str, Feature] = {
         tuple(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
     ),
 }
-EVERYWHERE = (  # fields that every target writes, or that name and gather others
+EVERYWHERE = (  # fields that every target writes, names, and fields that contain others
     "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.base_length",
     "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )
 KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
-LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`
+LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # later terms of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
 AXIAL = frozenset({"curved_segments", "axial_memory"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
-    """Keys of what `model` has and a target that expresses `can` has not.
+    """Return the keys of the features that `model` has and that are not in `can`.
 
     Raises
     ------
     InputError
-        When the model has what no exporter knows: a field that was added to it and to no feature.
+        When the model has a field that belongs to no feature, so that no exporter would write it.
     """
     if strange := tuple(unknown(model)):
         raise InputError(
-            f"{', '.join(strange)}: not known to the exporters, so that an export would lose it: add the field to a "
+            f"{', '.join(strange)}: unknown to the exporters, so that an export would lose this field: add it to a "
             "feature of pliant.exporters.features, or leave it at its default"
         )
     return tuple(key for key, feature in FEATURES.items() if key not in can and feature.names(model))
 
 
 def unknown(part: Any) -> Iterator[str]:
-    """Fields of a model and its parts that no feature knows and that differ from their default, as Part.field."""
+    """Yield the fields, as Part.field, of a model and its parts that belong to no feature and are not the default."""
     values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
     for name, value in values.items():
         title = title_of(part, name)
@@ -366,13 +372,16 @@ def unknown(part: Any) -> Iterator[str]:
 
 
 def title_of(part: Any, name: str) -> str:
-    """Return Part.field, of a tendon Chamber.field where it has the field of a chamber."""
+    """Return the name of a field as Part.field.
+
+    For a tendon's field that every chamber has, the part is Chamber.
+    """
     inherited = isinstance(part, Chamber) and name in {f.name for f in fields(Chamber)}
     return f"{Chamber.__name__ if inherited else type(part).__name__}.{name}"
 
 
 def default_of(part: Any, name: str) -> Any:
-    """Return the default of a field; MISSING where it has none."""
+    """Return the default of a field, or MISSING if it has none."""
     if isinstance(part, Model):
         return DEFAULTS.get(name, MISSING)
     if hasattr(part, "_field_defaults"):
@@ -382,19 +391,19 @@ def default_of(part: Any, name: str) -> Any:
 
 
 def same(value: Any, default: Any) -> bool:
-    """Whether a value is its default, arrays element by element."""
+    """Return whether a value equals its default, element by element for arrays."""
     if default is MISSING:
         return False
     return bool(np.all(value == default)) if isinstance(value, np.ndarray) else bool(value == default)
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of those features that the model has."""
+    """Return the names of the model's parts with the features `keys`."""
     return tuple(name for key in keys for name in FEATURES[key].names(model))
 
 
 def without(model: Model, keys: tuple[str, ...]) -> Model:
-    """The model with these features taken out, one after the other."""
+    """Return the model with the features `keys` removed one after the other."""
     for key in keys:
         model = FEATURES[key].without(model)
     return model

@@ -1,10 +1,10 @@
-"""MuJoCo's MJCF: the chain as hinges, creep and slip as hidden hinges, the drive as actuators on one tendon.
+"""Export of a model as MJCF for MuJoCo: the chain as hinges, creep and slip as hidden hinges, inputs as actuators.
 
-In MuJoCo's words a joint's stiffness "K K2 K3" is K q + K2 q^2 + K3 q^3, a fixed tendon with the joint gains as
-coefficients turns one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by
-K share time and tied to the joint by a tendon of stiffness K share; of a slip element dry friction holds it instead.
-The rest shape is in the frames of the bodies, so that q = 0 is at rest. A joint in space is two or three hinges of
-`rigid_chain`. A tendon of the model pulls by an actuator whose force k (u - length) + T_0 is never negative.
+In MJCF a joint's stiffness "K K2 K3" means the torque K q + K2 q^2 + K3 q^3. A fixed tendon whose coefficients are the
+joint gains converts one force to the torques of all joints. A branch of creep is a separate hinge, damped by K share
+time and tied to the joint by a tendon of stiffness K share. In a slip element dry friction takes the place of the
+damper. The frames of the bodies contain the rest shape, so that q = 0 is at rest. A joint in space is two or three
+hinges of `rigid_chain`. A tendon of the model is an actuator whose force k (u - length) + T_0 is never negative.
 """
 
 from __future__ import annotations
@@ -41,30 +41,30 @@ CAN = ALL - AXIAL - RUBBER - LATER_TERMS - {
     "lengthening", "space_lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
     "opening", "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
 }
-ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
+ARMATURE = 1e-7  # kg m^2, of a hidden hinge, since MuJoCo needs an inertia
 TINY = 1e-12  # kg m^2, of a hidden body
-STRONGEST = 1e6  # N, of a tendon: none pulls harder
-DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # as hard as MuJoCo's friction gets
+STRONGEST = 1e6  # N, upper limit of a tendon's force
+DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # the stiffest friction of MuJoCo
 INTEGRATORS = ("implicitfast", "implicit", "Euler", "RK4")
-LEVEL = 1e5  # Pa: MuJoCo takes no control beyond 1e10, so the k-th one takes p (p / LEVEL)^(k - 1)
+LEVEL = 1e5  # Pa: MuJoCo limits controls to 1e10, so the k-th one is p (p / LEVEL)^(k - 1)
 
 
 class Branch(NamedTuple):
-    """A spring to a hidden hinge that a damper or dry friction holds back."""
+    """A spring between a joint and a hidden hinge, which a damper or dry friction holds back."""
 
     name: str
-    share: float  # stiffness, in parts of the joint's K
-    time: float  # s, of a damper
-    angle: float  # rad, at which dry friction slips
+    share: float  # stiffness as a fraction of the joint's K
+    time: float  # s, relaxation time of the damper
+    angle: float  # rad, angle at which dry friction slips
 
 
 def number(*values: float) -> str:
-    """Numbers as MJCF reads them, to the last bit."""
+    """Return numbers as MJCF text that preserves every bit."""
     return " ".join(f"{float(v):.17g}" for v in values)
 
 
 def quaternion(turn: Array) -> str:
-    """Return a rotation vector (3,) [rad] as MJCF reads rotations: w, x, y, z."""
+    """Return a rotation vector (3,) [rad] as an MJCF quaternion: w, x, y, z."""
     from scipy.spatial.transform import Rotation
 
     return number(*Rotation.from_rotvec(turn).as_quat(scalar_first=True))
@@ -74,11 +74,11 @@ def mjcf(
     model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
     integrator: str = INTEGRATORS[0], highest: float = 0.0,
 ) -> str:
-    """The XML of a model that has only what MJCF can express.
+    """Return the MJCF text of a model that has only features that MJCF can express.
 
-    The time step [s] is checked against the stiffest mode; 0: chosen by it. Controls reach up to the pressure `highest`
-    [Pa]; 0: up to twice the typical one. With a prefix, which is for worlds of several bodies, there is no keyframe,
-    since one holds the state of a whole world.
+    The time step `timestep` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
+    `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
+    keyframe, since a keyframe holds the state of a whole world.
     """
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
@@ -110,7 +110,10 @@ def mjcf(
 
 
 def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Link `i`: its body in the rest shape, hinges, inertia, looks and the hinges of its creep."""
+    """Add link `i` to its parent: body in the rest shape, hinges, inertia, geometry and hidden hinges.
+
+    Returns the new body element.
+    """
     prefix, size = names
     own = bodies.links[i]
     place = {"pos": number(*own.place), "quat": quaternion(own.turn)}
@@ -133,7 +136,7 @@ def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tu
 def hidden_hinges(
     parent: ET.Element, model: Model, own: RigidLink, place: Mapping[str, str], prefix: str
 ) -> None:
-    """Add the hinges that remember, beside those of a link."""
+    """Add the hidden hinges of creep and slip for a link."""
     for branch in branches(model):
         for hinge in own.hinges:
             name, K = f"{prefix}{branch.name}_{hinge.link + 1}", hinge.stiffness
@@ -146,7 +149,7 @@ def hidden_hinges(
 
 
 def branches(model: Model) -> list[Branch]:
-    """Return the elements with hysteresis, creep and slip, the same at every joint."""
+    """Return the creep and slip elements, which are the same at every joint."""
     m = model.memory
     creep = zip(m.creep_share, m.creep_time, strict=True)
     slip = zip(m.slip_share, m.slip_angle, strict=True)
@@ -155,7 +158,7 @@ def branches(model: Model) -> list[Branch]:
 
 
 def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
-    """Add a capsule from the start of a link to its end (3,) [m]: looks and contact, no mass."""
+    """Add a capsule from the start of a link to its end `reach` (3,) [m], for display and contact, without mass."""
     length = float(np.linalg.norm(reach))
     if length > 0:
         ET.SubElement(
@@ -165,7 +168,7 @@ def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
 
 
 def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
-    """The observed points on a carrier."""
+    """Add the observed points on link `carrier` as sites."""
     for p in model.points:
         if p.link == carrier:
             ET.SubElement(
@@ -174,14 +177,14 @@ def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
 
 
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
-    """Each chamber with the names of its tendon and its first control."""
+    """Return each chamber with the names of its tendon and of its first control."""
     actuation = model.actuation
     names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """The tendon of each input and the springs between joints and their creep."""
+    """Add the tendon of each input, and the springs between joints and hidden hinges."""
     group = ET.SubElement(root, "tendon")
     hinges = rigid_chain(model).hinges
     for gain, (_, tendon, _) in zip(model.actuation.gain, chamber_names(model, prefix), strict=True):
@@ -200,7 +203,7 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def contacts(root: ET.Element, model: Model, prefix: str) -> None:
-    """Links do not touch each other: in the model they never did."""
+    """Exclude contacts between the body's own links, which the model does not have either."""
     group = ET.SubElement(root, "contact")
     names = [f"{prefix}base", *(f"{prefix}link_{i + 1}" for i in range(model.n))]
     for a in range(len(names)):
@@ -214,7 +217,7 @@ def control(pressure: float, power: int) -> float:
 
 
 def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
-    """The controls of an exported model: name, number of the chamber, power of its pressure; see `control`."""
+    """Return the controls of an exported model: name, index of the chamber and power of its pressure, see `control`."""
     powers = [
         (name, c, k + 1) for c, (chamber, _, name) in enumerate(chamber_names(with_identifiers(model), prefix))
         for k, gain in enumerate(chamber.torque) if gain
@@ -224,9 +227,9 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
 
 
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
-    """One control for each input and power of its value that the law holds, from none to the `highest` [Pa].
+    """Add one control for each input and each power of the pressure in its law, up to `highest` [Pa].
 
-    A tendon that is drawn in, or let out, takes controls of both signs.
+    A tendon that is wound in and out takes controls of both signs.
     """
     group = ET.SubElement(root, "actuator")
     several = chamber_names(model, prefix)
@@ -248,9 +251,10 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
 
 
 def of_tendon(tendon: Tendon) -> dict[str, str]:
-    """Return the words of an actuator that pulls with T_0 + k (u - length) or a tension, but for a pair never below 0.
+    """Return the MJCF attributes of an actuator for a tendon, with the force T_0 + k (u - length) or a given tension.
 
-    A pair without pretension pulls with k (u - length): one of the two is taut.
+    The force of a single tendon is never negative. A pair without pretension has the force k (u - length), since one of
+    the two is taut.
     """
     words = {}
     if tendon.elastic:
@@ -259,7 +263,7 @@ def of_tendon(tendon: Tendon) -> dict[str, str]:
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:
-    """Positions of the observed points and joint angles."""
+    """Add sensors of the observed points' positions and of the joint angles."""
     group = ET.SubElement(root, "sensor")
     for p in model.points:
         ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")
@@ -268,11 +272,11 @@ def sensors(root: ET.Element, model: Model, prefix: str) -> None:
 
 
 def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
-    """The rest without pressure, under the model's gravity, its memory relaxed: joints in the order of the tree."""
+    """Add a keyframe at rest without pressure, under gravity and with relaxed creep."""
     try:
         rest = equilibrium(model, 0.0)
     except SimulationError as error:
-        provenance.messages.append(f"no keyframe, since the body has no rest without pressure: {error}")
+        provenance.messages.append(f"no keyframe, since the body has no equilibrium without pressure: {error}")
         return
     order = [hinge.row for hinge in rigid_chain(model).hinges]
     places = [rest[row] for row in order for _ in range(1 + len(branches(model)))]
@@ -280,20 +284,20 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the MJCF."""
+    """Write the MJCF file."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must not be negative, got {dict(options)}")
+        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
     if options["integrator"] not in INTEGRATORS:
-        raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
+        raise InputError(f"mjcf integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
         unit = model.actuation.units[0]
         level = f"{1e-3 * highest:.4g} kPa" if unit == "Pa" else f"{highest:.4g} {unit}"
-        provenance.messages.append(f"controls reach from 0 to {level}: set highest ({unit}) for another range")
+        provenance.messages.append(f"controls range from 0 to {level}: set highest ({unit}) for another range")
     if model.space:
         provenance.messages.append(
-            "each swing is two hinges, one after the other: bent by half a radian halfway between their axes, the tip "
-            f"lies {1e3 * hinge_difference(model):.2g} mm from the model's"
+            "each joint in space is written as two successive hinges: when the body bends by half a radian halfway "
+            f"between their axes, the tip differs by {1e3 * hinge_difference(model):.2g} mm from the model's"
         )
     return (write_text(path, mjcf(model, provenance, **{**options, "highest": highest})),)
 

@@ -1,4 +1,4 @@
-"""The time step at which MuJoCo's integrators stay bounded on an exported chain, from its stiffest mode."""
+"""The largest time step at which MuJoCo's integrators are stable for an exported chain, from its stiffest mode."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from pliant.model import Model, Tendon
 
 Array = np.ndarray
 USUAL = 1e-3  # s
-MARGIN = 2.0  # between the step that is chosen and the longest: for springs that stiffen
+MARGIN = 2.0  # ratio of the longest stable step to the chosen one, for springs that stiffen
 SHORTEST = 2.0**-7 * USUAL  # s
 
 
 class Hidden(NamedTuple):
-    """A hinge beside each joint, tied to it by a spring."""
+    """A hidden hinge at each joint, tied to the joint by a spring."""
 
-    share: float  # stiffness, in parts of the joint's
-    time: float  # s, in which its damper relaxes it; 0: it is held
+    share: float  # stiffness as a fraction of the joint's
+    time: float  # s, relaxation time of its damper; 0: held by dry friction
     inertia: float  # kg m^2
 
 
 class HingeChain(NamedTuple):
-    """An exported chain about its rest shape, M a + D v + K q = 0."""
+    """An exported chain linearised about its rest shape, M a + D v + K q = 0."""
 
     M: Array  # (N, N)
     D: Array  # (N, N)
@@ -34,7 +34,10 @@ class HingeChain(NamedTuple):
 
 
 def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
-    """Return inertia, damping and stiffness of joints and hidden hinges; one that dry friction holds is a spring."""
+    """Return inertia, damping and stiffness matrices of joints and hidden hinges.
+
+    A hidden hinge that dry friction holds counts as a spring.
+    """
     n, moving = model.size, [h for h in hidden if h.time]
     N = n * (1 + len(moving))
     mechanics = mechanics_of(model)
@@ -55,11 +58,11 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
 
 
 def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
-    """Return the test whether an integrator lets no mode of the chain grow at a step [s].
+    """Return a function that checks whether an integrator is stable for all modes of the chain at a step [s].
 
-    MuJoCo's Euler and implicit methods take dampers at the end of the step and springs at its beginning:
-    (M + h D) q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which stays bounded while 4 M + 2 h D - h^2 K is positive
-    definite. RK4 multiplies the mode of root s by the Taylor polynomial of exp(h s) of fourth order.
+    MuJoCo's Euler and implicit methods evaluate dampers at the end of the step and springs at its beginning: (M + h D)
+    q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. RK4
+    multiplies the mode of eigenvalue s by the fourth-order Taylor polynomial of exp(h s).
     """
     M, D, K = chain
     if integrator != "RK4":
@@ -85,12 +88,14 @@ def is_definite(a: Array) -> bool:
 
 
 def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
-    """Return the step [s]: the given one, or for 0 the longest of 1 ms, 0.5 ms, ... with a margin.
+    """Return the time step [s]: the given one if stable, or for 0 the longest stable one with a margin.
+
+    The steps tried are 1 ms, 0.5 ms, and so on.
 
     Raises
     ------
     InputError
-        When the motion would grow without bound at the given step, or at every step tried.
+        When the simulation is unstable at the given step, or at every step tried.
     """
     stays = bounded_by(chain, integrator)
     if step > 0 and stays(step):
@@ -100,12 +105,12 @@ def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
         chosen *= 0.5
         if chosen < SHORTEST:
             raise InputError(
-                f"mjcf: with integrator={integrator} this chain grows without bound at any step down to "
-                f"{1e6 * SHORTEST:.2g} us: take integrator=implicitfast, or a model of fewer links"
+                f"mjcf: with integrator={integrator} this chain is unstable at all time steps down to "
+                f"{1e6 * SHORTEST:.2g} us: use integrator=implicitfast, or a model with fewer links"
             )
     if step > 0:
         raise InputError(
-            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain grows without bound: take "
+            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain is unstable: use "
             f"timestep={chosen:g}, or leave it out"
         )
     return chosen

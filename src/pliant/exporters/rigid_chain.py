@@ -1,9 +1,9 @@
-"""A model as rigid bodies joined by hinges: what MJCF and URDF write, in a plane and in space.
+"""Convert a model to rigid bodies joined by hinges, in a plane or in space, for MJCF and URDF.
 
-In a plane a joint is one hinge about z. In space a swing, which is a rotation vector, becomes a hinge about x and one
-about y, and a twist one about z. Two hinges one after the other turn as the rotation vector does but for a twist of
-half the product of their angles. Of every four joints the two in the middle have their hinges the other way round, so
-that these twists cancel along the body.
+In a plane a joint is one hinge about z. In space, a bending rotation vector becomes a hinge about x and one about y,
+and a twist becomes a hinge about z. Two successive hinges equal the rotation vector except for a twist of half the
+product of their angles. In the second and third of every four joints the order of the hinges is reversed, so that these
+twists cancel along the body.
 """
 
 from __future__ import annotations
@@ -18,47 +18,47 @@ from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Station
 
 Array = np.ndarray
-TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
-BEND = 0.5  # rad, of the whole body, at which hinges are compared with swings
+TINY = 1e-12  # kg m^2, inertia of a mass that is a point in pliant
+BEND = 0.5  # rad, bend of the whole body at which hinges are compared with rotation vectors
 
 
 class Hinge(NamedTuple):
-    """One axis of a joint; its angle is 0 in the rest shape."""
+    """One hinge of a joint; its angle is 0 in the rest shape."""
 
     name: str
     axis: Array  # (3,)
-    row: int  # of the model's coordinates
+    row: int  # index of the model's coordinate
     link: int
-    springs: Array  # (k,) of the torque K q + K2 q^2 + ..., N m/rad, N m/rad^2, ...
-    stiffness: float  # N m/rad, the first of them
+    springs: Array  # (k,) coefficients of the torque K q + K2 q^2 + ..., N m/rad, N m/rad^2, ...
+    stiffness: float  # N m/rad, the first coefficient
     damping: float  # N m s/rad
 
 
 class RigidLink(NamedTuple):
-    """A link in the frame of the one before, and its mass in its own frame."""
+    """Position of a link in the frame of the link before, its hinges, and its mass properties in its own frame."""
 
     place: Array  # (3,) m
     turn: Array  # (3,) rotation vector of the rest shape, rad
-    hinges: tuple[Hinge, ...]  # base first
+    hinges: tuple[Hinge, ...]  # in the order from the base
     mass: float  # kg
-    centre: float  # m, of the mass, from the joint along the link
-    across: float  # kg m^2, moment of inertia about its centre across the link
-    along: float | None  # kg m^2, about the link; not known in a plane
+    centre: float  # m, centre of mass, from the joint along the link
+    across: float  # kg m^2, moment of inertia about the centre of mass, across the link
+    along: float | None  # kg m^2, about the link's axis; None in a plane
     length: float  # m
 
 
 class RigidChain(NamedTuple):
-    """A whole body."""
+    """A body as a chain of rigid links: base part, links and gravity."""
 
     tangent: Array  # (3,) direction of a link in its own frame
-    base_turn: Array  # (3,) rotation vector of the part before the first joint, rad
+    base_turn: Array  # (3,) rotation vector of the base part before the first joint, rad
     base_length: float  # m
     links: tuple[RigidLink, ...]
     gravity: Array  # (3,) m/s^2
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
-        """All hinges, base first."""
+        """All hinges, from the base on."""
         return tuple(hinge for link in self.links for hinge in link.hinges)
 
 
@@ -81,14 +81,17 @@ def rigid_chain(model: Model) -> RigidChain:
 
 
 def rest_turns(model: Model) -> Array:
-    """Return rotation vectors (n + 1, 3) of the base part and of each joint in the rest shape, rad."""
+    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each joint in the rest shape."""
     if model.space:
         return np.concatenate([[[*model.space.base_tilt, 0.0]], model.space.rest_of(model.n)])
     return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 
 def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
-    """Return masses, centres and moments of inertia about these across and along (n,) of the links, cap included."""
+    """Return masses (n,), centres of mass, and moments of inertia across and along the links, with the cap.
+
+    The moments are about the centres of mass. In a plane the moments along the links are None.
+    """
     if model.space:
         return link_inertias(model, model.space.radius)
     rod = model.mass_at == "rod"
@@ -101,7 +104,10 @@ def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
 
 
 def hinges_of(model: Model) -> list[Hinge]:
-    """Return the hinges of all joints; in space x before y, y before x in the second and third of every four joints."""
+    """Return the hinges of all joints from the base on.
+
+    In space each joint has a hinge about x, then y; in the second and third of every four joints y comes before x.
+    """
     chain, n = mechanics_of(model), model.n
     if not model.space:
         powers = springs_of(model).powers
@@ -114,26 +120,29 @@ def hinges_of(model: Model) -> list[Hinge]:
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
-    """Return the hinge of one coordinate, with a linear spring."""
+    """Return the hinge of one coordinate with a linear spring."""
     K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
     return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
 
 
 def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
-    """Return the moments of inertia (3,) of a link about its axes; along it those of a rod of radius `size` [m]."""
+    """Return the moments of inertia (3,) [kg m^2] of a link about its axes.
+
+    In a plane, the moment along the link is that of a rod of radius `size` [m].
+    """
     along = max(min(0.5 * link.mass * size**2, 2.0 * link.across), TINY) if link.along is None else link.along
     return np.where(chain.tangent > 0, along, link.across)
 
 
 def point_of(model: Model, point: Station) -> Array:
-    """Return the place (3,) of an observed point in the frame of what carries it, m."""
+    """Return the position (3,) [m] of an observed point in the frame of its link."""
     if model.space:
         return np.array([point.aside, -point.across, point.along])
     return np.array([-point.across, point.along, 0.0])
 
 
 def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
-    """Return the position (3,) of the tip where each hinge is turned by its coordinate of x (N,), m."""
+    """Return the tip position (3,) [m] when each hinge is rotated by its coordinate in `x` (N,)."""
     from scipy.spatial.transform import Rotation
 
     turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
@@ -146,9 +155,9 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return how far the tip of hinges lies from that of the model where both bend diagonally by half a radian, m.
+    """Return the distance [m] between the tips of hinges and model when both bend diagonally by half a radian.
 
-    Torques bend the springs of model and hinges by the same angles, whatever the way these turn the links.
+    The joint coordinates are equal: torques bend the springs of both by the same angles.
     """
     x = np.zeros(model.size)
     x[: 2 * model.n] = BEND / np.sqrt(2.0) / model.n

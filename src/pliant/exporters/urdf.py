@@ -1,4 +1,4 @@
-"""URDF: links, joints, inertia and dampers, for RViz and for tools that know no springs."""
+"""Export of a model as URDF: links, joints, inertia and dampers, for RViz and other tools without springs."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from pliant.files import write_text
 from pliant.model import Model, Station
 from pliant.text import identifiers
 
-LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
-WORLD = "URDF has no gravity: the world that loads it has"
+LOST = "URDF has no springs and no pressure: it holds links, joints, inertia and dampers, and its joints are loose"
+WORLD = "URDF has no gravity: set gravity in the simulator that loads the file"
 CAN = frozenset({"points", "space", "twist"})
 BY_NATURE = dict.fromkeys(ALL - CAN - {"lengthening", "space_lengthening", "gravity"}, LOST) | {"gravity": WORLD}
 Array = np.ndarray
-TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
+TURN = 3.0  # rad, limit of a joint, which sets the range of RViz's sliders
 
 
 def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: float = 0.0) -> str:
-    """The XML of a body; joint angles are zero in the rest shape."""
+    """Return the URDF text of a model; joint angles are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     bodies = rigid_chain(model)
@@ -56,10 +56,10 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
 
 
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
-    """Add the hinges before link `i`; between two of them lies a link without mass or length."""
+    """Add the hinges before link `i`, with a link without mass or length between two of them."""
     own, parent = bodies.links[i], f"{prefix}link_{i}" if i else f"{prefix}base"
     turn, place = Rotation.from_rotvec(own.turn), own.place
-    if i == 0:  # the frame of the base does not turn with its tangent
+    if i == 0:  # the frame of the base is not rotated by the base angle
         base = Rotation.from_rotvec(bodies.base_turn)
         turn, place = base * turn, base.apply(place)
     for k, hinge in enumerate(own.hinges):
@@ -78,20 +78,23 @@ def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
 
 
 def angles(turn: Rotation) -> Array:
-    """Return a rotation as URDF has it, (3,) [rad] about fixed x, then y, then z; any split of a turn that has many."""
+    """Return a rotation as URDF angles (3,) [rad] about fixed x, then y, then z.
+
+    In gimbal lock, one of the possible solutions is returned.
+    """
     with catch_warnings():
-        simplefilter("ignore", UserWarning)  # of a gimbal lock
+        simplefilter("ignore", UserWarning)  # gimbal lock
         return np.asarray(turn.as_euler("xyz"))
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation that takes the axis of a cylinder, z, to a link that is turned by a rotation vector (3,)."""
+    """Return the rotation from a cylinder's axis z to the axis of a link with the rotation vector `turn` (3,) [rad]."""
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
 
 
 def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None:
-    """Add a cylinder that `along` takes from z to a link, to see and to touch."""
+    """Add a cylinder along a link, for display and contact; `along` rotates z to the link's axis."""
     if not length > 0:
         return
     middle = along.apply([0.0, 0.0, 0.5 * length])
@@ -103,9 +106,9 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
-    """An observed point as a link of its own without mass, fixed to its carrier."""
+    """Add an observed point as a massless link, fixed to the link that carries it."""
     turn, place = Rotation.identity(), point_of(model, point)
-    if point.link < 0:  # the base's own frame does not turn with its tangent
+    if point.link < 0:  # the frame of the base is not rotated by the base angle
         turn = Rotation.from_rotvec(rigid_chain(model).base_turn)
         place = turn.apply(place)
     ET.SubElement(root, "link", name=f"{prefix}{name}")
@@ -116,9 +119,9 @@ def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: 
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the URDF."""
+    """Write the URDF file."""
     if options["radius"] < 0:
-        raise InputError(f"urdf radius must not be negative, m, got {options['radius']}")
+        raise InputError(f"urdf radius must be >= 0 m, got {options['radius']}")
     return (write_text(path, urdf(model, provenance, **options)),)
 
 

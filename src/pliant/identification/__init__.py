@@ -1,4 +1,4 @@
-"""From recordings to parameters: experiments, starts, output-error fits, uncertainty, held-out predictions."""
+"""Identification of model parameters from recordings: experiments, fits, uncertainties and held-out predictions."""
 
 from pliant.identification.design import Design, design
 from pliant.identification.experiment import Experiment

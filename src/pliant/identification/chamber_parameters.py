@@ -1,4 +1,4 @@
-"""The parameters of chambers: law, gains, valve and rubber, of all chambers or, as ``chamber.name``, of one."""
+"""Parameters of chambers and tendons: ``name`` for all chambers, ``chamber.name`` for one."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, 
 
 @lru_cache(4096)
 def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Those of the parameter names that fit a pattern as a whole; a fit asks the same thousands of times."""
+    """Return the parameter names that match the regular expression `pattern` in full. The result is cached."""
     return tuple(name for name in names if re.fullmatch(pattern, name))
 
 
 class Named(Protocol):
-    """A parameter's name, split into chamber and quantity."""
+    """Protocol of a parameter with name, value and whether it is free."""
 
     @property
     def name(self) -> str: ...
@@ -46,20 +46,20 @@ class Named(Protocol):
 
 
 def owners(model: Model) -> tuple[str, ...]:
-    """Names that open the parameters of one chamber; none where there is one and nobody named it."""
+    """Return the chamber names that prefix the parameters of one chamber; () for a single chamber without a name."""
     names = tuple(c.name for c in model.chambers)
     return () if names == (Chamber.name,) else names
 
 
 def prefixes(model: Model) -> tuple[str, ...]:
-    """Return the prefix of each chamber's parameters; "" for a lone chamber without a name."""
+    """Return the prefix of each chamber's parameters, such as "left."; "" for a lone chamber without a name."""
     return tuple(f"{name}." for name in owners(model)) or ("",)
 
 
 def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber, ...]:
-    """The chambers with `values` put in: those for all of them, overruled by a chamber's own.
+    """Return the model's chambers with `values` put in; ``chamber.name`` takes precedence over ``name``.
 
-    Gains are of one chamber alone where there are several.
+    In a model of several chambers, a gain applies only with its chamber's name.
     """
     named, made = owners(model), []
     shared = values
@@ -77,7 +77,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 
 
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the changes of a chamber by `values`: its law, the gains of its joints, valve and viscoelastic lag."""
+    """Return the fields of a chamber that `values` change, as a dict for `dataclasses.replace`."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
     names = tuple(values)
     if "axial_gain" in values and not isinstance(chamber, Tendon):
@@ -97,12 +97,12 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
 
 
 def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, float]:
-    """Return what `values` change of a tendon; nothing of a chamber, to which shared values do not apply."""
+    """Return the fields of a tendon that `values` change; {} for a chamber, which has none of them."""
     return {name: values[name] for name in TENDON if name in values} if isinstance(chamber, Tendon) else {}
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return the gains of an input that `values` change: of single joints, or all of them by their mean."""
+    """Return the joint gains (n,) of a chamber that `values` change: those of single joints, or all by their mean."""
     changes: dict[str, Array] = {}
     for field in ("joint_gain", "cross_gain"):
         if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", tuple(values))}:
@@ -114,20 +114,22 @@ def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Ar
     if "gain" in values:
         mean = float(chamber.joint_gain.mean())
         if mean == 0:
-            raise InputError("the parameter gain scales the joints' gains, but their mean is 0: give the model others")
+            raise InputError("the parameter gain scales the joints' gains, but their mean is 0: "
+                             "change joint_gain of the model, or leave gain out")  # fmt: skip
         changes["joint_gain"] = chamber.joint_gain * (values["gain"] / mean)
     return changes
 
 
 def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return the gains of an input about both axes from their means over the joints that it turns: gain_x, gain_y.
+    """Return a chamber's gains about both axes, scaled so that their means are ``gain_x`` and ``gain_y``.
 
-    How its lever varies from joint to joint stays as it is.
+    The means are over the joints that the chamber turns. The ratio of the lever between joints stays as it is.
     """
     lever = np.hypot(chamber.joint_gain, chamber.cross_gain)
     turned = lever > 0
     if not turned.any():
-        raise InputError(f"gain_x and gain_y scale the gains of {chamber.name!r}, which turns no joint: give it others")
+        raise InputError(f"gain_x and gain_y scale the gains of {chamber.name!r}, but all of these are 0: "
+                         "give it a joint_gain or cross_gain")  # fmt: skip
     lever = lever / lever[turned].mean()
     gains = {"joint_gain": chamber.joint_gain, "cross_gain": np.broadcast_to(chamber.cross_gain, lever.shape)}
     return {
@@ -137,7 +139,7 @@ def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Arr
 
 
 def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Refuse what no chamber has, gains of nobody, and a name that a chamber shares with a recording or a station."""
+    """Raise InputError for parameters that no chamber has, or a gain or chamber name that is ambiguous."""
     mine = owners(model)
     if both := set(mine) & others:
         raise InputError(
@@ -148,18 +150,18 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
         owner, dot, own = name.partition(".")
         if dot and owner in mine and not (OWN.fullmatch(own) or own in law_parameters()):
             raise InputError(
-                f"parameter {name}: {owner!r} is a chamber, and {own} is not one of a chamber's: torque_<k>, gain, "
-                f"joint_gain_<i>, axial_gain, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
+                f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {own!r}. Use torque_<k>, "
+                f"gain, joint_gain_<i>, axial_gain, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
             )
         if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
             raise InputError(
-                f"parameter {name}: say whose gain it is, as {mine[0]}.{own or name}; the chambers are "
-                f"{', '.join(mine)}"
+                f"parameter {name}: in a model of several chambers, name the chamber of a gain, such as "
+                f"{mine[0]}.{own or name}; the chambers are {', '.join(mine)}"
             )
 
 
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
-    """Prefixes of the chambers whose gains are all free and so is their law's scale, which is theirs: ratios show."""
+    """Return the name prefixes of the chambers whose gains and law are all free, so that their mean gain is held."""
     listed = {p.name: p for p in parameters}
     several = model.actuation.count > 1
     pairs = zip(prefixes(model), model.chambers, strict=True)
@@ -167,7 +169,7 @@ def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
 
 
 def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, several: bool) -> bool:
-    """Whether the gains of all joints that a chamber turns are free, and its law's scale too."""
+    """Return whether a chamber's joint gains and its torque law's scale are all free, and so not separable."""
 
     def own(name: str) -> Named | None:
         return listed.get(start + name) or (None if name.startswith("joint_gain") and several else listed.get(name))

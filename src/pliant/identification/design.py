@@ -1,4 +1,4 @@
-"""The next recording to make: the excitation that adds most to what the present recordings determine worst."""
+"""Optimal design of the next recording: rank candidate excitations by the standard errors to expect afterwards."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ CHIRP = 6.0  # s
 
 @dataclass(frozen=True)
 class Candidate:
-    """An excitation to try: in words, as a pressure, and how long to record it, s.
+    """A candidate excitation for the next recording: text, pressure input, duration [s] and peak pressure [Pa].
 
-    `chambers` names those of several chambers that the pressure drives; the others rest.
+    Of several chambers, the pressure drives those named in `chambers`; the others stay at 0 Pa.
     """
 
     words: str
@@ -40,17 +40,18 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Expected gain of one more recording.
+    """The standard errors to expect when one more recording is made with a given excitation.
 
     Attributes
     ----------
     words : str
+        Description of the excitation.
     std : dict
-        Expected standard error of each parameter after it, in parts of the parameter.
+        Expected relative standard error of each parameter with the recording added.
     weakest : float
-        Expected standard error along the direction that then shows worst, in parts.
+        Expected relative standard error along the least certain direction of the parameters.
     volume : float
-        Geometric mean of the standard errors along all directions, in parts.
+        Geometric mean of the relative standard errors along all directions.
     """
 
     words: str
@@ -61,15 +62,15 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Design:
-    """Proposals, the best first, and what is known without them."""
+    """Result of `design`: the proposed excitations, best first, and the standard errors without a further recording."""
 
     now: Proposal
-    direction: tuple[str, ...]  # parameters of the direction that shows worst now
+    direction: tuple[str, ...]  # parameters of the least certain direction now
     proposals: tuple[Proposal, ...]
-    refused: tuple[str, ...]  # what could not be simulated
+    refused: tuple[str, ...]  # candidates that could not be simulated, with the reason
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON."""
+        """Return the design as a dictionary of plain numbers and strings that JSON can hold."""
         rows = [{"words": p.words, "weakest": p.weakest, "volume": p.volume, "std": p.std} for p in self.proposals]
         now = {"weakest": self.now.weakest, "volume": self.now.volume, "std": self.now.std}
         return {"now": now, "direction": list(self.direction), "proposals": rows, "refused": list(self.refused)}
@@ -79,23 +80,23 @@ def design(
     fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
     step: float = 2e-3, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
-    """Which excitation to record next.
+    """Rank candidate excitations by the standard errors to expect once each has been recorded.
 
-    The information of the fit and that of a recording simulated under each candidate add up. Its noise is the size of
-    the fit's residuals, and its frames count as often as these are uncorrelated.
+    The Fisher information of the fit and that of a recording simulated under each candidate are added. The simulated
+    recording has noise of the size of the fit's residuals, whose correlation in time is taken into account.
 
     Parameters
     ----------
     fitted : FitResult
     experiments : sequence of Experiment
-        Those of the fit: stations, clock and kind of excitation are theirs.
+        The experiments of the fit. The simulated recording takes its stations, frame rate and excitation from them.
     highest : float, optional
-        Pressure that must not be passed, Pa; default: the highest that was recorded.
+        Highest pressure that the actuator may get, Pa; default: the highest recorded one.
     criterion : {"E", "D"}
-        Shrink the error along the weakest direction, or along all directions together.
+        "E" minimises the error along the least certain direction, "D" the geometric mean over all directions.
     candidates : sequence of Candidate, optional
-        Default: pulses of four levels and four widths and, where the pressure is measured, chirps through the first
-        mode; of several chambers in each alone, and in all together.
+        Default: pulses of four pressure levels and four widths and, where the pressure is measured, chirps through the
+        first mode. With several chambers, each excitation drives every chamber alone, then all together.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def design(
     limit = highest if highest is not None else max(highest_of(e) for e in experiments)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
     if not limit > 0 or any(c.level > limit * (1 + 1e-9) for c in offered):
-        raise InputError(f"every candidate must stay below the highest pressure, {limit} Pa, and that above zero")
+        raise InputError(f"no candidate may exceed the highest pressure, which must be positive: got {limit} Pa")
     scales = {p.name: p.scale or 1.0 for p in fitted.parameters}
     sizes = {n: abs(fitted.values[n]) or scales[n] for n in names}
     unit = np.array(list(sizes.values()))
@@ -133,7 +134,7 @@ def design(
 
 
 def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Pulses up to the limit and, where the pressure is measured, chirps through the first mode."""
+    """Return the default candidates: pulses up to `limit` [Pa], and chirps where the pressure is measured."""
     names = [c.name for c in model.chambers]
     if len(names) > 1:
         return [
@@ -144,7 +145,7 @@ def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 
 
 def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the candidate time series of one pressure."""
+    """Return the default candidates for one pressure: pulses up to `limit` [Pa] and, if it is measured, chirps."""
     offered = [
         Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)
@@ -165,9 +166,9 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 def information_gain(
     fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
 ) -> Array:
-    """Information (P, P) that a recording under a candidate adds, per relative change of each shared parameter.
+    """Return the Fisher information (P, P) that a recording under a candidate adds, per relative parameter change.
 
-    What is the recording's own (edge times) is taken out of it.
+    The edge times of the recording are unknown as well and are marginalised out.
     """
     like = experiments[0]
     interval = float(np.median(np.diff(like.time)))
@@ -202,7 +203,7 @@ def information_gain(
 
 
 def sampled(candidate: Candidate) -> Trace:
-    """A candidate as a measured pressure: pulses with their jumps, everything else at 1 kHz."""
+    """Return a candidate's pressure as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
     if isinstance(candidate.pressure, Pulse):
         start, stop = candidate.pressure.jumps
         return Trace(np.array([start, start, stop, stop]), candidate.level * np.array([0.0, 1.0, 1.0, 0.0]))
@@ -211,14 +212,14 @@ def sampled(candidate: Candidate) -> Trace:
 
 
 def information_of(covariance: Array) -> Array:
-    """The inverse of a covariance; nothing is known along directions that it leaves open."""
+    """Return the inverse (P, P) of a covariance matrix, with zero information along its null directions."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     inverse = np.where(values > 1e-14 * max(float(values[-1]), 1e-300), 1.0 / np.maximum(values, 1e-300), 0.0)
     return np.asarray((vectors * inverse) @ vectors.T)
 
 
 def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Proposal, tuple[str, ...]]:
-    """Return standard errors from a Fisher information matrix, and the parameters of its least certain direction."""
+    """Return the standard errors for a Fisher information matrix, and the least certain direction's parameters."""
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 1e-12)
     std = np.sqrt(np.diag((vectors / values) @ vectors.T))
@@ -231,5 +232,5 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
 
 
 def highest_of(exp: Experiment) -> float:
-    """The pressure of an experiment that is farthest from 0, Pa."""
+    """Return the pressure of an experiment that is farthest from 0, Pa; the nominal level where none was measured."""
     return max([trace.peak for trace in exp.traces.values()], key=abs, default=exp.level)

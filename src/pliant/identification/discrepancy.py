@@ -1,9 +1,8 @@
-"""A model's error beyond its training data: a band that grows away from the training pressures and speeds.
+"""Model discrepancy: an uncertainty that grows away from the pressures and speeds of the training recordings.
 
-Between two training levels, and beyond them, a model curves by the terms that it has; another model that follows the
-training levels as well would curve otherwise. The straight line through the nearest training levels is what all of them
-agree on, and what the model bends more or less than that is uncertain by a share of itself. So is the part of a motion
-that is faster than any in training.
+Models that follow all training levels equally well differ between and beyond these levels in how they curve. They agree
+on the straight line through the nearest training levels. The deviation of a model from that line is therefore taken to
+be uncertain by a fraction of itself. The same holds for the part of a motion that is faster than any training motion.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ if TYPE_CHECKING:
     from pliant.model import Model
 
 Array = np.ndarray
-INSIDE = 0.3  # standard deviation of what the model curves between two training levels, in shares of it
-BEYOND = 1.0  # and beyond them; both set on the virtual actuators a, b and c, see docs/judging_a_fit.md
-FASTER = 0.5  # of what is faster than any training motion
+INSIDE = 0.3  # relative standard deviation of the deviation from the line between two training levels
+BEYOND = 1.0  # the same beyond all levels; both set on the virtual actuators a, b and c, see docs/judging_a_fit.md
+FASTER = 0.5  # the same for the part of a motion faster than any training motion
 LEVELS = 20  # of the highest pressure: how finely levels are distinguished
 GRID = 40  # pressures at which rest is found
 
@@ -35,26 +34,24 @@ def discrepancy(
     model: Model, exp: Experiment, values: Mapping[str, float], modelled: Array, pressure: Array,
     training: Sequence[Experiment],
 ) -> Array:
-    """Standard deviation (T, S, 2) [m] of what a model may lack of a motion beyond its training.
+    """Return the standard deviation (T, S, 2) [m] of the model's error outside its training pressures and speeds.
 
-    Of angles alone (T, S, 1), rad.
-
-    Zero for a pressure and a speed that occurred in training. A body with several chambers has no line of levels:
-    there speed alone counts.
+    The shape is (T, S, 1) [rad] for a recording of angles only. The result is zero for a pressure and a speed that
+    occurred in training. For a body with several chambers, speed alone counts.
 
     Parameters
     ----------
     model : Model
     exp : Experiment
-        The record that is predicted.
+        The recording that is predicted.
     values : mapping
-        All parameters by name, its own among them.
+        All parameters by name, including those of `exp`.
     modelled : array (T, S, 2 or 1)
-        Its predicted positions, m, or angles, rad.
+        Predicted positions, m, or angles, rad.
     pressure : array (T, C)
-        Behind the valves, Pa.
+        Pressures behind the valves, Pa.
     training : sequence of Experiment
-        What the model was fitted to.
+        The experiments to which the model was fitted.
     """
     m = apply(model, {**for_record(values, exp.name), **exp.known})
     lacking, still = np.zeros_like(modelled), modelled[:1]
@@ -70,13 +67,13 @@ def discrepancy(
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
-    """Rows (G, S, 2) at the first G pressures of `grid`, interpolated to pressures (T,)."""
+    """Interpolate `rows` (G, S, 2), given at the first G pressures of `grid`, to pressures (T,)."""
     columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
 
 
 def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
-    """Pressures (L,) [Pa], 0 among them, at which the training records stayed for a period of the first mode."""
+    """Return the pressure levels (L,) [Pa], with 0, that training recordings held for a period of the first mode."""
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
     found = {0.0}
@@ -94,10 +91,10 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """Return the rest positions (G, S, 2 or 1) at the pressures `grid`, and those of straight lines through them.
+    """Return the rest positions (G, S, 2 or 1) at the pressures `grid`, exact and by interpolation between `levels`.
 
-    The lines go through the joint angles, and strains, at the two nearest training `levels`. Both end where no rest is
-    found.
+    Joint angles and strains are interpolated, or extrapolated, from the two nearest training `levels`. Both arrays end
+    at the first pressure without an equilibrium.
     """
     angles: list[Array] = []
     known = [equilibrium(model, float(p)) for p in levels]
@@ -125,7 +122,7 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
 
 
 def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> Array:
-    """Share (T, 1, 1) of the tip's predicted speed that is beyond the highest of the training records."""
+    """Return the fraction (T, 1, 1) of the tip's predicted speed above the highest speed in training; 0 below it."""
     seen = (speed(e.time, e.last_station, settled=e.poses) for e in training)
     limit = max((float(np.nanmax(s)) for s in seen), default=np.inf)
     own = speed(exp.time, modelled[:, -1], settled=exp.poses)
@@ -133,7 +130,7 @@ def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> 
 
 
 def speed(time: Array, path: Array, *, settled: bool = False) -> Array:
-    """Speed (T,) of a point, m/s; 0 where each row is a settled pose."""
+    """Return the speed (T,) of a point along `path` (T, d), m/s (rad/s for angles); 0 for settled poses."""
     if settled:
         return np.zeros(len(path))
     return np.asarray(np.linalg.norm(np.gradient(path, time, axis=0), axis=1))

@@ -1,4 +1,4 @@
-"""Which measured pressure drives which chamber of a model, and what recordings say of chambers driven together."""
+"""Assignment of measured inputs to a model's chambers, and checks that chambers were driven separately."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
-TOGETHER = 1e-3  # sine of the angle between two pressures, seen as vectors, below which they were never driven apart
+TOGETHER = 1e-3  # sine of the angle between two pressure series (as vectors) below which they count as proportional
 SHORTEST = 1e-6  # s, of a pulse
-STILL = 0.1  # of the range of the pressure that moves most: others that move less leave it alone
-IDLE = 0.02  # of that range: what a transducer's noise, and a body that breathes through its tube, make of no command
-ALIKE = 0.2  # sine as above, below which chambers were hardly driven apart
+STILL = 0.1  # of the range of the pressure that changes most: smaller changes of other chambers are neglected
+IDLE = 0.02  # of that range: largest change of a chamber that counts as not driven (sensor noise, cross-talk)
+ALIKE = 0.2  # sine as for TOGETHER, below which two pressures count as nearly equal
 
 
 def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
-    """The inputs of a recording that drive those of a model: model input to its name or index (from 0) there.
+    """Return the recorded input that drives each input of a model, by the names of the model's inputs.
 
-    Pressures are counted first, then inputs of other kinds.
+    `wanted` maps each input of the model to the name, or index from 0, of an input of the recording. Pressures are
+    counted first, then inputs of other kinds.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
     inputs = recorded_inputs(recording)
     if not inputs:
         raise InputError(f"recording {name} holds no measured pressure or other input that could drive "
-                         f"{', '.join(wanted)}")  # fmt: skip
+                         f"{', '.join(wanted)}: add it to the recording, or leave drive out")  # fmt: skip
     there = [one.name or "the only one" for one in inputs]
     what = "chamber" if all(one.kind == "pressure" for one in inputs) else "input"
     found = {}
@@ -54,19 +55,19 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
-    """Time series of the inputs of a recording that drive those of a model; see `driving`."""
+    """Return the measured time series that drives each input of a model, by the names of its inputs; see `driving`."""
     driven = driving(name, recording, wanted)
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """The recorded samples (P,) [Pa] that drive each chamber of a model; zeros where nothing does.
+    """Return the recorded samples (P,) [Pa] that drive each chamber of a model; zeros for a chamber without input.
 
-    `drive` as in `drives_of`; without it, pressures drive the chambers of their names.
+    `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
     """
     pressure = recording["pressure"]
     if lost := int((~np.isfinite(pressure.values)).sum()):
-        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair it first")
+        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair the recording first")
     if drive is None and model.actuation.count == 1:
         return [one_chamber(name, pressure)]
     wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
@@ -77,7 +78,7 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
-    """Whether this chamber alone was driven: the pressures of the others hardly move beside its own."""
+    """Return whether one chamber alone was driven: no other pressure changes by more than 10 % of its change."""
     if not exp.drives or leading(exp.drives) != chamber:
         return False
     moves = float(np.ptp(exp.drives[chamber].pressure))
@@ -85,7 +86,7 @@ def alone(exp: Experiment, chamber: str) -> bool:
 
 
 def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
-    """Refuse experiments that drive chambers which the model does not have, or do not say which they drive."""
+    """Raise InputError if an experiment drives an unknown chamber, or does not state which chamber it drives."""
     names = [c.name for c in model.chambers]
     for exp in experiments:
         if strange := [d for d in exp.drives if d not in names]:
@@ -96,28 +97,28 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
         check_kinds(model, exp)
         if len(names) > 1 and exp.excitation != "release" and not exp.drives:
             raise InputError(
-                f"experiment {exp.name} does not say which of the chambers {', '.join(names)} its pressure drives: "
+                f"experiment {exp.name} does not state which of the chambers {', '.join(names)} its pressure drives: "
                 'give drives (in a study: drive = {chamber = "pressure of the recording"}), from measured pressures'
             )
 
 
 def check_kinds(model: Model, exp: Experiment) -> None:
-    """Refuse an experiment whose recorded input is of another kind than the input of the model that it drives."""
+    """Raise InputError if a recorded input is of another kind (pressure, tension, ...) than the input it drives."""
     for to, kind in exp.input_kinds.items():
         k = model.actuation.names.index(to) if to else 0
         wanted = model.actuation.kinds[k]
         if kind != wanted:
             raise InputError(
                 f"experiment {exp.name}: input {model.actuation.names[k]!r} of model {model.name!r} is a {wanted} "
-                f"[{model.actuation.units[k]}], but what drives it was recorded as a {kind} "
+                f"[{model.actuation.units[k]}], but the input that drives it was recorded as a {kind} "
                 f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
             )
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """Return what drives each input of a model: as measured, moved by `start` [s], or nominal from `start` to `stop`.
+    """Return each chamber's input function: measured, delayed by `start` [s], or a pulse from `start` to `stop`.
 
-    Inputs that nothing drives rest at 0.
+    Chambers without a recorded input stay at 0.
     """
     check_driven(model, [exp])
     if exp.excitation != "trace":
@@ -128,7 +129,7 @@ def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple
 
 
 def at_rest(model: Model, exp: Experiment) -> str:
-    """A sentence on the inputs that an experiment does not drive, one for each kind; empty where it drives all."""
+    """Return a sentence that names the model inputs which an experiment does not drive; '' if it drives all."""
     if not exp.drives:
         return ""
     inputs = model.actuation
@@ -137,13 +138,13 @@ def at_rest(model: Model, exp: Experiment) -> str:
         if name not in exp.drives:
             idle.setdefault((kind, unit), []).append(name)
     return " ".join(
-        f"In {exp.name} no {kind} drives {' and '.join(names)}: taken to rest at 0 {unit}."
+        f"In {exp.name} no {kind} drives {' and '.join(names)}: assumed constant at 0 {unit}."
         for (kind, unit), names in idle.items()
     )
 
 
 def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
-    """Pressures (N, C) of all experiments at their frames, Pa."""
+    """Return the pressures (N, C) [Pa] of all chambers at the frames of all experiments, one after another."""
     rows = [
         np.stack([e.drives[c.name](e.time) if c.name in e.drives else np.zeros(e.time.size) for c in model.chambers], 1)
         for e in experiments
@@ -152,18 +153,18 @@ def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
 
 
 def shared(a: Array, b: Array) -> float:
-    """Sine of the angle between two pressures (N,), seen as vectors."""
+    """Return the sine of the angle between two pressure series (N,) taken as vectors; 0 if they are proportional."""
     p, q = a / np.linalg.norm(a), b / np.linalg.norm(b)
     return float(np.linalg.norm(p - q * (p @ q)))
 
 
 def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
-    """Places of the chambers of which some of the parameters `names` are."""
+    """Return the indices of the chambers that have one of the parameters `names`."""
     return [k for k, c in enumerate(model.chambers) if any(n.startswith(f"{c.name}.") for n in names)]
 
 
 def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> list[str]:
-    """Sentences on chambers of the parameters `names` that hardly moved, or hardly apart: their laws rest on little."""
+    """Return warnings about chambers whose pressure hardly changed, or hardly differed from another chamber's."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return []
@@ -171,8 +172,8 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
     moves = np.ptp(seen, axis=0)
     most = int(np.argmax(moves))
     findings = [
-        f"{named(model, [k], first=True)} was hardly driven: its {model.chambers[k].kind} moves by "
-        f"{100 * moves[k] / moves[most]:.2g} % of that of {model.chambers[most].name}, and its law rests on that."
+        f"{named(model, [k], first=True)} was hardly driven: its {model.chambers[k].kind} changes by only "
+        f"{100 * moves[k] / moves[most]:.2g} % as much as that of {model.chambers[most].name}, so its law is uncertain."
         for k in mine if moves[k] <= IDLE * moves[most]
     ]
     driven = [k for k in mine if moves[k] > IDLE * moves[most]]
@@ -186,7 +187,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 
 
 def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
-    """Return what inputs of a model are and their names: "tendon m2", "inputs left and m2"; `first` in a sentence."""
+    """Return the kind and names of some model inputs as text, such as "tendon m2"; `first` capitalises it."""
     inputs = [model.chambers[k] for k in places]
     kinds = {"tendon" if isinstance(one, Tendon) else "chamber" for one in inputs}
     what = kinds.pop() if len(kinds) == 1 else "input"
@@ -195,19 +196,19 @@ def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
 
 
 def hardly_apart(overlap: bool, uneven: bool) -> str:
-    """Return sentences on two chambers whose pressures hardly differ; `uneven`: the joints' stiffness is free."""
-    if overlap:
-        return ("turn the same joints and were hardly driven apart: their laws rest on how their edges differ; record "
-                "one of them alone.")
-    said = "were hardly driven apart: the shape alone tells their laws apart"
+    """Return a warning that two chambers were driven by nearly equal pressures."""
+    if overlap:  # uneven: whether the stiffness of each joint is free
+        return ("turn the same joints and were hardly driven separately: only the edges of their pressures "
+                "distinguish their laws; record one of them alone.")
+    said = "were hardly driven separately: only the shape distinguishes their laws"
     if uneven:
         return f"{said}; record one of them alone."
-    return (f"{said}, and what an uneven stiffness does to it goes into them, beyond their standard errors; record one "
+    return (f"{said}. Joints of unequal stiffness would bias these laws by more than their standard errors; record one "
             "of them alone, or free stiffness_*.")
 
 
 def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
-    """Yield why recordings do not tell the parameters `names` apart, where their chambers were never driven (apart)."""
+    """Return why the parameters `names` cannot be separated, if chambers were not driven (separately); else ''."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""
@@ -216,5 +217,5 @@ def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequen
         return f"{named(model, idle[:1])} is driven in no recording"
     for a, b in combinations(mine, 2):
         if shared(seen[:, a], seen[:, b]) < TOGETHER:
-            return f"{named(model, [a, b])} were never driven apart: their gains cannot be separated"
+            return f"{named(model, [a, b])} were never driven separately: their gains cannot be told apart"
     return ""

@@ -1,4 +1,4 @@
-"""Times of events from the motion alone: the edges of a pulse or a step, a release."""
+"""Detection of the times of pulse and step edges and of a release from the motion alone."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-HELD_S = 0.05  # s before a release, over which the held pose is a median
-STILL = 0.03  # of the travel: what counts as not yet moved
-SURE = 4.0  # standard deviations of the noise that must lie within STILL for a threshold to see the start
-FIRST = 5  # frames that show where a body is at first
+HELD_S = 0.05  # s before a release over which the held pose is averaged (median)
+STILL = 0.03  # of the peak displacement: smaller displacements count as no motion
+SURE = 4.0  # standard deviations of the noise that must be smaller than STILL for the threshold method
+FIRST = 5  # frames whose median is the first position
 
 
 def displacement(exp: Experiment) -> Array:
-    """Distance (T,) of the last station from where it is seen first, m (rad of angles); gaps and spikes bridged."""
+    """Return the distance (T,) [m, or rad] of the last station from its first position; gaps are interpolated."""
     p = exp.steady
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:FIRST], axis=0), axis=1)
@@ -23,11 +23,13 @@ def displacement(exp: Experiment) -> Array:
 
 
 def edges(exp: Experiment) -> dict[str, float]:
-    """Start and stop of a pulse, start of a step, or the release, found from the motion of the last station, s.
+    """Return the event times of an experiment, s, detected from the last station's motion.
 
-    The start is the last moment at which the point was within 3 % of its travel before it first passed 20 %; the stop
-    likewise, seen from the end of the plateau. Where noise alone exceeds the 3 %, the start is that of a parabola that
-    fits the rise best (`onset_in_noise`), and a plateau ends where the noise no longer explains the fall.
+    The names are ``start`` and ``stop`` for a pulse, ``start`` for a step, ``release`` for a release; a measured
+    pressure has none. The start is the last time at which the displacement was below 3 % of its peak before it first
+    exceeds 20 %. The stop is found in the same way, backwards from the end of the plateau. If the noise exceeds the
+    3 %, the start is that of the parabola that fits the rise best (`onset_in_noise`), and the plateau ends where the
+    fall exceeds the noise.
     """
     if exp.excitation == "trace":
         return {}
@@ -51,9 +53,9 @@ def edges(exp: Experiment) -> dict[str, float]:
 
 
 def advance(exp: Experiment) -> Array:
-    """Signed displacement (T,) of the last station along its main direction, m (rad of angles).
+    """Return the signed displacement (T,) of the last station along its main direction, m (rad for angles).
 
-    Noise of a distance never averages to 0; that of a signed displacement does.
+    The noise of a signed displacement averages to 0, that of a distance does not.
     """
     p = exp.steady
     seen = np.isfinite(p).all(axis=1)
@@ -65,7 +67,7 @@ def advance(exp: Experiment) -> Array:
 
 
 def noise_of(exp: Experiment) -> float:
-    """Standard deviation of the last station's noise along one axis, from its second differences, m (rad of angles)."""
+    """Return the noise standard deviation [m, or rad] of the last station along one axis, from second differences."""
     p = exp.steady
     p = p[np.isfinite(p).all(axis=1)]
     if len(p) < FIRST:
@@ -74,14 +76,14 @@ def noise_of(exp: Experiment) -> float:
 
 
 def smoothed(u: Array) -> Array:
-    """Running mean (T,) of five samples."""
+    """Return the running mean (T,) of five samples of `u` (T,)."""
     return np.convolve(np.pad(u, 2, mode="edge"), np.full(5, 0.2), mode="valid")
 
 
 def onset_in_noise(t: Array, u: Array, first: int) -> float:
-    """Moment at which a body at rest begins to move with a uniform acceleration, as u (T,) up to `first` shows it best.
+    """Return the time [s] at which a body at rest starts to move, from a parabola fitted to u (T,) up to index `first`.
 
-    Every sample is tried as the beginning; the parabola from there on is fitted by least squares.
+    Every sample is tried as the start. The motion has constant acceleration from there on.
     """
     begin, best = t[max(first - 1, 0)], np.inf
     level = float(np.median(u[: max(first // 2, 3)]))
@@ -95,12 +97,15 @@ def onset_in_noise(t: Array, u: Array, first: int) -> float:
 
 
 def held_pose(exp: Experiment) -> Array:
-    """Places (S, 2) of the stations in the last moments before the body is let go, m."""
+    """Return the median positions (S, 2) [m] of the stations in the last 0.05 s before the body is let go."""
     if exp.excitation != "release" or exp.without_positions:
-        raise InputError(f"experiment {exp.name}: a pose was held before a release, and places show it, but this is a "
-                         f"{exp.excitation}{' seen by angles alone' if exp.without_positions else ''}")  # fmt: skip
+        raise InputError(f"experiment {exp.name}: a held pose needs a release with positions, but this recording is a "
+                         f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out held (as "
+                         "measured)")  # fmt: skip
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
     if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
-        raise InputError(f"experiment {exp.name}: not every station is seen in the {HELD_S} s before the release")
+        raise InputError(
+            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave it out"
+        )
     return np.asarray(np.nanmedian(held, axis=0))

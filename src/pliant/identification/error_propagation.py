@@ -1,4 +1,4 @@
-"""From the uncertainty of parameters to that of numbers computed from them, whatever the way they are computed."""
+"""Propagation of the covariance of fitted parameters to any quantity computed from them."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ from pliant.failures import FAILED
 from pliant.identification.result import FitResult
 
 Array = np.ndarray
-LEAST = 1e-6  # of the largest variance of scaled parameters: directions below move nothing
+LEAST = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
 
 def half_widths(
     fitted: FitResult, measure: Callable[[Mapping[str, float]], Array], *, level: float = 0.95,
     problems: list[str] | None = None,
 ) -> Array:
-    """Half-widths of the interval of `level` about numbers that `measure` computes from parameter values by name.
+    """Return half-widths of the confidence interval of quantities that `measure` computes from the parameters.
 
-    Each principal direction of the covariance is walked by one standard error to both sides, within the bounds; half
-    the difference of what comes out is its share. Exact where numbers are linear in the parameters, and steadier than
-    a derivative where they are not. Parameters of the training recordings alone, as their edge times, stay.
+    The parameters are moved by one standard error to both sides along each principal direction of their covariance,
+    within their bounds; half the difference of the results is that direction's contribution. This is exact for
+    quantities linear in the parameters, and steadier than a derivative for others. Parameters of the training
+    recordings alone, such as their edge times, are held constant.
 
     Parameters
     ----------
     fitted : FitResult
     measure : callable
-        Takes values by name, returns numbers of any one shape; NaN where there is none.
+        Takes parameter values by name and returns an array, always of the same shape; NaN for a missing value.
     problems : list of str, optional
-        Takes a sentence for each reason why `measure` failed on the way.
+        Every distinct reason why `measure` failed is appended to this list.
 
     Returns
     -------
     array
-        Of the shape that `measure` returns; 0 where the fit has no covariance, NaN where a number is lost on the way
-        or the way cannot be simulated.
+        Of the shape that `measure` returns; 0 where the fit has no covariance, NaN where `measure` fails or returns
+        NaN.
     """
     here = np.asarray(measure(fitted.values), dtype=float)
     total = np.zeros_like(here)

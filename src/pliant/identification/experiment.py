@@ -1,4 +1,4 @@
-"""One recording as an experiment: its excitation and its observed rows."""
+"""The class `Experiment`: a recording with its excitation and its observed positions or angles."""
 
 from __future__ import annotations
 
@@ -20,76 +20,78 @@ from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
 UNIT = 1e-3  # largest difference of a quaternion's length from 1
-FIRST_FRAMES = 5  # of a body at rest: their median tells where its points are
+FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
 AngleReference = Literal["rest", "base", "joint", ""]
 
 
 @dataclass(frozen=True, repr=False)
 class Experiment(Shown):
-    """An aligned recording, in a plane or in space, with the excitation that made it.
+    """An aligned recording, planar or spatial, together with the excitation under which it was made.
 
     Parameters
     ----------
     name : str
     time : array (T,)
-        s.
+        Times of the frames, s.
     position : array (T, S, 2)
-        Observed points in the base frame, m; (T, S, 3) in space; NaN where a point was not seen, and throughout where
-        angles alone were.
+        Positions of the observed points in the base frame, m; (T, S, 3) in space. NaN where a point was not seen, and
+        throughout in a recording of angles only.
     stations : tuple of str
-        Names of the S points; the model carries points of the same names.
+        Names of the S observed points; the model has points of the same names.
     excitation : {"trace", "pulse", "step", "release"}
-        A measured pressure; a pressure of known level between unknown edges (parameters ``start`` and ``stop``); one
-        that lasts until the recording ends (``start`` alone); or a body held by hand in its unloaded shape, or by a
-        force (``hold_force``), and let go at an unknown time (``release``).
+        "trace": a measured pressure. "pulse": a pressure of known level between unknown edge times (parameters
+        ``start`` and ``stop``). "step": a pressure of known level from ``start`` to the end of the recording.
+        "release": a body held by hand in its unloaded shape, or by a force (``hold_force``), and let go at the unknown
+        time ``release``.
     pressure : Trace or None
         The measured pressure, Pa.
     level : float
         The nominal level of a pulse or a step, Pa.
     known : dict
-        Parameters of this recording alone whose values are known, such as the tip_mass that it carried.
+        Known values of parameters for this recording alone, such as the tip_mass that the body carried.
     angle : array (T, S) or None
         Observed angles about +z, rad; NaN where an angle was not seen.
     angle_reference : {"rest", "base", "joint", ""}
-        What the angles are measured from: the rest pose, the base tangent, or the station before (the first: the base).
+        Reference of the angles: the rest pose, the base tangent, or the previous station (for the first, the base).
     noise : dict
-        Standard deviation of a station's coordinates where it is known, m; by name.
+        Known standard deviation of a station's coordinates, m, by the name of the station.
     angle_noise : float or None
-        Standard deviation of the angles where it is known, rad.
+        Known standard deviation of the angles, rad.
     orientation : array (T, S, 4) or None
-        Of a recording in space, unit quaternions x, y, z, w of the turns of rigid bodies at the stations since the
-        first frame, in the axes of the base frame; NaN where none was seen. Each is compared with its link's by the
-        rotation vector between them.
+        For a recording in space: unit quaternions x, y, z, w of the rotations of rigid bodies at the stations since
+        the first frame, in the axes of the base frame; NaN where none was seen. A fit compares each with its link's by
+        the rotation vector between them.
     orientation_noise : float or None
-        Standard deviation of these rotation vectors where it is known, rad.
+        Known standard deviation of these rotation vectors, rad.
     arc_length : array (S,) or None
-        Of the stations, m: each then counts by the length that it stands for, so that a crowd counts no more.
+        Arc lengths of the stations, m. Each station is then weighted by the length of body that it represents, so
+        that densely placed stations count no more than others.
     held : array (S, 2), (S, 3) in space, or None
-        Where a release held the observed points, m, when not in the unloaded shape: the hand's pose is then taken as
-        measured, pulled there from the unloaded shape.
+        Measured positions of the observed points before a release, m, of a body that was pulled from its unloaded
+        shape. None: it was held in the unloaded shape.
     forces : tuple of PointForce
-        Known forces at points of the body, such as a thread that pulls.
+        Known forces at points of the body, such as the pull of a thread.
     angles_alone : bool
-        Whether a fit compares the angles and leaves the positions to the eye.
+        Whether a fit compares the angles only, although the recording has positions.
     own_places : bool
-        Whether the places of the observed points are read off this recording's own first frames, with the chain at
-        rest there, in place of the model's: of markers that were set anew, or a body that crept in between.
+        Whether the positions of the observed points on their links are taken from the first frames of this recording,
+        with the chain at rest, in place of the model's. For markers that were attached anew, or a body that crept.
     poses : bool
-        Whether each row is a settled pose under the inputs of its moment, reached from the one before: nothing between
-        rows is simulated. Of a body in space.
+        Whether each row is a settled pose under the inputs of its time, reached from the row before. The motion
+        between rows is not simulated. For a body in space only.
     drives : dict
-        Measured pressures by the chamber of the model that each drives, where it has several; those not named rest at
-        0 Pa. `pressure` is then the one that moves most.
+        Measured pressures by the chamber that each drives, for a model of several chambers; chambers not named stay at
+        0 Pa. `pressure` is then the one that changes most.
     input_kinds : dict
-        Kind of each recorded input ("pressure", "tension", "displacement", "angle") by the input of the model that it
-        drives, "" the only one; empty where that is not known.
+        Kind of each recorded input ("pressure", "tension", "displacement", "angle") by the model input that it drives;
+        "" stands for the only one. Empty where the kind is unknown.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     without_positions : bool
-        Whether no place was observed, so that everything rests on the angles; found from the data.
+        Whether the recording has angles only; derived from the data.
     travel : float
-        Largest displacement of the last station from its rest, m, or its largest turn, rad, where `without_positions`;
-        found from the data, spikes of single frames passed over.
+        Peak displacement of the last station from its first position, m, or its peak rotation, rad, where
+        `without_positions`. Derived from the data; spikes of single frames are ignored.
     """
 
     name: str
@@ -120,9 +122,9 @@ class Experiment(Shown):
 
     def __post_init__(self) -> None:
         if not self.name or "." in self.name:
-            raise InputError(f"an experiment has a name without a dot, got {self.name!r}")
+            raise InputError(f"the name of an experiment must be a text without a dot, got {self.name!r}")
         for key, value in self.known.items():
-            Parameter(key, value)  # refuses what is not known, not finite or not possible
+            Parameter(key, value)  # raises InputError for an unknown name or an invalid value
         wanted = (self.time.size, len(self.stations))
         if self.position.shape not in ((*wanted, 2), (*wanted, 3)):
             raise InputError(
@@ -137,7 +139,9 @@ class Experiment(Shown):
             check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         if (self.excitation == "trace") != (self.pressure is not None):
-            raise InputError(f"experiment {self.name}: excitation 'trace', and it alone, goes with a measured pressure")
+            raise InputError(
+                f"experiment {self.name}: give a measured pressure with excitation 'trace', and with no other"
+            )
         if self.excitation in ("pulse", "step") and not self.level > 0:
             raise InputError(
                 f"experiment {self.name}: a {self.excitation} needs its nominal level in Pa, got {self.level}"
@@ -145,18 +149,21 @@ class Experiment(Shown):
         for k, station in enumerate(self.stations):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < (1 if self.poses else 10):
                 few = "no pose" if self.poses else "fewer than 10 frames"
-                raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}")
+                raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}: leave it out")
         pulls = tuple(checked(f"experiment {self.name}", f, self.dimension) for f in self.forces)
         object.__setattr__(self, "forces", pulls)
         seen = self.steady
         seen = seen[np.isfinite(seen).all(axis=1)]
         travel = farthest(seen, poses=self.poses)
         if travel == 0:
-            raise InputError(f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves")
+            raise InputError(
+                f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves: check the recording, "
+                "or choose another last station"
+            )
         object.__setattr__(self, "travel", travel)
 
     def card(self) -> Card:
-        """Return a summary of the excitation and of the frames."""
+        """Return a one-line summary of the excitation and frames, with a drawing of the body, for display."""
         level = f"{self.level / 1e3:.4g} kPa"
         done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
                 "release": "a release"}  # fmt: skip
@@ -169,7 +176,7 @@ class Experiment(Shown):
         return Card(title, drawing="" if self.without_positions else body_svg(self.drawn_poses(), title))
 
     def drawn_poses(self) -> list[tuple[str, Array]]:
-        """The body at five instants from the first to the farthest, and the path of the last station, to draw."""
+        """Return the measured body (S + 1, 2) [m] at up to five instants, and the path of the last station, to draw."""
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
         reached = [whole[np.argmax(away >= f * away.max())] for f in np.linspace(0, 1, 5)] if whole.size else []
@@ -179,7 +186,7 @@ class Experiment(Shown):
 
     @property
     def dimension(self) -> int:
-        """Dimension of the space that the body moves in, 2 or 3."""
+        """Return the dimension of the space in which the body moves, 2 or 3."""
         return int(self.position.shape[2])
 
     @property
@@ -194,9 +201,9 @@ class Experiment(Shown):
 
     @property
     def steady(self) -> Array:
-        """The last station as observed (T, 2) [m], or (T, 1) [rad], with spikes of single frames made NaN.
+        """Return the observations of the last station (T, 2) [m], or (T, 1) [rad], with outliers set to NaN.
 
-        Poses that follow each other have none.
+        A recording of settled poses is returned unchanged, since successive poses may differ by any amount.
         """
         if self.poses:
             return self.last_station
@@ -204,32 +211,32 @@ class Experiment(Shown):
 
     @cached_property
     def oriented(self) -> Array:
-        """Indices (m,) of the stations whose orientation was observed."""
+        """Return the indices (m,) of the stations whose orientation was observed."""
         if self.orientation is None:
             return np.zeros(0, dtype=int)
         return np.flatnonzero(np.isfinite(self.orientation).all(axis=2).any(axis=0))
 
     @property
     def shown_in(self) -> tuple[str, float]:
-        """The unit in which a reader reads what is compared, and how many of it make one SI unit."""
+        """Return the unit for display of the compared values ("mm" or "deg"), and the factor to it from the SI unit."""
         return ("deg", float(np.degrees(1.0))) if self.without_positions else ("mm", 1e3)
 
     @property
     def traces(self) -> Mapping[str, Trace]:
-        """Measured inputs by the input of the model that each drives; "" for the one that nobody named."""
+        """Return the measured inputs by the model input that each drives; "" stands for a single unnamed input."""
         return self.drives or ({} if self.pressure is None else {"": self.pressure})
 
     @property
     def peak(self) -> float:
-        """Value farthest from 0 of the input that moves most, as measured, or its nominal level, SI."""
+        """Return the extreme value of the measured input that changes most, or the nominal pressure level, SI."""
         return self.pressure.peak if self.pressure is not None else float(self.level)
 
     def driving(self, name: str) -> Trace | None:
-        """Return what was measured of the input `name` of a model: the only trace where none has a name."""
+        """Return the measured input that drives the model input `name`, or None; a single unnamed input drives any."""
         return self.drives.get(name) if self.drives else self.pressure
 
     def synchronised(self, values: Mapping[str, float]) -> Experiment:
-        """The experiment with its measured pressure on the clock of the shape, as the parameter ``start`` has it."""
+        """Return the experiment with its measured inputs delayed by the parameter ``start`` [s]."""
         start = {**for_record(values, self.name), **self.known}.get("start", 0.0)
         if self.pressure is None or start == 0.0:
             return self
@@ -237,7 +244,7 @@ class Experiment(Shown):
         return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
 
     def turned(self) -> Experiment:
-        """Return the experiment turned by pi about the base tangent, from the base frame to other axes or back."""
+        """Return the experiment turned by pi about the base tangent: x components and angles change sign."""
         mirror = np.array([-1.0, 1.0])
         forces = tuple(f._replace(force=f.force * mirror) for f in self.forces)
         return replace(
@@ -247,26 +254,26 @@ class Experiment(Shown):
 
     @cached_property
     def first_places(self) -> Array:
-        """Median positions (S, 2) of the observed points in their first frames, m."""
+        """Return the median positions (S, 2) [m] of the observed points in the first five frames that show each."""
         seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
         return np.array([np.median(p, axis=0) for p in seen])
 
     @property
     def own_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that belong to this recording alone and cannot be carried to another."""
+        """Return the names of the edge-time parameters, such as ``name.start``, which no other recording shares."""
         names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
         return tuple(f"{self.name}.{n}" for n in names)
 
 
 def farthest(seen: Array, *, poses: bool) -> float:
-    """Return how far places (T, d) [m] lie from the first ones; of a lone pose, how far from the base."""
+    """Return the peak distance [m] of a path (T, d) from its start; for a single settled pose, from the base."""
     if poses and len(seen) == 1:
         return float(np.linalg.norm(seen[0]))
     return float(np.linalg.norm(seen - np.median(seen[: 1 if poses else 5], axis=0), axis=1).max())
 
 
 def seen_from_side(position: Array) -> Array:
-    """Return positions (..., 2) as they are; of positions in space (..., 3) the view in which they move most."""
+    """Return positions (..., 2) unchanged, and spatial ones (..., 3) in the vertical plane of largest motion."""
     if position.shape[-1] == 2:
         return position
     across = position[..., :2].reshape(-1, 2)
@@ -276,48 +283,56 @@ def seen_from_side(position: Array) -> Array:
 
 
 def check_extras(exp: Experiment) -> None:
-    """Refuse angles, noise levels and arc lengths that do not go with the positions."""
+    """Raise InputError if angles, noise, held pose or arc lengths of an experiment do not match its positions."""
     if exp.dimension == 3 and exp.angle is not None:
-        raise InputError(f"experiment {exp.name}: angles belong to a recording in a plane, and this one is in space")
+        raise InputError(
+            f"experiment {exp.name}: a recording in space has no angles: give orientation in place of angle"
+        )
     if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
         raise InputError(
             f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
         )
     if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
-        raise InputError(f"experiment {exp.name}: say what angles are measured from: angle_reference rest, base, joint")
+        raise InputError(
+            f"experiment {exp.name}: state the reference of the angles: angle_reference rest, base or joint"
+        )
     if exp.angles_alone and exp.angle is None:
-        raise InputError(f"experiment {exp.name} compares angles alone, but has none")
+        raise InputError(f"experiment {exp.name} compares angles alone, but has none: leave out angles_alone")
     if strange := [s for s in exp.noise if s not in exp.stations]:
-        raise InputError(f"experiment {exp.name} has a noise level for {strange[0]!r}, which is no station of it")
+        raise InputError(
+            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations"
+        )
     levels = [*exp.noise.values(), *(v for v in (exp.angle_noise, exp.orientation_noise) if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
     if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
-        raise InputError(f"experiment {exp.name}: own_places are read off places of a body at rest, not let go")
+        raise InputError(
+            f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles"
+        )
     if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(f"experiment {exp.name}: a held pose (station, axis) goes with a release alone")
+        raise InputError(f"experiment {exp.name}: held must be (station, axis), and belongs to a release only")
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
-        raise InputError(f"experiment {exp.name}: arc_length must rise from station to station, one number for each")
+        raise InputError(f"experiment {exp.name}: arc_length must have one rising value for each station")
 
 
 def check_poses(exp: Experiment) -> None:
-    """Refuse poses of what settles otherwise than under measured inputs in space."""
+    """Raise InputError if settled poses are combined with a planar body, a nominal excitation, forces or own_places."""
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
-            f"experiment {exp.name}: poses are those of a body in space under measured inputs (excitation 'trace'), "
-            "without forces and own_places"
+            f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
+            "forces and own_places"
         )
 
 
 def check_orientation(exp: Experiment) -> None:
-    """Refuse orientations that are none, or go with a recording in a plane."""
+    """Raise InputError if orientations are not unit quaternions (T, S, 4) of a recording in space."""
     orientation = exp.orientation
     if orientation is None:
         return
     if exp.dimension == 2:
-        raise InputError(f"experiment {exp.name}: orientations belong to a recording in space; in a plane give angles")
+        raise InputError(f"experiment {exp.name}: orientations need a recording in space; for a planar one give angles")
     if orientation.shape != (*exp.position.shape[:2], 4):
         raise InputError(
             f"experiment {exp.name}: orientations must be (time, station, 4) = {(*exp.position.shape[:2], 4)}, got "
@@ -328,16 +343,16 @@ def check_orientation(exp: Experiment) -> None:
 
 
 def check_drives(exp: Experiment) -> None:
-    """Refuse pressures of chambers that do not share their times, or go beside another excitation."""
+    """Raise InputError if chamber pressures have different sample times, or the excitation is not 'trace'."""
     if exp.excitation != "trace":
         raise InputError(
-            f"experiment {exp.name}: pressures of chambers go with excitation 'trace', not {exp.excitation!r}"
+            f"experiment {exp.name}: pressures of chambers need excitation 'trace', not {exp.excitation!r}"
         )
     first = next(iter(exp.drives.values()))
     if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
-        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times")
+        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times: resample them")
 
 
 def leading(drives: Mapping[str, Trace]) -> str:
-    """The chamber whose pressure moves most."""
+    """Return the name of the chamber whose pressure changes most."""
     return max(drives, key=lambda name: float(np.ptp(drives[name].pressure)))

@@ -1,4 +1,4 @@
-"""The parameters of segments that lengthen, of all of them or, as ``segment.name``, of one."""
+"""Parameters of extensible segments: ``name`` for all segments, ``segment.name`` for one."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
-    "axial_stiffness": ("N", 1e-6, np.inf, 0.0, "EA of a segment that lengthens, force per strain"),
-    "axial_damping": ("N s", 0.0, np.inf, 0.0, "force per rate of strain of a segment that lengthens"),
+    "axial_stiffness": ("N", 1e-6, np.inf, 0.0, "EA of an extensible segment, force per strain"),
+    "axial_damping": ("N s", 0.0, np.inf, 0.0, "force per strain rate of an extensible segment"),
     **{
         f"axial_{name}": ("1", *bounds, f"{term.letter} of axial springs EA e (1 + s e + a e^2) of the strain e")
         for (name, term), bounds in zip(SPRING_TERMS.items(), ((-100.0, 100.0, 2.0), (-1e4, 1e4, 50.0)), strict=True)
     },
     f"axial_{SPRING_BOUND}": ("1", 1e-3, 0.99, 0.2, "f of them: what s does to the slope at most, in parts of EA"),
-    "axial_gain": ("1/m", -1e5, 1e5, 0.0, "axial force of a chamber in parts of its torque; 1 / offset by geometry"),
+    "axial_gain": ("1/m", -1e5, 1e5, 0.0, "axial force of a chamber over its torque; 1 / offset by geometry"),
 }
 ALWAYS = {"axial_stiffness": "stiffness", "axial_damping": "damping"}
 OWN = ALWAYS | {f"axial_{name}": name for name in (*SPRING_TERMS, SPRING_BOUND)}
 
 
 def segments(model: Model) -> tuple[str, ...]:
-    """Names that open the parameters of one segment."""
+    """Return the names of the model's extensible segments, which prefix the parameters of one segment."""
     return tuple(e.name for e in model.extensions)
 
 
 def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the changes of a model whose first joint gets the body_stiffness of `values`, all else in proportion.
+    """Return the model changes that scale all stiffnesses so that the first joint gets `values["body_stiffness"]`.
 
-    What stays is how stiff the joints are beside each other, and beside the segments that lengthen: one modulus of a
-    body whose shape is known.
+    The ratios between the joints' stiffnesses and the axial stiffnesses stay as they are. This fits one modulus of a
+    body whose geometry is known.
     """
     if "body_stiffness" not in values:
         return {}
     if single := [name for name in values if re.fullmatch(r"stiffness(_(\d+|\*))?", name)]:
-        raise InputError(f"body_stiffness stands for the stiffness of all joints: state it or {single[0]}, not both")
+        raise InputError(f"body_stiffness sets the stiffness of all joints: give it or {single[0]}, not both")
     ratio = values["body_stiffness"] / float(model.stiffness[0])
     extensions = tuple(replace(e, stiffness=ratio * e.stiffness) for e in model.extensions)
     return {"stiffness": ratio * model.stiffness} | ({"extensions": extensions} if extensions else {})
 
 
 def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, float]) -> tuple[Extension, ...]:
-    """The `extensions` with `values` put in: those for all of them, overruled by a segment's own."""
+    """Return the `extensions` with `values` put in; ``segment.name`` takes precedence over ``name``."""
     made = []
     for e in extensions:
         own: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}
@@ -60,7 +60,7 @@ def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, flo
 
 
 def check_segment_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Refuse parameters of segments that nobody has, and a segment named like a recording, station or chamber."""
+    """Raise InputError for parameters of unknown segments, or a segment named like a recording, station or chamber."""
     mine = segments(model)
     if both := set(mine) & (others | set(owners(model))):
         raise InputError(
@@ -71,8 +71,8 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
         owner, dot, own = name.partition(".")
         if (own if dot else owner) in ROWS and not mine:
             raise InputError(
-                f"parameter {name}: nothing of the model lengthens; give it extensions (in a study: "
+                f"parameter {name}: the model has no extensible segment; give it extensions (in a study: "
                 "[[actuator.extensions]])"
             )
         if dot and owner in mine and own not in OWN:
-            raise InputError(f"parameter {name}: {owner!r} is a segment, which has {', '.join(OWN)}")
+            raise InputError(f"parameter {name}: {owner!r} is a segment, whose parameters are {', '.join(OWN)}")

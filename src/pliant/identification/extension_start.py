@@ -1,4 +1,4 @@
-"""Start values of a fit of segments that lengthen."""
+"""Start values for the parameters of extensible segments."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.numerics.arcs import arc_lengths
 
-FAR = 0.9  # of the travel: frames that count as bent
+FAR = 0.9  # of the peak displacement: frames beyond count as bent
 
 
 def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:
-    """The segments' own numbers, and axial gains at which the largest torques lengthen the body as it was seen to.
+    """Return start values of the extensible segments' parameters, with axial gains from the measured strain.
 
-    `torques` holds coefficients of the chambers' laws where these begin.
+    Each axial gain makes the largest torque lengthen the body as measured. `torques` holds the start coefficients of
+    the chambers' torque laws.
     """
     if not mechanics_of(model).lengthens:
         return {}
@@ -36,7 +37,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
 
 
 def grown(exp: Experiment) -> float:
-    """Strain of the body where its last station is displaced most, by arcs through its stations; never negative."""
+    """Return the axial strain of the body at its peak displacement, from arcs through its stations; never negative."""
     seen = np.isfinite(exp.position).all(axis=(1, 2))
     length, tip = arc_lengths(exp.position[seen]), exp.last_station[seen]
     if length.size < 10:

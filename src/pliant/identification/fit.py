@@ -1,4 +1,4 @@
-"""Output-error identification: simulate every experiment, compare with what was seen, move the parameters."""
+"""Output-error identification: simulate every experiment, compare with the recording, and adjust the parameters."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 __all__ = ["FIT_OPTIONS", "FitOptions", "FitResult", "fit", "parameter_dict", "parameters_from", "predict_held_out"]
 Array = np.ndarray
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
-STEP_BIAS = 0.5  # of a standard error: a bias of a parameter by the integration step that is named
+STEP_BIAS = 0.5  # standard errors: least bias of a parameter by the integration step for a warning
 ABOVE_NOISE = 3.0  # residuals, in standard deviations of the noise, that a second start must confirm
 NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
 class FitOptions(TypedDict, total=False):
-    """Options of a fit, the same for `fit` and `select_model`, which document them."""
+    """Keyword options shared by `fit` and `select_model`; see there for their meaning."""
 
     step: float
     loss: str
@@ -62,36 +62,39 @@ def fit(
     progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> FitResult:
-    """Fit parameters of a model to several experiments at once.
+    """Fit parameters of a model to one or several experiments by least squares on the simulated motion.
 
     Parameters
     ----------
     experiments : sequence of Experiment
+        The training recordings.
     model : Model
-        Geometry and everything that is not fitted.
+        Geometry, and the values of everything that is not fitted.
     parameters : sequence of Parameter or str
         A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
         times of a pulse or release are added.
     step : float
         Integration step, s; default: 2e-3.
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
-        Robust losses bound the pull of outliers beyond 1 % of travel, or three standard deviations of the noise.
+        Robust losses limit the weight of outliers beyond 1 % of the peak displacement, or three standard deviations of
+        the noise.
     starts : int
-        Number of starts: the estimate, and others scattered about it; default: 3. Where the stiffness of a chain in
-        space is stated, the second one is found without it.
+        Number of starts: the estimate, and others scattered about it; default: 3. For a chain in space whose stiffness
+        is given, the second start is searched for without that value.
     weighting : {"travel", "metre", "noise"}, default "travel"
-        Residuals relative to each experiment's own travel (every level counts alike), all in the same unit, or in
-        standard deviations of each station's noise: as given with the experiment, else estimated from the residuals.
+        Unit of the residuals. "travel": each experiment's peak displacement, so that all pressure levels count alike.
+        "metre": the same unit for all. "noise": standard deviations of each station's noise, as given with the
+        experiment, else estimated from the residuals.
     regularise : bool
-        Fit although the recordings do not show some direction: there the parameters stay by their start values.
+        Fit even if the recordings do not determine some combination of parameters, which then stays near its start.
     section_area : float, optional
         Solid cross-section of the body, m^2, against which a fitted mass is checked.
     rng : Generator, int or None
-        For the scattered starts; default: 0.
+        Generator or seed of the scattered starts; default: 0.
     max_evaluations : int
-        Limit of each start.
+        Highest number of evaluations for each start.
     progress : callable, optional
-        Called with one line as the fit goes on.
+        Called with one line of text for each start.
 
     Returns
     -------
@@ -104,15 +107,16 @@ def fit(
     TypeError
         For an unknown keyword.
     FitError
-        When nothing is free, the recordings cannot tell the parameters apart, a start cannot be found, or no start can
-        be simulated.
+        When nothing is free, the recordings do not determine all parameters, a start value cannot be estimated, or no
+        start can be simulated.
     """
     began = clock.perf_counter()
     how = with_defaults(fit, options, FIT_OPTIONS)
     step, loss, weighting = how["step"], how["loss"], how["weighting"]
     check_choices(loss, weighting)
     if len({e.without_positions for e in experiments}) > 1:
-        raise InputError("one fit compares places or angles alone: its experiments hold the one and the other")
+        raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
+                         "others angles alone: fit them separately")  # fmt: skip
     given = model
     model, filled = searched(experiments, given, parameters, step, weighting)
     if not any(p.free for p in filled):
@@ -135,7 +139,7 @@ def fit(
 
 
 def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
-    """Return what to say of an optimum far above the noise to which no second start led, or ''."""
+    """Return a warning if the residuals far exceed the noise and no second start led to this optimum; '' otherwise."""
     parts = np.split(problem.data_residual(x), problem.ends[:-1])
     ratio = max(noise_ratio(o, part) for o, part in zip(problem.observed, parts, strict=True))
     if agreeing or ratio <= ABOVE_NOISE:
@@ -150,9 +154,9 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
 def starts_of(
     problem: Problem, starts: int, rng: np.random.Generator, second: Array | None = None,
 ) -> list[Array]:
-    """The estimate, a second start where there is one, and points scattered about the estimate.
+    """Return the starts that can be simulated: the estimate, the `second` start if any, and points scattered about it.
 
-    Those that can be simulated; FitError when none can.
+    Each start (P,) holds scaled parameters. Raises FitError if no start can be simulated.
     """
     points = [problem.start] if second is None else [problem.start, second]
     points += [scattered(problem.free, problem.start, problem.bounds, rng) for _ in range(starts - len(points))]
@@ -168,7 +172,7 @@ def starts_of(
 
 
 def check_identifiable(problem: Problem) -> None:
-    """FitError in one sentence where the recordings do not tell the free parameters apart."""
+    """Raise FitError if the recordings do not determine every free parameter of the problem."""
     found = [d for d in examine(problem).directions if d.kind == "null"]
     if found:
         said = "; ".join(f"{d.sentence} ({d.cure})" for d in found)
@@ -178,17 +182,17 @@ def check_identifiable(problem: Problem) -> None:
 def predict_held_out(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3,
 ) -> tuple[dict[str, Any], FitResult]:
-    """Predict an experiment that the fit has not seen: everything frozen but what it can't share (its edge times).
+    """Predict an experiment that the fit has not seen, with all parameters fixed except its own edge times.
 
-    `step` is that of the integration, s. Returns the prediction (see `predict`) and the little fit of the edge times;
-    where an experiment has none of its own, nothing is fitted.
+    `step` is the integration step, s. Returns the prediction (see `predict`) and the result of fitting the edge times;
+    nothing is fitted for an experiment without edge times.
     """
     fixed = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in fitted.parameters]
     if not experiment.own_parameters:
         values = fitted.values
         prediction = predict(fitted.model, experiment, values, step)
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
-        note = "nothing was fitted to this record"
+        note = "nothing was fitted to this recording"
         return prediction, FitResult(
             fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions
         )
@@ -202,9 +206,10 @@ def predict_held_out(
 
 
 def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
-    """Return what a record not seen takes from the training records' own parameters: the mean of their release times.
+    """Return the release time of a held-out recording as a fixed parameter: the mean over the training recordings.
 
-    How long a hand takes to let go is a habit; how a record's frame is turned (`base_turn`) is not, and stays 0.
+    The list is empty if the recording is not a release or the training recordings have no ``release_time``. The turn of
+    the base (`base_turn`) differs between recordings and stays 0.
     """
     own = [v for n, v in fitted.values.items() if n.partition(".")[0] in fitted.rmse and n.endswith(".release_time")]
     if experiment.excitation != "release" or not own or "release_time" in fitted.values:
@@ -215,11 +220,11 @@ def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
 
 
 def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[str, float]:
-    """Return edge times from which a fit of them alone may start, by name, s.
+    """Return start values [s] for a fit of the edge times, by parameter name, from a search over two periods.
 
-    A ringing body looks much alike one period later, so that a search from a moment that lies off by half a period ends
-    beside the best one. Each edge is therefore moved by quarters of the first mode's period, up to two periods either
-    way, and the moment that the model follows best is taken.
+    The motion of a ringing body nearly repeats after a period, so that a fit of edge times has several local minima.
+    Each edge is therefore moved in steps of a quarter of the first mode's period, up to two periods either way, and
+    the time of least error is taken.
     """
     times = {f"{experiment.name}.{name}": time for name, time in edges(experiment).items()}
     others = {p.name: float(p.value) for p in carried_over(experiment, fitted) if p.value is not None}
@@ -232,7 +237,7 @@ def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[s
 
 
 def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], step: float) -> float:
-    """Return the error of a record at some edge times, m (rad of angles); infinite where the model has no motion."""
+    """Return the RMS error [m, or rad] of an experiment at the edge `times` [s]; inf if it cannot be simulated."""
     try:
         shown = predict(fitted.model, experiment, {**fitted.values, **times}, step)["compared"]
     except PliantError:
@@ -242,21 +247,21 @@ def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, floa
 
 
 def check_choices(loss: str, weighting: str) -> None:
-    """Refuse a loss or a weighting that does not exist."""
+    """Raise InputError for an unknown `loss` or `weighting`."""
     for what, value, known in (("loss", loss, LOSSES), ("weighting", weighting, WEIGHTINGS)):
         if value not in known:
             raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
 
 
 def prior_mean(start: Parameter) -> float | None:
-    """Return the mean of a parameter's prior: where it states none, its start value."""
+    """Return the mean of a parameter's prior, which is its start value if only `prior_std` is given; else None."""
     return start.value if start.prior is None and start.prior_std else start.prior
 
 
 def finished(
     problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float,
 ) -> FitResult:
-    """The result with covariance, status, cautions and errors of each record."""
+    """Return the FitResult of an optimum: covariance, status, cautions, and the error of each recording."""
     values = problem.values(best.x)
     found = covariance(problem, best.x, robust=loss != "linear")
     named = dict(zip(found.names, found.std, strict=True))
@@ -276,7 +281,7 @@ def finished(
     notes += step_notes(problem, best.x, found)
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
-        notes.append("The mean of the joints' gains is held where it began: the torque law has a scale of its own.")
+        notes.append("The mean of the joints' gains is held constant: the torque law has a scale of its own.")
     r = problem.data_residual(best.x)
     bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)
     far = far_off(problem.experiments, rmse)
@@ -288,10 +293,10 @@ def finished(
 
 
 def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Return a sentence where the integration step biases a parameter by half its standard error or more.
+    """Return a warning where the integration step biases a parameter by half its standard error or more; [] otherwise.
 
-    The bias to first order is what the fit makes of the change of its residuals at half the step; what a step of
-    second order leaves out is 4/3 of that change.
+    The change of the residuals at half the step is turned into a change of the parameters to first order. For a method
+    of second order, the whole error of the step is 4/3 of that change.
     """
     shortest = min(float(np.min(np.diff(e.time), initial=np.inf)) for e in problem.experiments)
     finer = problem.with_step(0.5 * min(problem.step, shortest))
@@ -312,7 +317,7 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
-    """Parameters from a mapping of names to a start value, "free", or a table of `Parameter` entries."""
+    """Return parameters from a mapping of names to a start value, "free", or a table of `Parameter` attributes."""
     made = []
     for name, entry in entries.items():
         if entry == "free" or entry is None:
@@ -325,7 +330,7 @@ def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
 
 
 def checked_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of a parameter's table, of the right kind; InputError names the wrong one."""
+    """Return the entries of a parameter's table converted to their types; raise InputError for a wrong entry."""
     kinds: dict[str, type] = dict.fromkeys(NUMBERS, float) | {"free": bool, "source": str}
     checked = {}
     for key, value in table.items():

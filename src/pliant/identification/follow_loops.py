@@ -1,7 +1,7 @@
-"""The loop that a fit runs compiled: the chain's motion, seen at the observed points.
+"""Compiled loops of a fit: integrate the chain's motion and record the positions and angles of the observed points.
 
-Plain text here; `pliant.compiler.choose.twin` makes what runs on real numbers for the motion, and
-`pliant.compiler.duals.dual_twin` on dual numbers, which carry several derivatives beside it, exactly.
+This module is plain Python. `pliant.compiler.choose.twin` compiles it for real numbers, and
+`pliant.compiler.duals.dual_twin` for dual numbers, which carry several exact derivatives along.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspac
 
 
 class Course(NamedTuple):
-    """The steps of a march (`simulation.march_loops.Steps`), with known forces."""
+    """The time steps of a simulation with their torques and known forces; see `simulation.march_loops.Steps`."""
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
-    gain: np.ndarray  # (C, n) share of it that each joint feels
+    gain: np.ndarray  # (C, n) factor on that torque at each joint
     keep: np.ndarray  # (steps,) row of the output after the step, negative: none
     load: np.ndarray  # (steps, n, 2) N m, mean loads of the links by known forces; no rows where there are none
 
 
 class Before(NamedTuple):
-    """A chain that is held before it moves."""
+    """The pose in which a chain is held during the first rows, before it moves."""
 
-    rows: int  # how many
+    rows: int  # number of output rows in this pose
     phi: np.ndarray  # (n,) rad
     base_angle: float  # rad
 
 
 class Places(NamedTuple):
-    """Where the observed points are."""
+    """Positions of the observed points on the links of a planar chain."""
 
     chain: ObservedChain
     links: np.ndarray  # (5, n + 1) scratch of `place_links`
@@ -51,7 +51,7 @@ class Places(NamedTuple):
 
 
 class SpatialPlaces(NamedTuple):
-    """Where the observed points are, in space."""
+    """Positions of the observed points on the links of a chain in space."""
 
     body: SpatialBody
     work: SpatialWorkspace
@@ -63,18 +63,19 @@ class SpatialPlaces(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is observed: points, and rows (rows, S, 3) that take x [m], y [m], angle [rad] of each; in space x, y, z."""
+    """The observed points and the output array `rows` (rows, S, 3) that the loop fills."""
 
     places: Places | SpatialPlaces
     rows: np.ndarray
 
 
 def follow(phi, w, course, before, body, joints, work, seen):
-    """Take all steps of a `Course` as `simulation.march_loops.march` does, from phi and w (n,), and observe the chain.
+    """Integrate the chain from phi and w (n,) over all steps of `course`, and write the observed rows to seen.rows.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
     keep[k] - 1 + before.rows where keep[k] >= 0.
-    Returns the index of the first step in which a link turns by more than a radian or a spring holds nothing, or -1.
+    Returns the index of the first step in which a link turns by more than a radian or a spring has lost its stiffness,
+    or -1.
     """
     look_before(before, seen)
     for k in range(len(course.h)):
@@ -89,10 +90,10 @@ def follow(phi, w, course, before, body, joints, work, seen):
 
 
 def follow_with_memory(phi, w, course, before, chain, past, work, seen):
-    """As `follow`, with the memory of the joints (`symbols.Past`), whose creep is set to rest at phi.
+    """Integrate as `follow` does, with the hysteresis and creep states of the joints in `past`.
 
-    `chain` is (body, joints). Returns the index of the first step in which a link turns by more than a radian or the
-    branches find no agreement, or -1.
+    `chain` is (body, joints). Creep starts at rest at phi. Returns the index of the first step in which a link
+    turns by more than a radian or the hysteresis branches do not converge, or -1.
     """
     body, joints = chain
     look_before(before, seen)
@@ -101,7 +102,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
         h = course.h[k]
         take_torques(k, phi, w, course, body, joints, work)
         lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-        if not lost.real > -0.5:  # the square of an imaginary part may stand a trifle below zero
+        if not lost.real > -0.5:  # the square of an imaginary part may be slightly below zero
             return k
         if not follows(phi, w, h, joints):
             return k
@@ -111,7 +112,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
 
 
 def take_torques(k, phi, w, course, body, joints, work):
-    """Torques work.tau (n,) [N m] of the joints in step k: of the chambers, and of known forces half a step ahead."""
+    """Write the joint torques of step k to work.tau (n,) [N m]: those of the chambers and of the known forces."""
     for c in range(len(course.gain)):
         share_out(c, course.torque[k, c], course.gain, work.tau)
     if len(course.load) > 0:
@@ -119,6 +120,6 @@ def take_torques(k, phi, w, course, body, joints, work):
 
 
 def look_before(before, seen):
-    """The rows of a chain that is held before it moves."""
+    """Write the observed rows of the held chain to the first rows of seen.rows."""
     for row in range(before.rows):
         observe(before.phi, before.base_angle, seen.places, seen.rows[row])

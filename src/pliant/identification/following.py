@@ -1,4 +1,4 @@
-"""The motion of a set-up, seen at its observed points: on floats, and on dual numbers with its derivatives."""
+"""Simulation of a forward problem at its observed points, on floats and on dual numbers with derivatives."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ REAL = ObservationKind(copied, lambda a: a, twin)
 
 
 def dual_kind() -> ObservationKind:
-    """Dual numbers (`pliant.compiler.duals`)."""
+    """Return the number kind of dual numbers (`pliant.compiler.duals`) for the compiled loops."""
     from pliant.compiler.duals import dual_twin, duals  # loads the compiler
 
     return ObservationKind(duals, lambda a: a[..., 0], dual_twin)
 
 
 def moved(made: SetUp, numbers: Numbers, rows: int) -> Array:
-    """Observed rows (T, S, 3): x [m], y [m], angle [rad].
+    """Simulate a forward problem and return the observed rows (T, S, 3): x [m], y [m], angle [rad]; x, y, z in space.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def moved(made: SetUp, numbers: Numbers, rows: int) -> Array:
 
 
 def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
-    """Derivatives (count, T, S, 3) of `moved` that the first of those beside the dual `numbers` lead to."""
+    """Return the first `count` derivatives (count, T, S, 3) of `moved` that the dual `numbers` carry."""
     out = followed(made, numbers, dual_kind(), rows)
     value, slopes = out[..., 0], np.moveaxis(out[..., out.shape[-1] // 2 :][..., :count], -1, 0)
     if made.between is None:
@@ -68,7 +68,7 @@ def moved_slopes(made: SetUp, numbers: Numbers, rows: int, count: int) -> Array:
 
 
 def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) -> Array:
-    """Rows of the motion as the compiled loop shows them, before sensors, of numbers of a kind."""
+    """Simulate a forward problem with float or dual numbers; return the observed rows (T, S, 3) before sensor lag."""
     model, chain = made.model, mechanics_of(made.model)
     n, *more = chain.sizes
     rows = rows if made.between is None else made.between[0].size
@@ -94,7 +94,7 @@ def followed(made: SetUp, numbers: Numbers, kind: ObservationKind, rows: int) ->
 
 
 def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationError:
-    """Return the message for a step of `length` [s] that fails `after` [s] with the links at phi (n,)."""
+    """Return the error for a step of `length` [s] that fails `after` [s], with the links at phi (n,)."""
     if gone := state.given_way(made.model, phi):
         return SimulationError(f"{after:.6g} s after the start {gone}")
     return SimulationError(
@@ -104,7 +104,7 @@ def lost(made: SetUp, after: float, length: float, phi: Array) -> SimulationErro
 
 
 def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
-    """States of the memory at the start, without creep: unstretched, or as the way into a measured pose left them."""
+    """Return the hysteresis states at the start: zero, or those left by the pull into a measured pose."""
     states: Array = kind.of(state.relaxed(made.model, np.zeros(made.model.size)))
     if not made.pulled:
         return states
@@ -120,9 +120,7 @@ def slipped(made: SetUp, numbers: Numbers, kind: ObservationKind) -> Array:
 
 
 def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, states: Array) -> Array:
-    """Same as `slipped`, of a chain in space: slip elements follow straight from the unloaded shape to the measured
-    pose.
-    """
+    """Return the result of `slipped` for a chain in space, pulled straight from its unloaded to the measured pose."""
     held = held_of(made, numbers.joints, kind)
     held.dq[:] = numbers.phi[: len(held.dq)]
     law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))
@@ -131,7 +129,7 @@ def slipped_in_space(made: SetUp, numbers: Numbers, kind: ObservationKind, state
 
 
 def held_of(made: SetUp, joints: Any, kind: ObservationKind) -> Any:
-    """Scratch arrays for the steps of a model with memory."""
+    """Return scratch arrays, in float or dual numbers, for the time steps of a model with hysteresis or creep."""
     fresh = mechanics_of(made.model).held()
     rows = {name: kind.of(row) for name, row in fresh._asdict().items() if name != "springs"}
     if mechanics_of(made.model).dimension == 3:

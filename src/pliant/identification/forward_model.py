@@ -1,4 +1,4 @@
-"""The inputs of a fit's compiled loop, made from a model, an experiment and its parameters."""
+"""Set-up of the forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
 
 from __future__ import annotations
 
@@ -33,16 +33,18 @@ def set_up(
     model: Model, exp: Experiment, values: Mapping[str, float], step: float,
     plans: Plans | None = None, rest: Array | None = None, drive: Drive | None = None,
 ) -> SetUp:
-    """The numbers behind an experiment at the parameter `values`.
+    """Return the forward problem of an experiment at the parameter `values`: initial state, steps, torques and points.
 
     Parameters
     ----------
+    step : float
+        Integration step, s.
     plans : Plans, optional
-        What earlier calls for the same model have found.
+        Cache of intermediate results, shared between calls for the same model.
     rest : array (n,), optional
-        Joint angles at the start, where a search for the equilibrium can be spared.
+        Known joint angles at the start, which spare a search for the equilibrium.
     drive : Drive, optional
-        What drives the steps of a body that is not let go, whatever the values say.
+        Precomputed steps and torques, used in place of those that follow from `values`. Not for a release.
     """
     own = {**for_record(values, exp.name), **exp.known}
     plans = Plans() if plans is None else plans
@@ -68,7 +70,7 @@ def set_up(
 
 
 def of_poses(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> SetUp:
-    """The set-up of settled poses: no steps, the torques of a row under which it is at rest."""
+    """Return the forward problem of settled poses: no time steps, but the torques at each row's equilibrium."""
     model, plan, size = here.model, inputs_of(here.model, exp), mechanics_of(here.model).size
     still = np.zeros(size), np.zeros(size)
     numbers = gathered(here, exp, own, plan, still, (model.base_angle, model.base_angle))
@@ -77,7 +79,7 @@ def of_poses(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> SetUp:
 
 
 def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
-    """Times that a march shows, on the clock of the pressure, s; where a sensor lags, with those between the frames."""
+    """Return the output times [s] on the pressure's clock; with a sensor lag, finer times and the frames' indices."""
     times = exp.time - own.get("latency", 0.0)
     between = between_frames(times) if lags_of(own, exp.stations).size else None
     return times if between is None else between[0], between
@@ -86,7 +88,7 @@ def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Arr
 def let_go(
     here: ModelAt, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> SetUp:
-    """The set-up of a body that is held, then let go; the clamp may give way by ``base_turn`` at that moment."""
+    """Return the forward problem of a body that is held, then let go, while the base may turn by ``base_turn``."""
     model = here.model
     base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
     angles = mechanics_of(model).coordinates(held_angles(here, exp, own, plans))
@@ -106,9 +108,10 @@ def let_go(
 
 
 def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
-    """The set-up with the joint torques that held the body, which fall to zero along half a cosine in `release_time`.
+    """Return the forward problem of a release with holding torques that fall to 0 within ``release_time``.
 
-    They enter as one more drive: its gains are the torques at first, its course the share that is left of them.
+    The torques fall along half a cosine. They enter as one more chamber, whose gains (n,) are the initial torques and
+    whose torque is the fraction that remains.
     """
     numbers, length = made.numbers, own["release_time"]
     nodes = np.minimum(np.append(0.0, np.cumsum(numbers.h)), length)
@@ -122,7 +125,7 @@ def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
 
 
 def holding_torques(made: SetUp, loads: Array) -> Array:
-    """Torques (n,) that hold the body still where it is let go, beside loads of its links, N m."""
+    """Return the joint torques (n,) [N m] that hold the body at rest in its initial pose, against link `loads`."""
     numbers = made.numbers
     stretched = slipped(made, numbers, REAL)[:, len(numbers.memory.creep_time) :]
     rows, share = len(stretched), numbers.memory.slip_share
@@ -134,13 +137,13 @@ def holding_torques(made: SetUp, loads: Array) -> Array:
 
 
 def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans: Plans) -> Array:
-    """Joint angles (n,) of a body that is held: as measured, by a force at the tip, or in its unloaded shape."""
+    """Return the joint angles (n,) of the held body: from measured positions, under ``hold_force``, or unloaded."""
     model = here.model
     if exp.held is not None:
         if not model.space:
             fixed_length(
-                model, f"experiment {exp.name}: a pose that was held is read off positions for a body of fixed length, "
-                f"and the model {model.name!r} lengthens: leave out held (as measured), or the model's extensions",
+                model, f"experiment {exp.name}: a measured held pose needs a body of fixed length, but the model "
+                f"{model.name!r} is extensible: leave out held (as measured), or the model's extensions",
             )
         return posed(model, observed(here, exp), exp.held - shift_of(own, exp), plans.poses)
     if "hold_force" in own:
@@ -149,7 +152,7 @@ def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans:
 
 
 def no_drive(model: Model) -> Drive:
-    """The drive of no step at all."""
+    """Return a `Drive` without time steps."""
     C = model.actuation.count
     return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.columns, np.zeros(0, dtype=int), np.zeros((1, C)),
                  np.zeros(C))  # fmt: skip
@@ -158,7 +161,7 @@ def no_drive(model: Model) -> Drive:
 def planned(
     model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> Drive:
-    """Steps and torques under a measured or nominal pressure, at the frames' `times` on its clock, s."""
+    """Return the time steps and torques under the experiment's pressure, for frames at `times` [s] on its clock."""
     start, stop = own.get("start", 0.0), own.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
     where = (exp.name, times[0], start, stop, *dead_times)
@@ -174,7 +177,7 @@ def gathered(
     here: ModelAt, exp: Experiment, own: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
     base: tuple[float, float],
 ) -> Numbers:
-    """The numbers of a set-up: angles and base angle while held, and at the start of the motion."""
+    """Return the `Numbers` of a forward problem, with angles and base angle while held and at the start of motion."""
     model, (along, across, aside) = here.model, with_axes(here.places(exp.stations), exp.oriented)
     lags = lags_of(own, exp.stations)
     return Numbers(
@@ -191,12 +194,12 @@ def gathered(
 
 
 def shift_of(own: Mapping[str, float], exp: Experiment) -> Array:
-    """Offset (d,) of the recording's frame, m."""
+    """Return the offset (d,) [m] of the recording's frame: the parameters ``base_x``, ``base_y`` and ``base_z``."""
     return np.array([own.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
 
 
 def reattached(made: SetUp, numbers: Numbers) -> Numbers:
-    """Re-attach the markers to their links as seen in the first frames, where the experiment reads them off there.
+    """Return the numbers with the markers attached where the first frames show them, for an experiment with own_places.
 
     Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
     pose may be taken from elsewhere, or `sensitivity` misses its derivative.
@@ -211,7 +214,7 @@ def reattached(made: SetUp, numbers: Numbers) -> Numbers:
 
 
 def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:
-    """The numbers with the loads of an experiment's known forces, for steps from the time `first` [s] on."""
+    """Return the numbers with the loads of the experiment's known forces; the steps begin at the time `first` [s]."""
     if not exp.forces or not numbers.h.size:
         return numbers
     nodes = first + np.append(0.0, np.cumsum(numbers.h))
@@ -220,10 +223,10 @@ def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, be
 
 
 def observed(here: ModelAt, exp: Experiment) -> list[Station]:
-    """The model's points that the experiment observed."""
+    """Return the points of the model that the experiment observes, in the order of its stations."""
     return [here.points[name] for name in exp.stations]
 
 
 def carriers(here: ModelAt, exp: Experiment) -> Array:
-    """Index (S + 2 m,) of the link that carries each observed point, and those on the axes of oriented ones."""
+    """Return the link index (S + 2 m,) of each observed point and of the axis points of the m oriented stations."""
     return repeated(np.array([p.link for p in observed(here, exp)]), exp.oriented)

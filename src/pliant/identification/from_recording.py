@@ -1,4 +1,4 @@
-"""An experiment from an aligned recording."""
+"""Construction of an `Experiment` from an aligned recording."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def experiment(
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
     poses: Poses = False, inputs: Mapping[str, float] | None = None,
 ) -> Experiment:
-    """An experiment from an aligned recording, in a plane or in space.
+    """Return an `Experiment` for fitting from an aligned recording, planar or spatial.
 
     Parameters
     ----------
@@ -49,28 +49,31 @@ def experiment(
     recording : xarray.Dataset
         Schema of `pliant.recording.schema`, frame "planar" or "spatial".
     stations : tuple of str, optional
-        Which to use, in order; the last one is the tip. Default: all.
+        Stations to use, in order from the base; the last one is the tip. Default: all.
     excitation : {"trace", "pulse", "step", "release"}, optional
         Default: "trace" when the recording has a measured pressure, "pulse" when it has a nominal one.
+    known : dict, optional
+        Values of parameters for this recording alone, such as the tip_mass that the body carried, SI.
     noise : dict, optional
-        Standard deviation of coordinates by station, m, where it is known.
+        Known standard deviation of coordinates by station, m.
     angles : bool or "only"
-        Whether to fit the recorded angles too, or them alone; in space the orientations of rigid bodies beside their
-        positions.
+        True fits the recorded angles too (in space, the orientations of rigid bodies); "only" fits nothing else.
     held : {"unloaded", "measured"}
-        Where a body that is let go was held: in its unloaded shape, or pulled aside, as the recording shows it in the
-        moments before the release.
+        For a release, the pose in which the body was held: its unloaded shape, or the positions that the recording
+        shows in the last 0.05 s before the release.
     own_places : bool
-        Whether to read the places of the stations off this recording's own first frames; see `Experiment`.
+        Whether to take the positions of the stations on their links from this recording's own first frames; see
+        `Experiment`.
     forces : sequence of PointForce
         Known forces at points of the body.
     drive : dict, optional
-        Of a model of several chambers: chamber of the model to the chamber of the recording that drives it, by name or
-        index (from 0). Chambers that it leaves out rest at 0 Pa.
+        For a model of several chambers: maps each chamber of the model to the recorded pressure that drives it, by
+        name or index (from 0). Chambers not listed stay at 0 Pa.
     poses : bool or "median"
-        Whether each row is a settled pose, without a motion between them; or all rows are one pose, their median.
+        True: each row is a settled pose, without motion between rows. "median": all rows show one pose, and their
+        median is used.
     inputs : dict, optional
-        Value of each input of the model in all rows, SI, where the recording holds none; others are 0.
+        Constant value of each input of the model, SI, for a recording without inputs; others are 0.
 
     Raises
     ------
@@ -110,6 +113,6 @@ def experiment(
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
-    """Return a recording of one row: the median of its positions, as a body that stands still has them."""
+    """Return a recording of a single row that holds the median of the recorded positions, for a body at rest."""
     first = recording.isel(time=slice(0, 1))
     return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))

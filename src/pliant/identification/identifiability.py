@@ -1,4 +1,4 @@
-"""Identifiability before a fit: parameter directions that the recordings do not show, and how to show them."""
+"""Identifiability before a fit: parameters that the recordings do not determine, and how to determine them."""
 
 from __future__ import annotations
 
@@ -38,15 +38,16 @@ RECORD = (  # parameters of a direction, and the recording that would show it
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters that the recordings show badly or not at all.
+    """A combination of parameters that the recordings determine badly ("weak") or not at all ("null").
 
     Attributes
     ----------
     names : tuple of str
     change : tuple of float
-        How much each changes along the direction, in shares of its size, the largest 1.
+        Relative change of each parameter along the direction; the largest entry is 1.
     kind : {"null", "weak"}
     sentence, cure : str
+        What the recordings do not determine, and what to fix or record.
     """
 
     names: tuple[str, ...]
@@ -63,13 +64,14 @@ class Identifiability(Shown):
     Attributes
     ----------
     names : tuple of str
-        Of the free parameters.
+        Names of the free parameters.
     expected_std : tuple of float or None
-        Standard errors to expect from the noise alone, SI; None where the recordings do not show the parameter.
+        Standard errors to expect from the noise alone, SI; None where the recordings do not determine the parameter.
     information : array (P,)
-        Eigenvalues of the Fisher information scaled to unit diagonal, falling; 1 each where all are independent.
+        Eigenvalues of the Fisher information scaled to unit diagonal, in falling order; all 1 for independent
+        parameters.
     directions : tuple of Direction
-        Null ones first.
+        Undetermined combinations, "null" before "weak".
     """
 
     names: tuple[str, ...]
@@ -79,14 +81,14 @@ class Identifiability(Shown):
 
     @property
     def identifiable(self) -> bool:
-        """Whether the recordings determine every direction in parameter space."""
+        """Return whether the recordings determine every combination of parameters."""
         return not any(d.kind == "null" for d in self.directions)
 
     def card(self) -> Card:
-        """Return the expected standard errors and the directions that the recordings do not determine."""
+        """Return the expected standard errors and the undetermined directions as a table for display."""
         std = ["not shown" if s is None else f"{s:.2g}" for s in self.expected_std]
         rows = [[n, s, kind_of(n).unit] for n, s in zip(self.names, std, strict=True)]
-        title = "Every free parameter shows" if self.identifiable else "Not every free parameter shows"
+        title = "Every free parameter is determined" if self.identifiable else "Not every free parameter is determined"
         lines = [f"{d.sentence}: {d.cure}." for d in self.directions]
         return Card(title, lines, ["parameter", "std. error to expect", "unit"], rows)
 
@@ -99,7 +101,7 @@ class Identifiability(Shown):
 def identifiability(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
 ) -> Identifiability:
-    """Return how well the recordings determine the free parameters, from exact sensitivities at the start values.
+    """Return how well the recordings determine each free parameter, from exact sensitivities at the start values.
 
     Parameters
     ----------
@@ -122,9 +124,9 @@ def identifiability(
 
 
 def examine(problem: Problem) -> Identifiability:
-    """Identifiability at the start of a problem; where it seems blind there, a point close by must agree.
+    """Return the identifiability at the start of a problem, confirmed at a second point where it seems poor.
 
-    At some values, as a torque of zero, everything looks blind though the fit can leave them.
+    At some start values, such as a torque of zero, every derivative vanishes, although a fit can move away from them.
     """
     info = information(problem, problem.start)
     if info.identifiable:
@@ -139,7 +141,7 @@ def examine(problem: Problem) -> Identifiability:
 
 
 def in_chambers(problem: Problem, found: Direction) -> Direction:
-    """The direction; where it does not show since chambers were not driven (apart), it says so, from the pressures."""
+    """Return the direction with a sentence about its chambers, if they were never driven or never driven separately."""
     findings = findings_of_chambers(found.names, problem.model, problem.experiments)
     if not findings:
         return found
@@ -148,7 +150,7 @@ def in_chambers(problem: Problem, found: Direction) -> Direction:
 
 
 def information(problem: Problem, x: Array) -> Identifiability:
-    """Null and weak directions of the information at the scaled parameters x."""
+    """Return the null and weak directions of the Fisher information at the scaled parameters x (P,)."""
     J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
     sizes = problem_sizes(problem, x)
     relative = J * (sizes / problem.scale)
@@ -179,18 +181,18 @@ def information(problem: Problem, x: Array) -> Identifiability:
 
 
 def problem_sizes(problem: Problem, x: Array) -> Array:
-    """Size of each parameter, SI: its value where it is a factor, its typical size where it may be zero."""
+    """Return the size (P,) of each free parameter, SI: its absolute value, or its typical size if it may be zero."""
     value = np.abs(x * problem.scale)
     return np.where(is_factor(problem) & (value > 0), value, problem.scale)
 
 
 def is_factor(problem: Problem) -> Array:
-    """Which parameters are judged by shares of their value: those that cannot as well be zero."""
+    """Return which free parameters (P,) are judged relative to their value, since zero is no sensible value."""
     return np.array([kind_of(p.name).scale in (0.0, 1.0) or shared_name(p.name) in RATIOS for p in problem.free])
 
 
 def simplest(basis: Array) -> Array:
-    """The same space spanned by directions of few parameters each (Gauss-Jordan elimination), the largest entry 1."""
+    """Return a basis (R, P) of the same space whose vectors have few nonzero entries (Gauss-Jordan elimination)."""
     rows = basis / np.abs(basis).max(axis=1, keepdims=True) if basis.size else basis
     taken: list[int] = []
     for k in range(len(rows)):
@@ -208,7 +210,7 @@ def simplest(basis: Array) -> Array:
 
 
 def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
-    """A null direction in words."""
+    """Return the direction `v` (P,) with a sentence that says which parameters it couples and how to separate them."""
     part = np.flatnonzero(np.abs(v) > TAKES_PART)
     mine, change = tuple(names[i] for i in part), v[part]
     listed = join_words(mine)
@@ -225,7 +227,7 @@ def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
 
 
 def weak_direction(names: tuple[str, ...], v: Array, expected: Array, weak: Array) -> Direction:
-    """The weakest direction in words, with the errors to expect."""
+    """Return the least certain direction with a sentence that gives the expected standard errors."""
     v = v / np.abs(v).max()
     part = np.flatnonzero((np.abs(v) > 0.3) | weak)
     mine = tuple(names[i] for i in part)
@@ -236,9 +238,9 @@ def weak_direction(names: tuple[str, ...], v: Array, expected: Array, weak: Arra
 
 
 def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Sentences about parameters that a fit ended on and knows badly, with those that make up for them.
+    """Return sentences on badly determined parameters of a fit and on those that can compensate for them.
 
-    Model error counts in here, which the information before a fit does not know.
+    The covariance of the fit includes model error, which `identifiability` before a fit does not.
     """
     sizes = problem_sizes(problem, x)
     C = found.matrix / np.outer(sizes, sizes)
@@ -247,7 +249,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
     prior = np.array([p.prior_std or np.inf for p in problem.free]) / sizes
     names = found.names
     findings = [
-        f"{names[i]} rests on its prior, which the recordings hardly narrow." for i in np.flatnonzero(rel > 0.8 * prior)
+        f"{names[i]} is set by its prior; the recordings add little." for i in np.flatnonzero(rel > 0.8 * prior)
     ]
     worst = int(np.argmax(rel))
     if rel[worst] <= WEAK:
@@ -279,5 +281,5 @@ def cure(names: tuple[str, ...]) -> str:
 
 
 def join_words(names: Sequence[Any]) -> str:
-    """Names as a list in words."""
+    """Return the names joined as an English list: "a, b and c"."""
     return str(names[0]) if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,4 +1,4 @@
-"""Start values of a fit: stiffness and damping from the ring-down, the others from the model."""
+"""Start values of a fit: stiffness and damping from free decays, torque laws from plateaus, others from the model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DEFAULTS = {
 
 
 def free_decay(exp: Experiment) -> RingDown | None:
-    """The ring-down after the last edge or the release, along the main direction of the last station's motion."""
+    """Return frequency and damping of the free decay after the last edge or release; None if it is too short."""
     after = last_edge(exp)
     keep = (exp.time > after + 0.03) & np.isfinite(exp.last_station).all(axis=1)
     if keep.sum() < 16:
@@ -45,15 +45,15 @@ def free_decay(exp: Experiment) -> RingDown | None:
 
 
 def last_edge(exp: Experiment) -> float:
-    """Return when the pressure last changed, or the body was let go, s."""
+    """Return the time [s] at which the pressure last changed or the body was let go."""
     found = edges(exp)
     return max(found.values()) if found else last_jump(exp)
 
 
 def last_jump(exp: Experiment) -> float:
-    """Return when a measured input last left its final value by 5 % of the widest range of all inputs, s.
+    """Return the last time [s] at which a measured input is still 5 % of the widest input range off its final value.
 
-    The sensor's noise stays below.
+    The 5 % lie above the noise of a sensor.
     """
     traces = [*exp.drives.values()] or [trace for trace in [exp.pressure] if trace is not None]
     widest = max((float(np.ptp(trace.pressure)) for trace in traces), default=0.0)
@@ -66,12 +66,12 @@ def last_jump(exp: Experiment) -> float:
 
 
 def registered(model: Model, experiments: Sequence[Experiment], values: dict[str, float]) -> Model:
-    """The model with a point for every station that it does not know yet, placed where the recording shows it first.
+    """Return the model with a point for each station, positioned where the recordings first show it.
 
-    The names link_1 ... link_n mean the link tips. Any other point is fixed to the link that it lies beside, the last
-    station of an experiment to the last link. Its place is read off the first experiment that shows it: off its first
-    frames, with the chain at rest or held in its unloaded shape as the model has it there, or off the last frames of a
-    body that was pulled aside and let go, with the chain at rest.
+    The names link_1 ... link_n mean the link tips. Any other point is attached to the nearest link, the last station of
+    an experiment to the last link. Its position comes from the first experiment that shows it: from the first frames,
+    with the chain at rest or held in its unloaded shape, or, after a release from a measured pose, from the last frames
+    with the chain at rest.
     """
     known = {p.name: p for p in model.points}
     points = {p.name: p for p in model.stations}
@@ -96,10 +96,10 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
 
 
 def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) -> dict[str, Station]:
-    """A point for each station that was seen by its angle alone, at the tip of its link.
+    """Return, for an experiment with angles only, a point for each station at the tip of its link.
 
-    That is the link at its arc length, where the recording has them; else they share the links evenly, the last at the
-    tip.
+    The link is the one at the station's arc length. Without arc lengths, the stations are distributed evenly over the
+    links, the last at the tip.
     """
     count = len(exp.stations)
     arc = np.arange(1, count + 1) / count * model.length if exp.arc_length is None else exp.arc_length
@@ -109,7 +109,7 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
-    """The station at `point` (d,) of the base frame; on the link that it lies beside when `link` is None."""
+    """Return a station `name` at `point` (d,) [m] of the base frame, on `link` or, if None, on the nearest link."""
     length = np.concatenate([[model.base_length], model.link_length])
     beside = mechanics_of(model).beside_links(phi, point[None])[0]  # (n + 1, 3)
     apart = np.linalg.norm(beside - np.stack([np.clip(beside[:, 0], 0.0, length), *[0.0 * length] * 2], axis=1), axis=1)
@@ -118,7 +118,7 @@ def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) 
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:
-    """The joint stiffness at which the first mode, with this experiment's load, rings at `frequency` [Hz]."""
+    """Return the joint stiffness [N m/rad] at which the loaded first mode rings at `frequency` [Hz]."""
 
     def gap(log_k: float) -> float:
         m = apply(model, {**exp.known, "stiffness": float(np.exp(log_k))})
@@ -139,9 +139,9 @@ def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> 
 def estimate(
     model: Model, experiments: Sequence[Experiment], parameters: Sequence[Parameter],
 ) -> tuple[Model, list[Parameter]]:
-    """Fill every missing start value, and give the model a point for each station.
+    """Return the model with a point for each station, and the parameters with all start values estimated.
 
-    Returns the model with its stations and the parameters with values.
+    Raises FitError for a parameter whose start value cannot be estimated.
     """
     values = {p.name: p.value for p in parameters if p.value is not None}
     wanted = {shared_name(p.name) for p in parameters if p.value is None}
@@ -169,7 +169,9 @@ def estimate(
     for p in parameters:
         value = p.value if p.value is not None else found.get(p.name, found.get(shared_name(p.name)))
         if value is None:
-            raise FitError(f"parameter {p.name} needs a start value: it cannot be read off the recordings")
+            raise FitError(
+                f"parameter {p.name} needs a start value: it cannot be estimated from the recordings, so give one"
+            )
         scale = p.scale or kind_of(p.name).scale or abs(value) or typical.get(shared_name(p.name), 1.0)
         source = p.source or ("estimated" if p.value is None else "given")
         filled.append(p.with_(value=float(np.clip(value, p.lower, p.upper)), scale=scale, source=source))
@@ -179,11 +181,12 @@ def estimate(
 def prepare(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str],
 ) -> tuple[Model, list[Parameter]]:
-    """Parameters with start values, edge times added; the model with a point for every station."""
+    """Return the model with a point for each station, and all parameters, edge times included, with start values."""
     listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
     records = [e.name for e in experiments]
     if not records or len(set(records)) < len(records):
-        raise InputError(f"a fit needs experiments whose names differ, got {', '.join(records) or 'none'}")
+        raise InputError(f"a fit needs at least one experiment, and each needs a name of its own, got "
+                         f"{', '.join(records) or 'none'}")  # fmt: skip
     names = {p.name for p in listed}
     for exp in experiments:
         span = float(np.ptp(exp.time))
@@ -201,7 +204,7 @@ def prepare(
 
 
 def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]) -> dict[str, float]:
-    """Stiffness and damping from the free decays, else the model's own."""
+    """Return start values of stiffness and damping from the free decays; the model's own without a free decay."""
     found = {"stiffness": float(model.stiffness.mean()), "damping": float(model.damping.mean())}
     if not wanted & {"stiffness", "damping"}:
         return found
@@ -216,7 +219,7 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
 
 
 def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Gains as each chamber has them, and twice the highest pressure for the limit of a hyperelastic wall."""
+    """Return start values of gains and tendon parameters from the model, and of wall limits from the peak pressure."""
     found = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]

@@ -1,4 +1,4 @@
-"""The inputs of a fit's compiled loop: those with derivatives, and the constant ones."""
+"""Input arrays of the compiled loops of a fit: `Numbers` with derivatives, and `SetUp` with the constant rest."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most se
 
 
 class Numbers(NamedTuple):
-    """All that a derivative can act on; every entry a number or an array."""
+    """All inputs of a forward problem with respect to which derivatives are taken, as numbers and arrays."""
 
     held: Any  # (n,) rad, absolute angles of the first rows
     held_base: Any  # rad
     phi: Any  # (n,) rad, at the start of the motion
     h: Any  # (steps,) s
     torque: Any  # (steps, C) N m, of the chambers; one more column for a hand that lets go
-    gain: Any  # (C, n) share of it that each joint feels
-    chambers: Any  # (C, k) what the torques depend on beside the steps and commands, a row of each (`row_of`)
+    gain: Any  # (C, n) factor on that torque at each joint
+    chambers: Any  # (C, k) constants on which the torques depend, one row for each chamber (`row_of`)
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
     load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
-    body: Any  # of its family: `Mechanics.body`
+    body: Any  # `Mechanics.body`
     joints: Joints
     memory: MemoryLaw
     along: Any  # (S,) m
@@ -38,11 +38,11 @@ class Numbers(NamedTuple):
     sensor_lag: Any  # (S,) s, of the stations' sensors; no entries where none lags
     length: Any  # (n,) m, of the links
     base_length: Any  # m
-    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
+    share: Any  # (n + 1, S) fraction of each link that lies in each extensible segment
 
 
 class SetUp(NamedTuple):
-    """Numbers of one simulated experiment, with what no derivative acts on."""
+    """A forward problem: `Numbers` of one experiment together with the quantities that have no derivative."""
 
     numbers: Numbers
     keep: Array  # (steps,) row of the output after the step, negative: none
@@ -51,25 +51,25 @@ class SetUp(NamedTuple):
     model: Model
     pressure: Array  # (T, C) Pa, behind the valves
     from_rest: bool  # whether the start is the equilibrium under `torque_before`
-    pulled: bool = False  # whether a hand took the body to its pose from its unloaded shape
-    drive: Drive | None = None  # what drives the steps of a body that is not let go
-    between: tuple[Array, Array] | None = None  # times of the rows and where the frames stand, where a sensor lags
-    first_seen: Array | None = None  # (S, 2) m, where markers are seen first, attached there at the start
+    pulled: bool = False  # whether a hand pulled the body to its pose from its unloaded shape
+    drive: Drive | None = None  # steps and torques of a body that is not let go
+    between: tuple[Array, Array] | None = None  # with sensor lag: times of the rows, and the frames' indices in them
+    first_seen: Array | None = None  # (S, 2) m, first positions of the markers, which are attached there at the start
     poses: bool = False  # whether each row is a settled pose, without a motion between them
     oriented: Array = np.zeros(0, dtype=int)  # stations whose link frames are observed: `orientation`
 
 
 def in_one_row(numbers: Numbers) -> Array:
-    """All numbers but the `APART` ones, one behind the other: those of arrays first."""
+    """Return all entries of `numbers` except the `APART` ones as one vector, arrays first, then scalars."""
     entries = leaves(numbers)
     arrays = [e.ravel() for e in entries if isinstance(e, Array)]
     return np.concatenate([*arrays, np.array([e for e in entries if not isinstance(e, Array)])])
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
-    """The numbers that `in_one_row` would give `row`, each as `like` has it; the `APART` ones as they are there.
+    """Return the `Numbers` whose vector `in_one_row` is `row`; shapes and the `APART` entries come from `like`.
 
-    A row of rows (N, W) gives arrays of rows.
+    A matrix `row` (N, W) gives arrays with a last axis of length W.
     """
     single = row[sum(e.size for e in leaves(like) if isinstance(e, Array)) :]
     alone = iter(single.tolist() if row.ndim == 1 else single)
@@ -88,6 +88,6 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
 
 
 def leaves(numbers: Numbers) -> list[Any]:
-    """Every array and number but the `APART` ones, those of nested tuples one by one."""
+    """Return every array and scalar of `numbers` as a flat list, except the `APART` ones."""
     short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in APART)
     return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]

@@ -1,4 +1,4 @@
-"""Memory, swelling and the valve's limits as parameters: names, bounds, where a fit begins, the way into the model."""
+"""Parameters of creep, hysteresis, viscoelastic lag and valve limits: names, bounds, start values and use."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from pliant.model.spring import SPRING_BOUND, SPRING_TERMS, in_words
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
-    r"creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a creep branch in parts of each joint's"),
+    r"creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a creep branch over each joint's"),
     r"creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of a creep branch"),
-    r"slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a slip element in parts of each joint's"),
-    r"slip_angle_[1-9]": ("rad", 1e-6, 10.0, 0.0, "joint turn at which a slip element slips"),
-    r"axial_creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial creep branch in parts of EA"),
+    r"slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a slip element over each joint's"),
+    r"slip_angle_[1-9]": ("rad", 1e-6, 10.0, 0.0, "joint rotation at which a slip element slips"),
+    r"axial_creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial creep branch over EA"),
     r"axial_creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of an axial creep branch"),
-    r"axial_slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial slip element in parts of EA"),
+    r"axial_slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial slip element over EA"),
     r"axial_slip_strain_[1-9]": ("1", 1e-6, 10.0, 0.0, "strain at which an axial slip element slips"),
-    "fractional_share": ("1", 0.0, 10.0, 0.02, "size of the springpot at 1 rad/s in parts of each joint's stiffness"),
+    "fractional_share": ("1", 0.0, 10.0, 0.02, "stiffness of the springpot at 1 rad/s over each joint's"),
     "fractional_order": ("1", 0.02, 0.9, 0.1, "order of the springpot: 0 a spring, 1 a dashpot"),
-    "fractional_low": ("Hz", 1e-6, 1e6, 0.0, "slow end of the band in which the springpot holds, never free"),
-    "fractional_high": ("Hz", 1e-6, 1e6, 0.0, "its fast end"),
-    "payne_share": ("1", 0.0, 1e4, 0.5, "what small swings are stiffer by than large ones, in parts of each joint's"),
-    "payne_angle": ("rad", 1e-6, 10.0, 0.0, "amplitude of a joint's swings at which half of it is left"),
-    "payne_exponent": ("1", 0.05, 0.5, 0.1, "Kraus' m: how fast it is lost as swings grow, at most 0.5"),
-    "payne_low": ("rad", 1e-6, 10.0, 0.0, "small end of the amplitudes in which Payne's curve holds, never free"),
-    "payne_high": ("rad", 1e-6, 10.0, 0.0, "its large end"),
-    "boucwen_share": ("1", 1e-9, 50.0, 0.1, "stiffness of the Bouc-Wen branch in parts of each joint's"),
+    "fractional_low": ("Hz", 1e-6, 1e6, 0.0, "lowest frequency at which the springpot holds, never free"),
+    "fractional_high": ("Hz", 1e-6, 1e6, 0.0, "highest frequency at which the springpot holds, never free"),
+    "payne_share": ("1", 0.0, 1e4, 0.5, "extra stiffness of small oscillations over each joint's stiffness"),
+    "payne_angle": ("rad", 1e-6, 10.0, 0.0, "oscillation amplitude of a joint that halves the extra stiffness"),
+    "payne_exponent": ("1", 0.05, 0.5, 0.1, "Kraus' m: how steeply the stiffness falls with amplitude, at most 0.5"),
+    "payne_low": ("rad", 1e-6, 10.0, 0.0, "smallest amplitude at which Payne's curve holds, never free"),
+    "payne_high": ("rad", 1e-6, 10.0, 0.0, "largest amplitude at which Payne's curve holds, never free"),
+    "boucwen_share": ("1", 1e-9, 50.0, 0.1, "stiffness of the Bouc-Wen branch over each joint's"),
     "boucwen_beta": ("1/rad^n", 1e-6, 1e8, 0.0, "Bouc-Wen beta"),
     "boucwen_gamma": ("1/rad^n", -1e8, 1e8, 10.0, "Bouc-Wen gamma, at most beta in size"),
     "boucwen_exponent": ("1", 1.0, 10.0, 1.0, "Bouc-Wen exponent n"),
@@ -43,20 +43,20 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
         for name, term in SPRING_TERMS.items()
     },
     SPRING_BOUND: ("1", 1e-3, 0.99, 0.2, "f of the same springs: what s does to their slope at most, in parts of K"),
-    "swell_share": ("1", 0.0, 1.0, 0.1, "share of the torque law's growth with pressure that comes late"),
+    "swell_share": ("1", 0.0, 1.0, 0.1, "fraction of the torque law's growth with pressure that lags"),
     "valve_rise_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest rise of the pressure"),
     "valve_fall_rate": ("Pa/s", 1e3, 1e9, 0.0, "fastest fall of the pressure"),
-    "valve_dead_band": ("Pa", 0.0, 1e6, 1e3, "what a regulator leaves of its command"),
-    "valve_opening_time": ("s", 1e-3, 30.0, 0.0, "time in which choked flow would fill the chamber"),
-    "valve_settle_share": ("1", 0.0, 0.9, 0.1, "share of the pressure that comes late"),
-    "valve_settle_time": ("s", 0.2, 1e3, 0.0, "how late"),
-    "swell_time": ("s", 1e-3, 1e4, 0.0, "how late"),
-    "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure towards which the chamber's wall expands without end"),
-    "inflation_time": ("s", 1e-4, 1e3, 0.0, "time that the wall takes at low pressure"),
-    "inflation_jm": ("1", 1.0, 1e4, 0.0, "J_m of a wall of Gent's rubber, which bounds its stretch"),
+    "valve_dead_band": ("Pa", 0.0, 1e6, 1e3, "difference between command and pressure that a regulator leaves"),
+    "valve_opening_time": ("s", 1e-3, 30.0, 0.0, "time that choked flow would take to fill the chamber"),
+    "valve_settle_share": ("1", 0.0, 0.9, 0.1, "fraction of the pressure that settles late"),
+    "valve_settle_time": ("s", 0.2, 1e3, 0.0, "time constant of the late settling of the pressure"),
+    "swell_time": ("s", 1e-3, 1e4, 0.0, "time constant of the lagging fraction swell_share of the torque"),
+    "inflation_limit": ("Pa", 1e3, 1e9, 0.0, "pressure at which the chamber's wall expands without limit"),
+    "inflation_time": ("s", 1e-4, 1e3, 0.0, "time constant of the wall's expansion at low pressure"),
+    "inflation_jm": ("1", 1.0, 1e4, 0.0, "J_m of Gent's law, which bounds the stretch of the wall"),
 }
 LAYOUTS: dict[str, tuple[Callable[..., Springpot | Payne], tuple[str, ...], str]] = {
-    # laws of few numbers: what lays them out, its numbers, the kind of branch that it lays
+    # law: (function that expands it into branches, parameters of the law, kind of branch)
     "fractional": (springpot, ("share", "order", "low", "high"), "creep"),
     "payne": (payne, ("share", "angle", "exponent", "low", "high"), "slip"),
 }
@@ -65,9 +65,9 @@ PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle"),
 
 
 def usual_start(name: str) -> float | None:
-    """Return the start value of a parameter of hysteresis or creep; None for any other name.
+    """Return the default start value of a parameter of creep, hysteresis, lag or valve limit; None for any other name.
 
-    Branches of one kind begin apart: from equal ones no fit would tell them from each other.
+    Branches of one kind get different start values, since a fit could not separate equal ones.
     """
     own = name.rpartition(".")[2]
     single = {"fractional_share": 0.05, "fractional_order": 0.25,
@@ -87,28 +87,28 @@ def usual_start(name: str) -> float | None:
 
 
 def chamber_guess(highest: float) -> dict[str, float]:
-    """Return the start value of a hyperelastic wall's limit: twice the `highest` pressure [Pa] of the recordings."""
+    """Return the start value of "inflation_limit" as a dict: twice the `highest` recorded pressure [Pa]."""
     return {"inflation_limit": 2.0 * highest}
 
 
 def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
-    """The branches that the springpot and Payne's curve of `values` are laid out in; empty without one."""
+    """Return the creep and slip branches into which the springpot and Payne's curve in `values` expand."""
     entries: dict[str, Any] = {}
     for law, (lay, fields, kind) in LAYOUTS.items():
         given = {field: values[f"{law}_{field}"] for field in fields if f"{law}_{field}" in values}
         if not given.keys() - {"low", "high"}:
             continue
         if missing := [f"{law}_{field}" for field in fields if field not in given]:
-            raise InputError(f"{law}_* needs all of its {len(fields)} numbers: {', '.join(missing)} is missing")
+            raise InputError(f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing")
         if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
-            raise InputError(f"{law}_* lays out all {kind} branches itself: leave out either {law}_* or {kind}_*")
+            raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
         made = lay(*(given[field] for field in fields))._asdict()
         entries |= {name: row for name, row in made.items() if name != "spring"}
     return entries
 
 
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """The model's memory and stiffening with those of `values` put in; new branches follow the model's own."""
+    """Return the changes of the model's creep, hysteresis and stiffening by `values`, as a dict for `Model.with_`."""
     changes: dict[str, Any] = {}
     for field in (*SPRING_TERMS, SPRING_BOUND):
         if field in values:
@@ -122,7 +122,7 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
             given = {int(k[-1]): values[k] for k in matching(f"{kind}_{field}_[1-9]", names)}
             for j in sorted(given):
                 if j > len(row) + 1:
-                    raise InputError(f"parameter {kind}_{field}_{j}: number branches 1, 2, ... without a gap")
+                    raise InputError(f"parameter {kind}_{field}_{j}: number the branches 1, 2, ... without a gap")
                 row[j - 1 :] = [given[j], *row[j:]]
             if given:
                 entries[f"{kind}_{field}"] = tuple(row)

@@ -1,4 +1,4 @@
-"""Which of several fitted models the recordings support: what they determine, BIC, paired errors on held-out ones."""
+"""Comparison of fitted models: determined parameters, BIC, and paired errors on held-out recordings."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ DETERMINED = 0.5  # standard error over value, above which a parameter is not de
 
 
 class Follows(NamedTuple):
-    """Quality of a fit on its training records, on a scale that all fits to them share."""
+    """Quality of a fit on its training recordings, in units that are the same for all fits to these recordings."""
 
     mean_square: float  # of the residuals, weighted alike for every model
-    numbers: float  # that were seen, less what the residuals' correlation takes from them
-    free: int  # parameters, edge times of the records included
+    numbers: float  # effective number of independent observed values, given the residuals' correlation
+    free: int  # number of free parameters, edge times of the recordings included
 
     def bic(self, numbers: float) -> float:
-        """Bayesian information criterion, the residuals taken for as many independent `numbers`."""
+        """Return the Bayesian information criterion with `numbers` as the effective number of independent residuals."""
         return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
 
 
 def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
-    """Return the quality of `result` on the records, with the weights that a fit begins with."""
+    """Return the quality of `result` on the recordings `train`, with the weights of a first fit."""
     problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])
@@ -42,19 +42,19 @@ def follows(train: Sequence[Experiment], result: FitResult, step: float, weighti
 
 
 def shared_bic(fits: Sequence[Follows]) -> list[float]:
-    """BIC of models fitted to the same records, all counting as many numbers as the residuals of the closest one hold.
+    """Return the BIC of models fitted to the same recordings, with the sample size of the best-fitting one for all.
 
-    Residuals of a poor model are correlated for longer and hold fewer independent numbers: with each model's own
-    count the criteria could not be compared.
+    Residuals of a poor model are correlated for longer and hold fewer independent values. With each model's own count
+    the criteria could not be compared.
     """
     numbers = min(fits, key=lambda f: f.mean_square).numbers
     return [f.bic(numbers) for f in fits]
 
 
 def missed(exp: Experiment, result: FitResult, step: float) -> Array:
-    """Squared distance (T,) of each frame of a record that the fit has not seen, in (% of travel)^2.
+    """Return the squared error (T,) of each frame of a held-out recording, in (% of peak displacement)^2.
 
-    The mean is the square of the record's error; a station that was not seen adds nothing.
+    The mean over frames is the square of the recording's RMS error. Missing stations do not count.
     """
     prediction, _ = predict_held_out(exp, result, step=step)
     finite(prediction["compared"], "the modelled motion")
@@ -65,23 +65,24 @@ def missed(exp: Experiment, result: FitResult, step: float) -> Array:
 
 
 def error(records: dict[str, Array]) -> float:
-    """Mean over records of the root of the mean of `missed`, % of travel."""
+    """Return the mean RMS error over recordings, % of peak displacement, from the squared errors of `missed`."""
     return float(np.mean([np.sqrt(m.mean()) for m in records.values()]))
 
 
 def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
-    """Return by how much one model's error exceeds another's on the same records, and its standard error.
+    """Return by how much the error of model `one` exceeds that of `other`, and the standard error of the difference.
 
-    Both in % of travel, from the frame-by-frame differences of `missed`, frames counted as far as they are
-    independent; of several records what they scatter by, where that is more.
+    Both refer to the same held-out recordings and are in % of the peak displacement, from the frame-by-frame
+    differences of `missed` with their autocorrelation taken into account. With several recordings, the scatter between
+    them gives the standard error where it is larger.
 
     Raises
     ------
     InputError
-        When the records differ.
+        When the recordings differ.
     """
     if one.keys() != other.keys() or not one:
-        raise InputError(f"models are compared on the same records, got {', '.join(one)} and {', '.join(other)}")
+        raise InputError(f"models must be compared on the same recordings, got {', '.join(one)} and {', '.join(other)}")
     gaps, variances = [], []
     for name, mine in one.items():
         theirs = other[name]
@@ -97,10 +98,10 @@ def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
 
 
 def undetermined(result: FitResult, added: Collection[str]) -> dict[str, str]:
-    """Which parameters of a fit the recordings do not determine, by name, each in words.
+    """Return a sentence for each parameter of a fit that the recordings do not determine, by parameter name.
 
-    Looked at are those `added` by a model and every other one that is positive by its kind, but for what belongs to a
-    recording or a station, rests on a prior, or lies at a bound.
+    Checked are the parameters `added` by a model, and every other one that must be positive. Parameters of a recording
+    or a station, those with a prior, and those at a bound (unless added) are not checked.
     """
     found = {}
     for p in result.parameters:
@@ -119,5 +120,5 @@ def undetermined(result: FitResult, added: Collection[str]) -> dict[str, str]:
 
 
 def of_size(p: Parameter) -> str:
-    """Value and standard error in words."""
+    """Return value, standard error and unit of a parameter as text: "0.12 +- 0.03 N m"."""
     return f"{p.value:.3g} +- {p.std:.2g} {p.unit}".removesuffix(" 1")

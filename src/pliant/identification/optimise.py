@@ -1,4 +1,4 @@
-"""The optimiser of a fit: least squares with exact derivatives, from one start or from several."""
+"""Optimiser of a fit: least squares with exact derivatives, from one or several starts."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
     from scipy.optimize import OptimizeResult
 
 Array = np.ndarray
-ROBUST_FROM = 0.01  # of the travel: beyond, a robust loss bounds the pull of a residual
+ROBUST_FROM = 0.01  # of the peak displacement: residual above which a robust loss limits its weight
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
 # beginnings of names
 BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "axial_creep_time", "payne_angle")
-FAR_BOUND = 7.0  # of a logarithm: a factor of a thousand from the start
-SAME = 1e-4  # of the least cost: what a start may lie above it, and its way down to it change, to be on that way
+FAR_BOUND = 7.0  # in a logarithm: bounds a factor of a thousand from the start are dropped
+SAME = 1e-4  # of the least cost: tolerance within which a start is taken to reach the same minimum
 
 
 class SameMinimumError(Exception):
-    """A start runs into a minimum that another one has found."""
+    """Raised when a start is about to reach a minimum that an earlier start has found."""
 
 
 def solve_all(
     problem: Problem, starts: Sequence[Array], loss: str, max_evaluations: int, progress: Callable[[str], None] | None,
 ) -> OptimizeResult:
-    """The best of what `solve` finds from several starts; one that runs into the best so far goes no further.
+    """Return the best optimum of `solve` over several starts; a start that approaches a known minimum is stopped early.
 
-    Its `agreeing` counts the other starts that lead to the same minimum.
+    The attribute `agreeing` of the result counts the other starts that lead to the same minimum.
     """
     best: OptimizeResult | None = None
     agreeing = 0
@@ -56,16 +56,16 @@ def solve_all(
 def solve(
     problem: Problem, x0: Array, loss: str, max_evaluations: int, found: OptimizeResult | None = None,
 ) -> OptimizeResult:
-    """Least squares from x0, with exact derivatives.
+    """Minimise the residuals of a problem from the scaled parameters x0 (P,), with exact derivatives.
 
-    The optimiser sees moves from x0 in sizes of the parameters, so that its first step is of one size at most: where
-    a start shows little of a parameter, a step scaled by the derivatives would leave all that is physical. Of some it
-    sees moves of their logarithm: `shifts`.
+    The unknowns are the changes from x0 in units of the parameters' typical sizes, so that the first step is at most of
+    that size. A step scaled by the derivatives would be far too long for a parameter to which a start is insensitive.
+    Some parameters are fitted by their logarithm; see `shifts`.
 
     Raises
     ------
     SameMinimumError
-        When the way leads into the minimum `found` before, by sums of squares.
+        When the iterates approach the minimum `found` by an earlier start, with the linear loss.
     """
     from scipy.optimize import least_squares
 
@@ -106,12 +106,11 @@ def solve(
 
 
 def shifts(problem: Problem) -> Array:
-    """Return the offset of each free parameter before its logarithm is fitted, in its scale; NaN for those fitted as
-    they are.
+    """Return the offset of each free parameter before its logarithm is fitted; NaN where no logarithm is used.
 
-    In space a step as long as a stiffness itself would soften the spring to nothing, and the body then moves as no
-    recording does. Beside creep, fast motion shows K (1 + share) alone, and beside Payne's curve small swings do: K and
-    share lie in a valley that bends, and is straight in log K and log (1 + share).
+    In space, a step as long as a stiffness itself could reduce it to zero. With creep, fast motion determines
+    K (1 + share) alone; with Payne's curve, small oscillations do. The valley of K and share is curved, and becomes
+    straight in log K and log (1 + share).
     """
     kinds = [p.name.rpartition(".")[2] for p in problem.free]
     shift = np.full(len(kinds), np.nan)
@@ -126,21 +125,21 @@ def shifts(problem: Problem) -> Array:
 
 
 def shares(problem: Problem) -> bool:
-    """Whether creep or Payne's curve takes a free share of the stiffness."""
+    """Return whether the stiffness fraction of creep or of Payne's curve is free."""
     return any(p.name.rpartition(".")[2].startswith(SHARES) for p in problem.free)
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:
-    """Whether x of this `cost` lies in the bowl about a minimum: little above it, as its own curvature says."""
+    """Return whether x with this `cost` lies in the basin of the minimum `found`, by the curvature there."""
     away = found.jac @ (x - found.x)
     return bool(cost < (1.0 + SAME) * found.cost and 0.5 * float(np.sum(away * away)) < SAME * found.cost)
 
 
 def condensed(problem: Problem) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """Residual and Jacobian, turned by one rotation so that all but P + 1 rows vanish: less for the optimiser to do.
+    """Return residual and Jacobian functions rotated so that only P + 1 rows are nonzero.
 
-    With [r J] = Q R, the first column of R is the length of r and zeros below it, wherever r points: sums of squares,
-    gradient and singular values are those of r and J.
+    With [r J] = Q R, the first column of R is the norm of r followed by zeros. Sum of squares, gradient and singular
+    values are those of r and J.
     """
     rows = len(problem.free) + 1
     latest: dict[bytes, Array] = {}

@@ -1,4 +1,4 @@
-"""The parameters of a fit: names, units, bounds, and how a value enters the model."""
+"""The parameters of a fit: names, units, bounds, and functions that put their values into a model."""
 
 from __future__ import annotations
 
@@ -23,28 +23,32 @@ MOSTLY_PRIOR = 0.7  # of the prior's standard deviation left after a fit: half o
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of the model or of a recording, in SI units: `unit` is filled in by its name.
+    """A parameter of a fit, in SI units: a number of the model or of one recording.
+
+    Its `unit`, and bounds that are always valid, follow from its name.
 
     Parameters
     ----------
     name : str
-        One of `KNOWN`; ``record.name`` when it belongs to one recording alone.
+        One of `KNOWN`, or ``recording.name`` for a parameter of one recording alone.
     value : float or None
-        Start (free) or value (fixed), SI; None: estimated from the recordings.
+        Start value of a free parameter or value of a fixed one, SI. None: the start is estimated from the recordings.
     lower, upper : float
         Bounds, SI.
     free : bool
+        Whether the fit may change the value.
     scale : float
-        A typical size, for the optimiser; 0: from the start value.
+        Typical size by which the optimiser scales the parameter, SI. 0: taken from the start value.
     source : str
-        Where the number comes from.
+        Where the value comes from, as text for reports.
     std : float or None
         Standard error after a fit.
     prior, prior_std : float or None
-        Mean and standard deviation of what is known of the value before the recordings are seen, SI; the mean of a
-        prior without one is the start value.
+        Mean and standard deviation of the value known before the fit (Gaussian prior), SI. Without `prior`, the mean
+        is the start value.
     shrink : float
-        Of a parameter of one joint: standard deviation about the mean of its kind, in shares of that mean; 0: no pull.
+        For a parameter of one joint: standard deviation of the joints' values about their mean, as a fraction of that
+        mean. 0: the joints are fitted independently.
 
     Raises
     ------
@@ -84,33 +88,32 @@ class Parameter:
         if self.value is None and not self.free:
             raise InputError(f"parameter {self.name} is fixed and needs a value")
         if self.prior is not None and self.prior_std is None:
-            raise InputError(f"parameter {self.name}: a prior has a standard deviation too: give prior_std")
+            raise InputError(f"parameter {self.name}: a prior needs a standard deviation too: give prior_std")
         if self.prior_std is not None and not self.prior_std > 0:
             raise InputError(f"parameter {self.name}: prior_std must be positive, got {self.prior_std}")
         if self.shrink < 0 or (self.shrink and not re.search(r"_(\d+|\*)$", self.name)):
-            raise InputError(f"parameter {self.name}: shrink is a positive share, for the parameters of single joints")
+            raise InputError(f"parameter {self.name}: shrink must be a positive fraction, and only a parameter of a "
+                             "single joint, such as stiffness_2, has it")  # fmt: skip
 
     def with_(self, **changes: Any) -> Parameter:
-        """A copy with some entries changed."""
+        """Return a copy of the parameter with the attributes named in `changes` replaced."""
         return replace(self, **changes)
 
     @property
     def narrowed(self) -> float | None:
-        """Standard error in parts of the prior's after a fit: 1 where the data say nothing; None without a prior."""
+        """Return the standard error after the fit over that of the prior (1: no information); None without a prior."""
         return None if self.prior_std is None or self.std is None else self.std / self.prior_std
 
     @property
     def moved(self) -> float | None:
-        """Return by how many standard deviations of its prior the data moved the value; None without a prior."""
+        """Return how far the data moved the value from its prior mean, in prior standard deviations, or None."""
         if self.prior_std is None or self.prior is None or self.value is None:
             return None
         return (self.value - self.prior) / self.prior_std
 
     @property
     def rests_on(self) -> str:
-        """Return what the value rests on after a fit: "data", or its prior and by how much the data moved and narrowed
-        it.
-        """
+        """Return a phrase for reports that says whether the value was given, or comes from the data or the prior."""
         if not self.free:
             return "given"
         if self.prior_std is None:
@@ -124,7 +127,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """Properties of a parameter that follow from its name."""
+    """Unit, bounds, typical size and meaning that a parameter has by its name."""
 
     unit: str
     lower: float = -np.inf
@@ -142,17 +145,17 @@ KNOWN: dict[str, Kind] = {
     r"damping_(\d+|\*)": Kind("N m s/rad", lower=0.0, meaning="damping of one joint, 1 the first, * each"),
     "rest_angle": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of every joint"),
     r"rest_angle_(\d+|\*)": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of one joint, * each"),
-    "joint_share": Kind("1", lower=0.0, upper=0.99, scale=0.1, meaning="place of a joint in its segment: 0 its base"),
+    "joint_share": Kind("1", lower=0.0, upper=0.99, scale=0.1, meaning="position of a joint in its segment, 0 at base"),
     "gravity_angle": Kind("rad", lower=-6.3, upper=6.3, scale=0.05, meaning="angle of gravity from the base tangent"),
     "gain": Kind("1", scale=1.0, meaning="mean of the joints' gains: a factor on the whole torque law"),
-    r"joint_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="share of the torque law that one joint feels, * each"),
-    r"cross_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="that share about the y axis of one joint, in space"),
+    r"joint_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="factor on the torque law at one joint, * each"),
+    r"cross_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="factor on the torque law about y at one joint, in space"),
     "lever": Kind("m", lower=1e-6, scale=2e-3, meaning="distance of a tendon's path from the axis"),
-    "line_stiffness": Kind("N/m", lower=1e-6, meaning="stiffness of a tendon with all that holds it"),
+    "line_stiffness": Kind("N/m", lower=1e-6, meaning="stiffness of a tendon with its motor and mounts"),
     "pretension": Kind("N", scale=1.0, meaning="tension of a tendon at rest; below 0 it hangs slack"),
     "friction": Kind("1", lower=0.0, upper=5.0, scale=0.1, meaning="coefficient of friction along a tendon"),
     "pulley": Kind("m", lower=1e-6, meaning="radius of a motor's pulley"),
-    "gain_[xy]": Kind("1", scale=0.3, meaning="share of the torque law about x or y of the joints it turns, in space"),
+    "gain_[xy]": Kind("1", scale=0.3, meaning="mean factor on the torque about x or y, in space"),
     r"torque_[1-9]": Kind("N m/Pa^k", meaning="coefficient of pressure^k in the torque law"),
     "mass": Kind("kg", lower=1e-9, meaning="mass of all links together, without the tip mass"),
     "tip_mass": Kind("kg", lower=0.0, scale=5e-3, meaning="cap or load at the last tip"),
@@ -163,29 +166,29 @@ KNOWN: dict[str, Kind] = {
     "base_x": Kind("m", scale=1e-3, meaning="offset of the recording's frame, x"),
     "base_y": Kind("m", scale=1e-3, meaning="offset of the recording's frame, y"),
     "base_z": Kind("m", scale=1e-3, meaning="offset of the recording's frame, z, in space"),
-    r".+\.along": Kind("m", scale=2e-3, meaning="place of a station along its link"),
-    r".+\.across": Kind("m", scale=2e-3, meaning="place of a station across its link"),
-    r".+\.aside": Kind("m", scale=2e-3, meaning="place of a station out of the plane, in space"),
+    r".+\.along": Kind("m", scale=2e-3, meaning="position of a station along its link"),
+    r".+\.across": Kind("m", scale=2e-3, meaning="position of a station across its link"),
+    r".+\.aside": Kind("m", scale=2e-3, meaning="position of a station out of the plane, in space"),
     "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
     "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
-    "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="how late the shape is stamped, beside pressure"),
+    "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="delay of the shape's time stamps behind pressure"),
     "sensor_lag": Kind("s", lower=0.0, upper=10.0, scale=0.02, meaning="time constant of the shape's sensor"),
     "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
-    "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="how long the hand takes to let go"),
+    "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="time that the hand takes to let go"),
     "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that yields at release"),
     "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
     **{n: Kind(*row) for n, row in {**ROWS, **extension_parameters.ROWS, **space_parameters.ROWS}.items()},
 }
 
 
-OF_A_RECORD = frozenset({  # what no model has
+OF_A_RECORD = frozenset({  # parameters of a recording that no model has
     "base_x", "base_y", "base_z", "start", "stop", "latency", "release", "release_time", "base_turn", "hold_force",
 })  # fmt: skip
 
 
 @cache
 def kind_of(name: str) -> Kind:
-    """The kind of parameter that `name` (with or without its recording) means; InputError lists the known ones."""
+    """Return the unit, bounds and meaning of the parameter `name`, which may have a recording's or chamber's prefix."""
     for candidate in (name, name.partition(".")[2]):
         for pattern, kind in KNOWN.items():
             if candidate and re.fullmatch(pattern, candidate):
@@ -199,34 +202,34 @@ def kind_of(name: str) -> Kind:
     near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
     meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
     raise InputError(
-        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <record>.<one of these>, or <chamber>.<one "
+        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <recording>.<one of these>, or <chamber>.<one "
         "of a chamber's>"
     )
 
 
 def shared_name(name: str) -> str:
-    """The name without the recording or the joint that it belongs to; that of a station's place stays whole."""
+    """Return a parameter's name without recording, chamber or joint number; a station's position keeps its name."""
     of_station = name.endswith((".along", ".across", ".aside")) and name.count(".") == 1
     own = name if of_station else name.partition(".")[2] or name
     return re.sub(r"^(stiffness|damping|rest_angle|joint_gain|cross_gain)_\d+$", r"\1", own)
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
-    """The values that hold for one recording: shared ones, overruled by its own with the prefix taken off."""
+    """Return the parameter values for one recording: the shared ones, replaced by ``RECORDING.name`` if given."""
     prefix = f"{record}."
     own = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
     return {**values, **own}
 
 
 def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Those of the values of one recording that `apply` puts into a model."""
+    """Return the (name, value) pairs that belong to a model and not to a recording, as ``start`` or ``base_x`` do."""
     return tuple(pair for pair in values.items() if pair[0].rpartition(".")[2] not in OF_A_RECORD)
 
 
 def apply(model: Model, values: Mapping[str, float]) -> Model:
-    """The model with `values` put in; names that do not concern the model are left to others.
+    """Return the model with the parameter `values` (SI) put in; names of parameters that no model has are ignored.
 
-    Every value replaces what the model has, so that putting the same values in twice changes nothing.
+    Each value replaces the model's own, so that applying the same values twice changes nothing.
     """
     if "joint_share" in values:
         model = moved_joints(model, values["joint_share"])
@@ -258,7 +261,7 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
 
 
 def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """The stations of a model with their places put in, as a change of the model; none where `values` have no place."""
+    """Return the model's stations at the positions in `values`, as a change for `Model.with_`; {} if there are none."""
     if not any(name.endswith((".along", ".across", ".aside")) for name in values):
         return {}
     axes = ("along", "across", "aside")
@@ -267,12 +270,13 @@ def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def moved_joints(model: Model, share: float) -> Model:
-    """Return the chain with each joint at the fraction `share` of its segment; stations keep their places at rest."""
+    """Return the chain with each joint at the fraction `share` of its segment; stations keep their rest positions."""
     segment = model.length / model.n
     length = np.full(model.n, segment)
     length[-1] = (1.0 - share) * segment
     if not np.allclose(model.link_length[:-1], segment, rtol=1e-6):
-        raise InputError("the parameter joint_share moves the joints of a chain of equal segments: this one has others")
+        raise InputError("the parameter joint_share needs a chain of equal segments, and this model's segments differ: "
+                         "leave joint_share out")  # fmt: skip
     shift = share * segment - model.base_length
     density = model.link_mass.sum() / model.link_length.sum()
     stations = tuple(s._replace(along=s.along - shift) if s.link >= 0 else s for s in model.points)
@@ -282,15 +286,16 @@ def moved_joints(model: Model, share: float) -> Model:
 
 
 def turned_gravity(model: Model, angle: float) -> np.ndarray:
-    """Gravity (2,) of the model's strength at `angle` [rad] from the base tangent +y."""
+    """Return gravity (2,) [m/s^2] with the model's magnitude, turned by `angle` [rad] from the base tangent +y."""
     strength = float(np.hypot(*model.gravity))
     if strength == 0:
-        raise InputError("the parameter gravity_angle turns gravity, but the model has none: give it gravity")
+        raise InputError("the parameter gravity_angle turns gravity, but the model's gravity is zero: give the model "
+                         "gravity")  # fmt: skip
     return strength * np.array([-np.sin(angle), np.cos(angle)])
 
 
 def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
-    """The parameters with every ``stiffness_*`` and its like written out for all joints."""
+    """Return the parameters with each wildcard such as ``stiffness_*`` replaced by one parameter for every joint."""
     written = []
     for p in parameters:
         stem = p.name.removesuffix("_*")
@@ -299,7 +304,7 @@ def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
 
 
 def check_names(parameters: Iterable[Parameter], model: Model, records: set[str], stations: set[str]) -> None:
-    """Refuse duplicates, joints that the model does not have, and records, stations or chambers that nobody knows."""
+    """Raise InputError for a duplicate parameter, or one of an unknown joint, recording, station or chamber."""
     parameters = list(parameters)
     if both := records & stations:
         raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")

@@ -1,4 +1,4 @@
-"""Intermediate results that forward problems share between recordings, derivatives and evaluations of a fit."""
+"""Cache of intermediate results that forward problems share between recordings, derivatives and evaluations."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ Array = np.ndarray
 
 
 class ModelAt(NamedTuple):
-    """A model at some values of its parameters, and its constants for the kernels."""
+    """A model with parameter values put in, its constants for the compiled kernels, and cached results."""
 
     model: Model
-    body: Any  # of its family: `Mechanics.body`
+    body: Any  # `Mechanics.body`
     joints: Joints
     memory: MemoryLaw
-    points: dict[str, Station]  # that can be observed, by name
-    torques: dict[bytes, Array]  # of joints under pressures: recordings share them
-    rows: dict[bytes, Array]  # of chambers, likewise
-    resting: dict[bytes, Array]  # angles at rest, likewise
-    beside: dict[tuple[str, ...], Array]  # along, across, aside (3, S) of stations, likewise
+    points: dict[str, Station]  # observable points by name
+    torques: dict[bytes, Array]  # cache of `torque_before`, by pressure
+    rows: dict[bytes, Array]  # cache of `chambers`, by pressure
+    resting: dict[bytes, Array]  # cache of `at_rest`, by pressure
+    beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
 
     def torque_before(self, pressure: Array) -> Array:
-        """Torques (n + S,) of joints and strains long at rest at `pressure` (C,) [Pa], N m."""
+        """Return the static torques (n + S,) [N m] of joints and strains at the constant `pressure` (C,) [Pa]."""
         key = pressure.tobytes()
         if key not in self.torques:
             self.torques[key] = self.model.actuation.joint_torques(pressure)
         return self.torques[key]
 
     def chambers(self, pressure: Array) -> Array:
-        """Rows (C, k) of the chambers, `pressure` (C,) [Pa] behind their valves at first, as long as the longest."""
+        """Return the constants (C, k) of the chambers at the initial `pressure` (C,) [Pa] behind their valves."""
         key = pressure.tobytes()
         if key not in self.rows:
             rows = [row_of(c, float(p)) for c, p in zip(self.model.chambers, pressure, strict=True)]
@@ -48,13 +48,13 @@ class ModelAt(NamedTuple):
         return self.rows[key]
 
     def places(self, stations: tuple[str, ...]) -> Array:
-        """Along, across and aside (3, S) the links that carry them of some stations, m."""
+        """Return the coordinates (3, S) [m] of stations along, across and aside of the links that carry them."""
         if stations not in self.beside:
             self.beside[stations] = np.array([self.points[name][2:] for name in stations]).T
         return self.beside[stations]
 
     def at_rest(self, pressure: Array) -> Array:
-        """Absolute angles (n,), with strains behind them, at rest under `pressure` (C,) [Pa] and no other load."""
+        """Return the absolute angles (n,), followed by strains, at equilibrium under `pressure` (C,) [Pa] alone."""
         key = pressure.tobytes()
         if key not in self.resting:
             self.resting[key] = mechanics_of(self.model).coordinates(equilibrium(self.model, pressure))
@@ -62,10 +62,10 @@ class ModelAt(NamedTuple):
 
 
 class Plans:
-    """Cache of models, step plans and torques that forward problems share.
+    """Cache of models, time steps and torques that the forward problems of a fit share.
 
-    Recordings ask for the same model one after the other, derivatives by what moves no pressure for the same drive, and
-    those by valves and laws for the same steps.
+    Recordings use the same model one after another. Derivatives with respect to parameters that change no pressure use
+    the same steps and torques, and those with respect to valves and torque laws the same steps.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class Plans:
         self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
-        """The `model` with the values of one recording put in; always the same model."""
+        """Return the `model` with the values of one recording put in; equal values give the same cached object."""
         key = of_the_model(values)
         if key not in self.models:
             m = apply(model, dict(key))
@@ -86,11 +86,11 @@ class Plans:
         return self.models[key]
 
     def forget(self, most: int) -> None:
-        """Drop everything of a kind of which there are more than so many."""
+        """Empty each cache that has more than `most` entries."""
         if len(self.models) > most:
             self.models.clear()
         if len(self.drives) > most:
             self.drives.clear()
-            self.layouts.clear()  # each keeps what its drives were made of
+            self.layouts.clear()  # drives are computed from layouts
         if len(self.poses) > most:
             self.poses.clear()

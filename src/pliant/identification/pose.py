@@ -1,4 +1,4 @@
-"""The pose that the positions of observed points show of a body that is held."""
+"""Joint angles of a held body from the measured positions of its points."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 
 Array = np.ndarray
-LEAST_PULL = 1e-6  # of a held pose towards the unloaded shape, in pulls of a measured point
+LEAST_PULL = 1e-6  # weight of the unloaded shape over that of a measured point
 POSE_STEPS = 60
 
 
 def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Array]) -> Array:
-    """Joint angles (n,) that bring the points `chosen` closest to the places `seen` (S, 2), m.
+    """Return the joint angles (n,) [rad] that bring the points `chosen` closest to the positions `seen` (S, 2) [m].
 
-    Gauss-Newton in absolute angles. Where the points leave a joint open, it turns least: a pull towards the unloaded
-    shape, a millionth of a point's, decides. Lengths and places alone decide the pose: it is kept in `found`, for
-    models that differ in what moves them.
+    Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
+    shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
+    is cached in `found`, for models that differ in nothing else.
     """
     points = tuple(p[1:] for p in chosen)
     base = (model.base_length, model.base_angle, points)
@@ -31,7 +31,7 @@ def posed(model: Model, chosen: list[Station], seen: Array, found: dict[Any, Arr
 
 
 def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
-    """Same as `posed`, without its cache."""
+    """Return the joint angles of `posed` without its cache."""
     there = (model if model.space else fixed_length(model)).with_(stations=tuple(chosen))
     chain = mechanics_of(there)
     pull = LEAST_PULL * model.length * chain.to_joints

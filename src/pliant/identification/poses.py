@@ -1,4 +1,4 @@
-"""Recordings whose rows are settled poses: what the compiled loop shows of them, and its derivatives."""
+"""Simulation of recordings whose rows are settled poses, with derivatives."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Array = np.ndarray
 
 
 def inputs_of(model: Model, exp: Experiment) -> Drive:
-    """Return the inputs of a model under which each row of an experiment is at rest, without steps between them."""
+    """Return the model inputs under which each row of an experiment is at equilibrium, without time steps."""
     check_driven(model, [exp])
     if model.space is None:
-        raise InputError(f"experiment {exp.name}: poses are those of a body in space, and {model.name!r} is in a plane")
+        raise InputError(f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar")
     traces = [exp.driving(name) for name in model.actuation.names]
     values = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
     torque = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
@@ -36,7 +36,7 @@ def inputs_of(model: Model, exp: Experiment) -> Drive:
 
 
 def complex_of(value: Array | float) -> Array | complex:
-    """Return a float, or an array of floats, as complex numbers in memory of their own."""
+    """Return a float, or a copy of an array of floats, as complex numbers."""
     return np.array(value, dtype=complex) if isinstance(value, Array) else complex(value)
 
 
@@ -44,12 +44,12 @@ COMPLEX = ObservationKind(complex_of, np.real, twin)
 
 
 def settled(made: SetUp) -> Settling:
-    """Return the poses of a set-up, each reached from the one before, the first from the rest under no input.
+    """Return the equilibrium pose of every row, each found from the pose before; the first starts without any input.
 
     Raises
     ------
     SimulationError
-        Where a pose finds no stable rest.
+        When a pose has no stable equilibrium.
     """
     chain, numbers = mechanics_of(made.model), in_kind(made.numbers, COMPLEX)
     torque = commands(numbers)
@@ -58,27 +58,27 @@ def settled(made: SetUp) -> Settling:
     lost = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), found)
     if lost >= 0:
         raise SimulationError(
-            f"pose {lost} of {len(torque) - 1} finds no stable rest: it buckles; raise the stiffness or "
+            f"pose {lost} of {len(torque) - 1} has no stable equilibrium: the body buckles; raise the stiffness or "
             "lower the inputs"
         )
     return found
 
 
 def settling(poses: int, size: int, tendons: int) -> Settling:
-    """Return arrays for so many poses of a chain of `size` coordinates, at rest in its unloaded shape first."""
+    """Return zeroed work arrays for `poses` poses of a chain of `size` coordinates and `tendons` tendons."""
     at, last, push, move = np.zeros((4, size), dtype=complex)
     torque = np.zeros(size + tendons, dtype=complex)
     return Settling(np.zeros((poses + 1, size)), np.zeros((poses + 1, size, size)), at, last, torque, push, move)
 
 
 def commands(numbers: Numbers) -> Array:
-    """Return torques of coordinates and commands of tendons (T + 1, N + R) of all poses, a row without input first."""
+    """Return the torques and tendon commands (T + 1, N + R) of all poses, preceded by a row of zeros."""
     rows = numbers.torque @ numbers.gain
     return np.concatenate([0.0 * rows[:1], rows])
 
 
 def shown(made: SetUp, numbers: Numbers, found: Settling) -> Array:
-    """Return rows (T, S, 3) of the poses that were found, with complex numbers."""
+    """Return the complex observed rows (T, S, 3) of the poses `found`; imaginary parts carry a derivative."""
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(found.x), made.carrier.size, 3), dtype=complex)
     work = mechanics_of(made.model).workspace(complex)
@@ -88,17 +88,17 @@ def shown(made: SetUp, numbers: Numbers, found: Settling) -> Array:
 
 
 def pose_rows(made: SetUp, numbers: Numbers) -> Array:
-    """Return observed rows (T, S, 3) of a set-up of poses: x, y, z [m].
+    """Return the observed rows (T, S, 3) of settled poses: x, y, z [m].
 
     Raises
     ------
     SimulationError
-        Where a pose finds no stable rest.
+        When a pose has no stable equilibrium.
     """
     return shown(made, numbers, settled(made)).real
 
 
 def pose_slopes(made: SetUp, tilted: Sequence[Numbers]) -> Array:
-    """Return derivatives (P, T, S, 3) of `pose_rows` from numbers with `TINY` times theirs as imaginary parts."""
+    """Return the derivatives (P, T, S, 3) of `pose_rows`, given numbers with `TINY` times theirs as imaginary parts."""
     found = settled(made)
     return np.stack([shown(made, numbers, found).imag / TINY for numbers in tilted])

@@ -1,4 +1,4 @@
-"""Predictions of an experiment by a model: positions, angles, and the rows that a fit compares."""
+"""Prediction of an experiment by a model: positions, angles, and the values that a fit compares."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """Predict an experiment by the model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
+    """Predict an experiment with a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
 
-    The dictionary holds `compared` too, the predicted values that a fit compares. `values` holds parameter values by
-    name; those of the experiment `exp` overrule shared ones. `step` is that of the integration, s.
+    Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
+    compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
+    shared one. `step` is the integration step, s.
     """
     made = set_up(model, exp, values, step)
     rows = moved(made, made.numbers, exp.time.size)[:, : len(exp.stations)]
@@ -28,7 +29,7 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Predict the whole chain: base, first joint and link tips (T, n + 2, d) [m]; arguments as of `predict`."""
+    """Predict the base, first joint and link tips (T, n + 2, d) [m] of the chain; arguments as for `predict`."""
     made = set_up(model, exp, values, step)
     along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
@@ -44,7 +45,7 @@ def compared_of(exp: Experiment, rows: Array) -> Array:
 
 
 def turned(exp: Experiment, rows: Array) -> Array:
-    """Angles (..., T, S) [rad] of observed rows (..., T, S, 3), from where the experiment's are measured."""
+    """Return the angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the experiment's reference."""
     angle = rows[..., 2]
     if exp.angle_reference == "joint":
         return np.diff(angle, axis=-1, prepend=0.0)

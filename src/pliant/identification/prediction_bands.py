@@ -1,4 +1,4 @@
-"""From the uncertainty of parameters to that of predictions: bands by the delta method."""
+"""Prediction intervals: from the uncertainty of fitted parameters to that of predicted motions, by the delta method."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
 
 Array = np.ndarray
-LEAST = 0.1  # of the mean squared residual: what is left of it anywhere
+LEAST = 0.1  # of the mean squared residual: least expected square at any time
 
 
 @dataclass(frozen=True, repr=False)
 class Band(Shown):
-    """A prediction with its band.
+    """A predicted motion with its prediction interval ("band").
 
     Attributes
     ----------
     position, std, lower, upper : array (T, S, 2)
-        Predicted coordinates, their standard error, and the limits of the band, m; (T, S, 1), rad, of angles alone.
+        Predicted coordinates, their standard error, and the limits of the band, m; (T, S, 1), rad, for angles only.
     unit, factor : str, float
-        In which a reader reads them, and how many of it make one SI unit.
+        Unit for display, and the factor to it from the SI unit.
     level : float
-        Share of cases in which the band holds each coordinate.
+        Probability that the band contains a coordinate.
     """
 
     position: Array
@@ -45,16 +45,16 @@ class Band(Shown):
     factor: float = 1e3
 
     def holds(self, position: Array) -> float:
-        """Share of the numbers of `position`, shaped as the band, that lie within; what was not seen does not count."""
+        """Return the fraction of the observed values in `position` (shape of the band) that lie within the band."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
 
     def card(self) -> Card:
-        """Return a summary of the band's width."""
+        """Return a one-line summary of the band: its level, and its median and largest half-width."""
         half = 0.5 * self.factor * (self.upper - self.lower)
         frames, stations = self.position.shape[:2]
         median, most = (f"{v:.3g} {self.unit}" for v in (np.nanmedian(half), np.nanmax(half)))
-        wide = f"half its width is {median} (median), {most} at most"
+        wide = f"half-width {median} (median), {most} at most"
         return Card(f"Band of {100 * self.level:g} % about {frames} frames of {stations} station(s): {wide}")
 
 
@@ -62,33 +62,32 @@ def prediction_band(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
     noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
-    """The prediction of an experiment with the band that the fit's covariance gives it (delta method).
+    """Return the predicted motion of an experiment with its prediction interval from the fit's covariance.
 
-    What is the experiment's own (edge times) is fitted to it, and takes up of the shared parameters' errors what it
-    can.
+    The interval follows by the delta method. The experiment's own parameters (edge times) are fitted to it, which
+    compensates for part of the errors of the shared parameters.
 
     Parameters
     ----------
     experiment : Experiment
-        Recorded or planned, one that the fit has not seen.
+        A recording that was not used in the fit, or a planned one.
     fitted : FitResult
     step : float
         Longest step of the integration, s.
     level : float
-        Share of cases in which the band shall hold each coordinate.
+        Probability that the band contains a coordinate.
     noise : float or array (T, S, 2 or 1)
-        Standard deviation of the measurement, m, for a band that holds the measured points; 0: the motion itself.
-        `residual_noise` takes it from the training records.
+        Standard deviation of the measurement, m, for a band that contains the measured points. 0: a band for the true
+        motion. `residual_noise` estimates it from the training recordings.
     own : FitResult, optional
-        The fit of what is the experiment's own, from `predict_held_out`, where it is there already.
+        The fit of the experiment's own parameters from `predict_held_out`, if it exists already.
     training : sequence of Experiment, optional
-        What the fit learned from: the band then grows where pressure or speed leave what they showed; see
-        `discrepancy`.
+        The training recordings. If given, the band grows where pressure or speed leave their range; see `discrepancy`.
 
     Returns
     -------
     Band
-        Arrays of shape (T, S, 2), m; (T, S, 1), rad, of angles alone.
+        Arrays of shape (T, S, 2), m; (T, S, 1), rad, for angles only.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def prediction_band(
     if fitted.covariance is None:
         raise InputError("a prediction band needs a fit with free parameters: this one has no covariance")
     if not 0 < level < 1:
-        raise InputError(f"the level of a band lies between 0 and 1, got {level}")
+        raise InputError(f"the level of a band must lie between 0 and 1, got {level}")
     own = own or predict_held_out(experiment, fitted, step=step)[1]
     shared = [k for k, n in enumerate(fitted.covariance.names) if "." not in n or n.partition(".")[0] not in
               {e.partition(".")[0] for e in fitted.rmse}]
@@ -129,14 +128,15 @@ def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
     weighting: str = "travel",
 ) -> Array:
-    """Standard deviation (T, S, 2 or 1) of what the model leaves of a record, m, as the training records have it.
+    """Return the standard deviation (T, S, 2 or 1) [m] of a prediction's residuals, from the training recordings.
 
-    Squared residuals of each coordinate are a constant, a part with the square of the tip's way from where it began and
-    one with the square of its speed, none negative: a model errs otherwise where a body rests, is held, and moves.
+    The squared residuals of each coordinate are modelled as a non-negative sum of a constant, a term in the squared
+    displacement of the tip, and a term in its squared speed, since a model errs differently at rest, while held, and in
+    motion.
 
-    With the weighting by travel, residuals and ways are taken in shares of each record's travel, and come back as
-    shares of the `modelled` (T, S, ...) travel of the experiment. A station that no training record sees gets the mean
-    of all.
+    With `weighting` "travel", residuals and displacements are taken relative to each recording's peak displacement and
+    scaled back by that of the prediction `modelled` (T, S, ...). A station without training data gets the mean of all
+    stations.
     """
     shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
     for exp in train:
@@ -156,9 +156,10 @@ def residual_noise(
 
 
 def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:
-    """Columns (T, 3) of a motion `rows` (T, S, ...): 1, the tip's way from its start and its speed, both squared.
+    """Return the regressors (T, 3) of a motion: 1, squared displacement and squared speed of the tip.
 
-    Rows that are settled poses have no speed.
+    `rows` (T, S, ...) holds the motion, m; displacement and speed are divided by `unit`, m. The speed is 0 for settled
+    poses.
     """
     path = rows[:, -1] / unit
     fast = speed(time, path, settled=settled)
@@ -166,7 +167,7 @@ def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = Fals
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:
-    """Expected squares (T, C) of a motion of traits `own` (T, 3), after those (M, C) of motions of `traits` (M, 3)."""
+    """Return the expected squares (T, C) at regressors `own` (T, 3), fitted to squares (M, C) at `traits` (M, 3)."""
     from scipy.optimize import nnls
 
     size = np.sqrt(np.mean(traits**2, axis=0)) + 1e-300

@@ -1,4 +1,4 @@
-"""The least-squares problem of a fit: residuals of the recordings and of what was known before, and their Jacobian."""
+"""The least-squares problem of a fit: residuals of recordings and priors, and their Jacobian."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model
 
 Array = np.ndarray
-FAR = 1e3  # residual, in scales, of a parameter set that cannot be simulated
-BLIND = 1e-11  # of the longest column: a shorter one is rounding
-MOST_PLANS = 100  # models, and steps and torques, kept from one evaluation for the next
-HELD_MEAN = 1e-3  # standard deviation of the mean of joint gains that is held; no recording pulls at it
-FIRST_GUESS = 0.01  # of a travel: the size of residuals before there are any
+FAR = 1e3  # residual, in peak displacements, of a parameter set that cannot be simulated
+BLIND = 1e-11  # of the longest column of the Jacobian: a shorter one is rounding error
+MOST_PLANS = 100  # cached models, and cached steps and torques
+HELD_MEAN = 1e-3  # standard deviation of the held mean of joint gains, which no recording determines
+FIRST_GUESS = 0.01  # of a peak displacement: assumed size of the residuals before the first fit
 
 
 def root_mean_square(modelled: Array, measured: Array) -> float:
-    """Root-mean-square distance over stations and time, m (rad of angles); points that were not seen do not count."""
+    """Return the root-mean-square distance over stations and time, m (rad for angles); missing points are ignored."""
     return float(np.sqrt(np.nanmean(np.sum((modelled - measured) ** 2, axis=-1))))
 
 
 class Problem:
-    """Residuals of all experiments as a function of the free parameters, each in units of its own scale.
+    """The residuals of all experiments as a function of the scaled free parameters x (P,), with their exact Jacobian.
 
-    A residual is a distance in travels of its experiment, in metres, or in standard deviations of the noise; in the
-    first two cases an experiment with many samples counts no more than one with few. Below them stand the residuals
-    of priors and of parameters that shrink to their mean, weighted by `size`, the size of the recordings' residuals.
+    Each parameter is in units of its own scale. A residual is a distance over the peak displacement of its experiment,
+    in metres, or in standard deviations of the noise; in the first two cases an experiment with many samples counts no
+    more than one with few. The residuals of priors and of parameters that shrink to their mean follow them, weighted by
+    `size`, the size of the recordings' residuals.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class Problem:
         self.start = np.clip(raw, self.bounds[0] + margin, self.bounds[1] - margin)
         self.observed = [Observations(e, weighting) for e in experiments]
         travels = np.array([e.travel for e in experiments])
-        self.unit = float(np.median(travels)) if weighting == "metre" else 1.0  # what a travel is in residuals
+        self.unit = float(np.median(travels)) if weighting == "metre" else 1.0  # one peak displacement in residuals
         counts = np.array([o.count for o in self.observed])
         if weighting != "noise":
             for o, balance in zip(self.observed, np.sqrt(counts.mean() / counts), strict=True):
@@ -75,7 +76,7 @@ class Problem:
         self.latest: tuple[bytes, Array] = (b"", np.zeros(0))  # scaled parameters and the Jacobian there
 
     def values(self, x: Array) -> dict[str, Any]:
-        """Values by name of the scaled free parameters x."""
+        """Return the values (SI) of all parameters by name, at the scaled free parameters x (P,)."""
         return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
 
     def with_step(self, step: float) -> Problem:
@@ -85,12 +86,12 @@ class Problem:
         return other
 
     def residual(self, x: Array) -> Array:
-        """Residuals of the recordings, then of what was known before; FAR where x cannot be simulated."""
+        """Return the residuals of the recordings, then of the priors; FAR for a recording that x cannot simulate."""
         rows, aim = self.all_known
         return np.concatenate([self.data_residual(x), self.size * (rows @ x - aim)])
 
     def data_residual(self, x: Array) -> Array:
-        """Weighted differences of every seen number."""
+        """Return the weighted residuals (N,) of all observed values at the scaled parameters x (P,)."""
         self.evaluations += 1
         self.broken = ""
         values = self.values(x)
@@ -105,11 +106,11 @@ class Problem:
         return np.concatenate(parts)
 
     def jacobian(self, x: Array) -> Array:
-        """Exact derivatives of `residual`."""
+        """Return the exact derivatives of `residual` with respect to the scaled parameters x (P,)."""
         return np.concatenate([self.data_jacobian(x), self.size * self.all_known[0]])
 
     def data_jacobian(self, x: Array) -> Array:
-        """Exact derivatives (N, P) of `data_residual`."""
+        """Return the exact derivatives (N, P) of `data_residual` with respect to the scaled parameters x (P,)."""
         if self.latest[0] == x.tobytes():
             return self.latest[1]
         values = self.values(x)
@@ -133,29 +134,29 @@ class Problem:
         return np.asarray(J)
 
     def acts_on(self, p: Parameter, exp: Experiment) -> bool:
-        """Whether a parameter can move an experiment: one of another recording alone cannot."""
+        """Return whether a parameter can affect an experiment; one of another recording alone cannot."""
         owner = p.name.partition(".")[0]
         return owner == exp.name or owner not in self.names
 
     @property
     def learns(self) -> bool:
-        """Whether the sizes of the residuals, found by a first fit, change a second one."""
+        """Return whether a second fit would differ, because the residuals' size sets weights of priors or noise."""
         return len(self.all_known[1]) > 0 or self.weighting == "noise"
 
     def hold_to_start(self) -> None:
-        """Hold every parameter to its start, give or take its size, where nothing else does."""
+        """Add a weak prior about the start value, as wide as its scale, for every parameter without a prior."""
         loose = [i for i, p in enumerate(self.free) if not p.prior_std]
         self.held = np.eye(len(self.free))[loose], self.start[loose]
 
     @property
     def all_known(self) -> tuple[Array, Array]:
-        """Return the priors and the parameters held at their start, as rows and targets."""
+        """Return the linear residuals of priors and of values held at their start, as rows (R, P) and targets (R,)."""
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
     def learn_sizes(self, x: Array) -> None:
-        """Take the size of the residuals at x for what the priors are weighed against, and for unknown noise levels.
+        """Set the weight of the priors, and unknown noise levels, from the size of the residuals at x (P,).
 
-        Residuals that are correlated over many frames tell as little as one of them: priors then weigh the more.
+        Residuals that are correlated over many frames count as few independent ones, so that the priors weigh more.
         """
         residual = self.data_residual(x)
         parts = np.split(residual, self.ends[:-1])
@@ -174,7 +175,7 @@ class Problem:
 
 
 def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng: np.random.Generator) -> Array:
-    """A start near the scaled parameters x: all but edge times moved by up to 30 % of themselves."""
+    """Return a random start near the scaled parameters x (P,): all but the edge times changed by up to 30 %."""
     found = x.copy()
     for i, p in enumerate(free):
         if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
@@ -183,7 +184,7 @@ def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng:
 
 
 def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -> list[Parameter]:
-    """The parameters from another start; see `scattered`."""
+    """Return the parameters with random start values, all but the edge times changed by up to 30 %; see `scattered`."""
     free = [p for p in parameters if p.free and p.value is not None]
     scale = np.array([p.scale or 1.0 for p in free])
     bounds = np.array([(p.lower, p.upper) for p in free]).reshape(-1, 2).T / scale
@@ -195,14 +196,14 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 def with_held_mean(
     known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """Return the priors, with a row that holds the mean of a chamber's gains at its start, which no data determine."""
+    """Return the prior rows and targets with one more row, which holds a chamber's mean joint gain at its start."""
     gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
-    """Rows (R, P) and aims (R,) of what is known before: priors, and joints that shrink to their mean."""
+    """Return the linear residuals of priors and of shrinkage to the joints' mean, as rows (R, P) and targets (R,)."""
     rows, aims = [], []
     for i, p in enumerate(free):
         if p.prior_std:

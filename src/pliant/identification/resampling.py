@@ -1,4 +1,4 @@
-"""Fits to residuals drawn again in blocks, which keep their correlation: the block bootstrap."""
+"""Block bootstrap of a fit: refits to residuals resampled in blocks, which preserve their correlation in time."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult
 
 Array = np.ndarray
-FEWEST = 20  # replicates of a bootstrap, of which a covariance can be taken
+FEWEST = 20  # replicates that a covariance needs
 
 
 def bootstrapped(
     experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, step: float = 2e-3,
     weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
 ) -> FitResult:
-    """The fit with covariance and standard errors from `bootstrap`; reports and bands then rest on it.
+    """Return the fit with covariance and standard errors from a block bootstrap, which reports and bands then use.
+
+    The arguments are those of `bootstrap`.
 
     Raises
     ------
     InputError
-        When the fit has no covariance, or the replicates are too few for one.
+        When the fit has no covariance, or there are fewer than 20 replicates.
     """
     if fitted.covariance is None or replicates < FEWEST:
         raise InputError(f"a bootstrap needs a fit with free parameters and {FEWEST} replicates, got {replicates}")
@@ -38,7 +40,7 @@ def bootstrapped(
     found = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap")
     errors = dict(zip(found.names, found.std, strict=True))
     parameters = tuple(p.with_(std=errors.get(p.name)) for p in fitted.parameters)
-    note = f"Standard errors come from {replicates} replicates that keep residuals correlated as they are."
+    note = f"Standard errors come from {replicates} block-bootstrap replicates: residuals stay correlated in time."
     return replace(fitted, parameters=parameters, covariance=found, notes=(*fitted.notes, note))
 
 
@@ -47,21 +49,30 @@ def bootstrap(
     step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
 ) -> tuple[tuple[str, ...], Array]:
-    """Parameters (R, P), SI, of fits to the model's motion plus its own residuals, drawn again in blocks of frames.
+    """Return parameters of refits to the modelled motion plus its own residuals, resampled in blocks of frames.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        Those of the fit.
+        The experiments of the fit.
+    fitted : FitResult
+    replicates : int
+        Number R of refits.
     block : int, optional
-        Frames in a block; default: twice as many as residuals are correlated over.
+        Frames in a block; default: twice the correlation length of the residuals.
+    step : float
+        Integration step, s.
     weighting, loss : str
         Those of the fit.
+    rng : Generator, int or None
+        Generator or seed.
 
     Returns
     -------
-    names, values
-        Of the free parameters; percentiles of a column are an interval.
+    names : tuple of str
+        The P free parameters.
+    values : array (R, P)
+        Their values in each refit, SI. Percentiles of a column give a confidence interval.
     """
     free = [p for p in fitted.parameters if p.free]
     generator = np.random.default_rng(rng)
@@ -81,16 +92,16 @@ def bootstrap(
 
 
 def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
-    """The experiment with other places (T, S, 2), or angles (T, S, 1) where it holds those alone."""
+    """Return the experiment with other positions (T, S, 2), or angles (T, S, 1) for a recording of angles only."""
     return replace(exp, angle=drawn[..., 0]) if exp.without_positions else replace(exp, position=drawn)
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """Return compared values (T, S, 2 or 1) for a bootstrap: the modelled motion plus residual blocks of `width`
-    frames, reordered.
+    """Return resampled observations (T, S, 2 or 1): the modelled motion plus its residuals in shuffled blocks.
 
-    Blocks wrap around the end, so that every frame is drawn alike; residuals are not centred: what the model leaves on
-    average stays. What was not seen stays so, and a residual that is missing where it is drawn to is replaced by none.
+    A block has `width` frames. Blocks wrap around the end, so that every frame is drawn with equal probability.
+    Residuals are not centred: the mean error of the model stays. Missing observations stay missing, and a missing
+    residual counts as 0.
 
     Source: Politis and Romano (1992), the circular block bootstrap
     """

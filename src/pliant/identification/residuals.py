@@ -1,4 +1,4 @@
-"""Observations of an experiment in the layout of the compiled loop, and the weight of every number."""
+"""Observations of an experiment in the layout of the compiled loop, with the weight of every residual."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ LEAST_NOISE = 1e-9  # m and rad: recordings without noise keep finite weights
 
 
 class Observations:
-    """Seen positions and angles of one experiment, with weights.
+    """Observed positions and angles of one experiment, with the weights of their residuals.
 
     Attributes
     ----------
     data : array (T, S, 3)
-        x [m], y [m], angle [rad]; in space x, y, z [m], and behind the S stations a row of 0 [rad] for each one whose
-        orientation was seen: that of its rotation vector from the measured to the modelled one. NaN where nothing was
-        seen.
+        x [m], y [m], angle [rad]. In space x, y, z [m], and after the S stations a row of zeros [rad] for each station
+        with an orientation: the target of the rotation vector from the measured to the modelled orientation. NaN where
+        nothing was seen.
     seen : array (T, S, 3) of bool
+        Whether `data` holds an observation.
     weight : array (S, 3)
-        Of the residuals.
+        Weights of the residuals.
     """
 
     def __init__(self, exp: Experiment, weighting: str) -> None:
@@ -45,7 +46,7 @@ class Observations:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
-        """Put orientations (T, m, 4) of stations that count by a `share` (m,) behind the stations."""
+        """Append the observed orientations, quaternions (T, m, 4), with the weights `share` (m,) of their stations."""
         turn, seen = measured_turns(quaternion)
         self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
@@ -61,30 +62,30 @@ class Observations:
 
     @property
     def count(self) -> int:
-        """Numbers that were seen."""
+        """Return the number of observed values, N."""
         return int(self.rows.size)
 
     @property
     def flat_weight(self) -> Array:
-        """Weight of each seen number."""
+        """Return the weight (N,) of each observed value."""
         return self.weight[self.station, self.channel]
 
     def residual(self, rows: Array) -> Array:
-        """Weighted differences of what is modelled, rows (T, S, 3), and seen; angles by the shorter way round."""
+        """Return the weighted differences (N,) between modelled `rows` (T, S, 3) and the observations."""
         off: Array = self.modelled(rows)[self.seen] - self.data[self.seen]
         turn = (self.channel == 2) & self.planar
         off[turn] = (off[turn] + np.pi) % (2 * np.pi) - np.pi
         return off * self.flat_weight
 
     def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
-        """Derivatives (P, N) of the residual from those of the rows, (P, T, S, 3).
+        """Return the derivatives (P, N) of the residual, given the derivatives (P, T, S, 3) of the rows.
 
-        Where orientations were seen, the rows themselves are needed too.
+        With observed orientations, `rows` (T, S, 3) themselves are needed too.
         """
         return self.modelled(derivatives, rows)[:, self.seen] * self.flat_weight
 
     def unknown_noise(self) -> list[tuple[int, tuple[int, ...]]]:
-        """Rows of data, and their channels, whose noise nobody gave: a fit finds it."""
+        """Return the rows of `data`, with their channels, whose noise level was not given and must be estimated."""
         exp = self.exp
         places: tuple[int, ...] = (0, 1) if self.planar else (0, 1, 2)
         found = [(s, places) for s, name in enumerate(exp.stations) if name not in exp.noise]
@@ -95,8 +96,8 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Rows with the angles measured as they were observed; of derivatives, `about` are the rows themselves."""
-        if self.exp.oriented.size:
+        """Return modelled rows with angles and orientations expressed as they were observed."""
+        if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
             off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
             return np.concatenate([rows[..., :stations, :], off], axis=-2)
@@ -106,7 +107,7 @@ class Observations:
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:
-    """Rotations (T, m, 3, 3) of quaternions (T, m, 4), 1 where there is none, and whether there is one (T, m)."""
+    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and a mask (T, m) of those that exist."""
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(quaternion).all(axis=2)
@@ -115,7 +116,7 @@ def measured_turns(quaternion: Array) -> tuple[Array, Array]:
 
 
 def white_noise(data: Array) -> Array:
-    """Standard deviation (S, C) of white noise in data (T, S, C), from second differences in time."""
+    """Return the standard deviation (S, C) of white noise in data (T, S, C), from second differences in time."""
     bend = np.abs(np.diff(data, 2, axis=0))
     noise = np.full(data.shape[1:], 1.0)
     for place in np.ndindex(*noise.shape):
@@ -126,14 +127,14 @@ def white_noise(data: Array) -> Array:
 
 
 def angle_travel(exp: Experiment) -> float:
-    """Largest change of an observed angle, rad; 1 where none was observed."""
+    """Return the largest change of an observed angle, rad; 1 if no angle was observed."""
     if exp.angle is None:
         return 1.0
     return float(max(np.nanmax(np.nanmax(exp.angle, axis=0) - np.nanmin(exp.angle, axis=0)), 1e-9))
 
 
 def length_weights(exp: Experiment) -> Array:
-    """Weight (S,) of each station, of mean 1: the length of body that it stands for, or the same for all."""
+    """Return the weight (S,) of each station: the length of body that it represents, scaled to mean 1; else all 1."""
     if exp.arc_length is None:
         return np.ones(len(exp.stations))
     edges = np.concatenate([exp.arc_length[:1], 0.5 * (exp.arc_length[1:] + exp.arc_length[:-1]), exp.arc_length[-1:]])
@@ -142,9 +143,9 @@ def length_weights(exp: Experiment) -> Array:
 
 
 def noise_levels(exp: Experiment, data: Array) -> Array:
-    """Standard deviation (S, 3) of the noise: as given, or from second differences in time, which motion hardly has.
+    """Return the noise standard deviation (S, 3) [m or rad] of each channel: given, or from second differences.
 
-    The steps of a sensor that counts in coarse ones are noise too, spread evenly over a step.
+    The quantisation of a coarse sensor counts as noise too, uniform over one step.
     """
     noise, known = white_noise(data), np.isfinite(np.diff(data, 2, axis=0)).any(axis=0)
     for s, c in zip(*np.nonzero(known), strict=True):
@@ -160,7 +161,7 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
 
 
 def noise_ratio(observed: Observations, residual: Array) -> float:
-    """Root-mean-square residual of positions (and angles) in standard deviations of their noise."""
+    """Return the root-mean-square residual of positions and angles in standard deviations of their noise."""
     stations = len(observed.exp.stations)
     noise = noise_levels(observed.exp, observed.data[:, :stations])
     mine = observed.station < stations
@@ -169,19 +170,19 @@ def noise_ratio(observed: Observations, residual: Array) -> float:
 
 
 def correlated_frames(observed: Observations, residual: Array) -> float:
-    """Frames that a residual is correlated over: 1 + 2 (sum of its autocorrelations), 1 for white noise."""
+    """Return the correlation length of a residual in frames: 1 + 2 (sum of its autocorrelations), 1 for white noise."""
     return 1.0 + 2.0 * sum(autocorrelations(observed, residual))
 
 
 def autocorrelations(observed: Observations, residual: Array) -> list[float]:
-    """Autocorrelation of a residual at lags of 1, 2, ... frames, over all its channels, while it is significant."""
+    """Return the autocorrelation of a residual (N,) at lags of 1, 2, ... frames, while it is significant."""
     r = np.zeros(observed.seen.shape)
     r[observed.seen] = residual
     return falling_correlations(r.reshape(r.shape[0], -1), 2.0 / np.sqrt(residual.size))
 
 
 def falling_correlations(r: Array, least: float) -> list[float]:
-    """Autocorrelation of channels (T, C) of mean zero at lags of 1, 2, ... frames, until it falls below `least`."""
+    """Return the autocorrelation of zero-mean channels (T, C) at lags of 1, 2, ... frames, while above `least`."""
     power = float(np.sum(r * r))
     found: list[float] = []
     if power <= 0 or r.shape[0] < 8:

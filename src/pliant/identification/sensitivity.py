@@ -1,8 +1,9 @@
-"""Exact derivatives of a simulated experiment with respect to its parameters, propagated with the steps.
+"""Exact derivatives of a simulated experiment with respect to its parameters, propagated with the time steps.
 
-The constants of body, chambers and places are closed forms of the parameters; their derivatives come from central
-differences, good to ten digits, since they are smooth and cheap. They are carried through valves, chambers and steps as
-dual numbers, several beside one motion, so no difference is taken of two motions and no equation is written twice.
+The constants of body, chambers and observed points are closed forms of the parameters. Their derivatives come from
+central differences, good to ten digits, since these functions are smooth and cheap. They are carried through valves,
+chambers and time steps as dual numbers, several at a time. No difference of two motions is taken, and no equation is
+written twice.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-SHARE = 1e-5  # step of the differences of the inputs, in sizes of the parameter
+SHARE = 1e-5  # step of the finite differences of the inputs, over the size of the parameter
 EDGES = ("start", "stop")
-MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters by which more of a drive may change than its torques
+MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters that may change the time steps too
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
 
 class Slope(NamedTuple):
-    """Derivative of `Numbers`: of all but those that stand apart in one row, and of these; 0 where they stay.
+    """Derivative of `Numbers` with respect to one parameter: one vector for all but the `APART` entries, and these.
 
-    A torque of None is left to what `h` and `chambers` say of it.
+    An entry of 0 means no change. A torque of None is computed later from the derivatives of `h` and `chambers`.
     """
 
     row: Any
@@ -51,14 +52,14 @@ class Slope(NamedTuple):
 def sensitivities(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
 ) -> tuple[Array, Array]:
-    """Observed rows (T, S, 3) of an experiment and their derivatives (P, T, S, 3), one for each name in `sizes`.
+    """Return the observed rows (T, S, 3) of an experiment and their derivatives (P, T, S, 3) by parameters.
 
     Parameters
     ----------
     values : mapping
         All parameters by name, SI.
     sizes : mapping
-        Those to differentiate by, with their typical sizes, SI.
+        Names of the parameters by which to differentiate, with their typical sizes, SI.
 
     Returns
     -------
@@ -70,10 +71,10 @@ def sensitivities(
     SimulationError
         When the parameters cannot be simulated.
     FitError
-        When a derivative exists on neither side of a value.
+        When no derivative exists on either side of a value.
     """
     here = set_up(model, exp, values, step)
-    stations = len(exp.stations)  # points on the axes of links stand behind them
+    stations = len(exp.stations)  # axis points of links follow them
     rows, slopes = moved(here, here.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
     return rows[:, :stations], slopes[:, :, :stations]
 
@@ -82,7 +83,7 @@ def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """The derivatives of `sensitivities` alone, with those of points on the axes of oriented links behind them."""
+    """Return the derivatives (P, T, S + 2 m, 3) of `sensitivities`, with those of the m oriented links' axis points."""
     plans = Plans() if plans is None else plans
     rows = exp.time.size
     here = set_up(model, exp, values, step, plans)
@@ -120,7 +121,7 @@ def slopes_of(
 
 
 def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[Any, ...]:
-    """Return the cache key of recordings with equal derivatives, torques excluded; () for one alone."""
+    """Return the cache key of recordings with equal derivatives, torques excluded; () if none can be shared."""
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not here.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
@@ -129,7 +130,7 @@ def shares(exp: Experiment, values: Mapping[str, float], here: SetUp) -> tuple[A
 
 
 def with_torques(made: SetUp, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
-    """The numbered slopes, with those of the torques that are left to the steps and the chambers."""
+    """Return the numbered slopes with the missing derivatives of the torques, from those of steps and chambers."""
     done = {k: s if s.torque is not None else s._replace(torque=0.0, chambers=0.0) for k, s in slopes}
     left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
     if not (left and made.drive and made.drive.layout):
@@ -146,19 +147,19 @@ def with_torques(made: SetUp, slopes: Sequence[tuple[int, Slope]]) -> list[tuple
 
 
 def edge_slope(made: SetUp, exp: Experiment, values: Mapping[str, float], name: str) -> Slope | None:
-    """Derivative by a moment at which a nominal pressure jumps; None of other parameters, or on the edge of a step."""
+    """Return the derivative by an edge time of a nominal pressure; None for other parameters or at a step edge."""
     kind, laid = name.removeprefix(f"{exp.name}."), made.drive.layout if made.drive else None
     if laid is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
     moved = exp.pressure is not None or made.model.actuation.count > 1 or exp.forces  # more than these steps
-    if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # one edge may push the other
+    if moved or (laid.jumps[0].size > 1 and np.ptp(laid.jumps[0]) < 2.0 * SHORTEST):  # edges this close interact
         return None
     h = laid.jump_slope(0, EDGES.index(kind))
     return None if h is None else Slope(np.zeros(in_one_row(made.numbers).size), h, None, 0.0, 0.0)
 
 
 def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
-    """Derivatives (P, T, S, 3) of the observed rows from those of the numbers of a set-up, some beside each motion."""
+    """Return the derivatives (P, T, S, 3) of the observed rows, given those of the forward problem's inputs."""
     if made.poses:
         return pose_slopes(made, [tilted_by(made, slope) for slope in slopes])
     from pliant.compiler.duals import WIDTH  # loads the compiler
@@ -168,7 +169,7 @@ def carried(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
 
 
 def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
-    """As `carried`, of no more than one motion carries."""
+    """Return the result of `carried` for as many slopes as one run of the compiled loop can hold."""
     from pliant.compiler.duals import duals
 
     numbers = made.numbers
@@ -178,14 +179,14 @@ def carried_together(made: SetUp, slopes: Sequence[Slope], rows: int) -> Array:
 
 
 def tilted_by(made: SetUp, slope: Slope) -> Numbers:
-    """The numbers of poses with `TINY` times their slope as imaginary parts."""
+    """Return the inputs of settled poses as complex numbers with `TINY` times their derivative as imaginary parts."""
     numbers = made.numbers
     row = in_one_row(numbers) + 1j * TINY * slope.row
     return from_one_row(row, numbers)._replace(torque=numbers.torque + 1j * TINY * slope.torque)
 
 
 def beside(value: Array, rates: Sequence[Any]) -> Array:
-    """A dual array of a value (...) and of rates (...), any of which may be 0."""
+    """Return a dual array with the given value (...) and derivatives (...), any of which may be the number 0."""
     from pliant.compiler.duals import WIDTH, duals  # loads the compiler
 
     made = duals(value)
@@ -198,9 +199,10 @@ def beside(value: Array, rates: Sequence[Any]) -> Array:
 def input_slopes(
     at: Callable[[float, Drive | None], SetUp], here: SetUp, value: float, size: float, drive: Drive | None,
 ) -> tuple[SetUp, Slope]:
-    """A set-up and the derivative of its numbers: at `value`, or where the steps change there, close beside it.
+    """Return a forward problem and the finite-difference derivative of its numbers, by one parameter at `value`.
 
-    Where a `drive` is given and has numbers to both sides, its torques are left to those of the chambers.
+    The derivative is taken close beside `value` if the time steps change exactly there. With a `drive`, the derivative
+    of the torques is left to that of the chambers where possible.
     """
     if drive and (made := tried(at, value, size, STENCILS[0], drive)):
         return here, combined(made, STENCILS[0], size)._replace(torque=None)
@@ -208,7 +210,7 @@ def input_slopes(
         made = tried(at, value, size, stencil)
         if made and all(same_steps(here, m) for m in made):
             return here, combined(made, stencil, size)._replace(chambers=0.0)
-    for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge exactly on a frame: look beside it
+    for side, stencil in zip((1.0, -1.0), STENCILS[1:], strict=True):  # an edge on a frame: differentiate beside it
         made = tried(at, value + side * size, size, stencil)
         if made and all(same_steps(made[0], m) for m in made):
             return made[0], combined(made, stencil, size)._replace(chambers=0.0)
@@ -218,7 +220,7 @@ def input_slopes(
 def tried(
     at: Callable[[float, Drive | None], SetUp], value: float, size: float, stencil: Any, drive: Drive | None = None,
 ) -> list[SetUp] | None:
-    """The set-ups of a stencil; None where one of them is not possible."""
+    """Return the forward problems at the points of a finite-difference stencil; None if one cannot be set up."""
     try:
         return [at(value + offset * size, drive) for offset, _ in stencil]
     except PliantError:
@@ -226,12 +228,12 @@ def tried(
 
 
 def same_steps(a: SetUp, b: SetUp) -> bool:
-    """Whether two set-ups take the same steps and show the same rows."""
+    """Return whether two forward problems have the same time steps and output rows."""
     return a.still == b.still and np.array_equal(a.keep, b.keep)
 
 
 def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
-    """The weighted sum of the numbers of some set-ups, over `size`."""
+    """Return the finite difference of the inputs of some forward problems, with the weights of a stencil."""
     weights = [weight / size for _, weight in stencil]
 
     def mix(*entries: Array) -> Any:
@@ -244,15 +246,15 @@ def combined(made: list[SetUp], stencil: Any, size: float) -> Slope:
 
 
 def rest_stiffness(made: SetUp) -> Array:
-    """Slope (N, N) by the coordinates of what pulls at them at rest, negative definite."""
+    """Return the derivative (N, N) of the generalised forces at equilibrium by the coordinates, negative definite."""
     numbers = made.numbers
     return at_rest_of(made, numbers).static_slope(numbers.phi, numbers.load_before, numbers.torque_before)
 
 
 def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:
-    """The slope of numbers whose rest was held constant, with that of the rest and of all that follows from it.
+    """Return the slope with the derivative of the equilibrium added, and of everything that follows from it.
 
-    `stiffness` is the `rest_stiffness` of the set-up.
+    `slope` was taken at constant equilibrium; `stiffness` is the `rest_stiffness` of the forward problem.
     """
     turned = equilibrium_slope(made, slope, stiffness)
     tilted = from_one_row(in_one_row(made.numbers) + 1j * TINY * slope.row, made.numbers)
@@ -262,9 +264,9 @@ def at_rest(made: SetUp, slope: Slope, stiffness: Array) -> Slope:
 
 
 def equilibrium_slope(made: SetUp, slope: Slope, stiffness: Array) -> Array:
-    """Derivative (N,) of the coordinates at rest: those at which what pulls stays zero.
+    """Return the derivative (N,) of the equilibrium coordinates, by the implicit function theorem.
 
-    `slope` is that of the numbers of a set-up, `stiffness` its `rest_stiffness`.
+    `slope` is the derivative of the numbers of the forward problem, `stiffness` its `rest_stiffness`.
     """
     tilted = from_one_row(in_one_row(made.numbers) + 1j * TINY * slope.row, made.numbers)
     chain, x = at_rest_of(made, tilted), made.numbers.phi
@@ -273,5 +275,5 @@ def equilibrium_slope(made: SetUp, slope: Slope, stiffness: Array) -> Array:
 
 
 def at_rest_of(made: SetUp, numbers: Numbers) -> Mechanics:
-    """The chain of a set-up with the constants of `numbers`, which may be complex."""
+    """Return the mechanics of a forward problem with the constants of `numbers`, which may be complex."""
     return mechanics_of(made.model).with_constants(numbers.body, numbers.joints)

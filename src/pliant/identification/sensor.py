@@ -1,4 +1,4 @@
-"""The sensor's response to a motion: a first-order lag, integrated between the frames as well."""
+"""First-order lag of the position sensors, integrated on a grid finer than the frames."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-LAG_STEP = 5e-3  # s, longest between two rows that a lag is taken over; straight lines between them
+LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
 LEAST_LAG = 1e-9  # s: a shorter one is none
 
 
 def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
-    """Time constant (S,) of each station's sensor, s, from parameters by name; empty where none has one."""
+    """Return the time constant (S,) [s] of each station's sensor from parameters by name; empty if none is given."""
     if not any(name.rpartition(".")[2] == "sensor_lag" for name in own):
         return np.zeros(0)
     return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
 
 
 def between_frames(times: Array) -> tuple[Array, Array]:
-    """Frames' times (T,) with equal steps put between them, none longer than `LAG_STEP`, and where the frames stand."""
+    """Return times that refine `times` (T,) to steps of at most 5 ms, and the indices of `times` in them."""
     parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
     frames = np.append(0, np.cumsum(parts))
     return np.interp(np.arange(frames[-1] + 1), frames, times), frames
 
 
 def behind_sensors(rows: Array, between: tuple[Array, Array], lags: Array) -> Array:
-    """The frames (T, S, 3) of rows (R, S, 3) that `between_frames` laid, behind sensors with `lags` (S,), s."""
+    """Return frames (T, S, 3) of rows (R, S, 3) at the times of `between_frames`, after sensor lags (S,) [s]."""
     times, frames = between
     return np.asarray((lagged(rows, times, lags) if lags.size else rows)[frames])
 
 
 def lagged(rows: Array, times: Array, lags: Array) -> Array:
-    """Rows (R, S, 3) behind sensors of first order with time constants `lags` (S,), settled at the first row.
+    """Return rows (R, S, 3) after first-order sensors with time constants `lags` (S,) [s], settled at the first row.
 
-    tau y' = u - y, solved exactly for motions that are straight between two rows; numbers may be complex.
+    tau y' = u - y is solved exactly for motions that are linear between two rows. The rows may be complex.
     """
     from scipy.linalg import solve_banded
 

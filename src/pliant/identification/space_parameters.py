@@ -1,4 +1,4 @@
-"""The parameters of a chain in space: ratios of its stiffnesses, tilt of its base, rest turns of its joints."""
+"""Parameters of a chain in space: ratios of its stiffnesses, tilt of its base, rest rotations of its joints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RATIOS = ("stiffness_ratio", "twist_ratio")
 
 
 def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
-    """Return the space of a model with `values` put in; the same object where nothing changes."""
+    """Return the model's space data with `values` put in; the same object if `values` change none of them."""
     space = model.space
     changes: dict[str, Any] = {name: values[name] for name in RATIOS if name in values}
     for name, value in values.items():
@@ -39,12 +39,13 @@ def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
     if not changes:
         return space
     if space is None:
-        raise InputError(f"the parameter {min(changes)} belongs to a chain in space: give the model its space")
+        raise InputError(f"the parameter {min(changes)} needs a chain in space, and this model is planar: "
+                         "give the model its space")  # fmt: skip
     return replace(space, **changes)
 
 
 def space_start(model: Model) -> dict[str, float]:
-    """Return the parameters of a model in space as it has them."""
+    """Return the start values of the parameters of a chain in space, read off the model; {} for a planar model."""
     space = model.space
     if space is None:
         return {}
@@ -55,7 +56,7 @@ def space_start(model: Model) -> dict[str, float]:
 
 
 def check_space_names(names: Iterable[str], model: Model) -> None:
-    """Refuse parameters of a chain in space for one in a plane and the other way round, twist of a chain without."""
+    """Raise InputError for spatial parameters of a planar chain, planar ones in space, or twist of a chain without."""
     planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share")
     spatial = re.compile(f"{'|'.join(ROWS)}|base_z|gain_[xy]|cross_gain_.*|.+\\.aside")
     for name in names:
@@ -64,9 +65,9 @@ def check_space_names(names: Iterable[str], model: Model) -> None:
         if model.space is not None:
             wrong, owner, other = (planar, "in a plane", "in space")
         if any(map(wrong.fullmatch, own)):
-            raise InputError(f"parameter {name} belongs to a chain {owner}, and the model {model.name!r} is {other}")
+            raise InputError(f"parameter {name} needs a chain {owner}, but the model {model.name!r} is {other}")
         if "twist_ratio" in own and model.space is not None and not model.space.twist_ratio:
-            raise InputError("parameter twist_ratio: the chain does not twist; give its space a twist_ratio first")
+            raise InputError("parameter twist_ratio: this chain cannot twist; give the model a twist_ratio first")
         for own_name in own:
             if (found := re.fullmatch(TURN, own_name)) and not 1 <= int(found[2]) <= model.n:
                 raise InputError(f"parameter {name}: the model has joints 1 to {model.n}")

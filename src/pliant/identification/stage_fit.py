@@ -1,4 +1,4 @@
-"""One stage of a model selection: its choices, its starts, its fit, and what the recordings say of it."""
+"""Fit of one stage of a model selection: alternatives, starts, fit, and which parameters are determined."""
 
 from __future__ import annotations
 
@@ -29,41 +29,41 @@ from pliant.simulation import modes
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 16  # of the first mode: twice what a simulation asks for
-TRIAL = 12  # evaluations of a fit that only tells which start is worth a whole one
+TRIAL = 12  # evaluations of a short fit that selects the best start
 
 
 @dataclass(frozen=True)
 class Step:
-    """One stage after its fit.
+    """Result of one stage of a model selection.
 
     Attributes
     ----------
     result : FitResult or None
-        None where the recordings cannot tell what the stage frees; `reason` then says why.
+        The fit; None if the stage could not be fitted, for the `reason` given.
     freed : tuple of str
         Names of all free parameters.
     train, held_out : dict
-        Euclidean error of each record, in % of its travel.
+        RMS error of each recording, in % of its peak displacement.
     seconds : float
-        Of all its fits.
+        Wall time of all fits of the stage, s.
     step_ns : float
-        Of one step of a simulation.
+        Wall time of one simulation step, ns.
     stands_on : str
-        Name of the stage that it frees more than; empty for the lowest.
+        Name of the stage to whose free parameters this one adds; empty for the lowest.
     missed : dict
-        Squared error (T,) of each frame of the held-out records, (% of travel)^2.
+        Squared error (T,) of each frame of the held-out recordings, (% of peak displacement)^2.
     follows : Follows or None
-        How the training records are followed, for `bic`.
+        Quality of the fit on the training recordings, for `bic`.
     bic : float or None
-        Bayesian information criterion, to be compared within one selection; see `model_selection.shared_bic`.
+        Bayesian information criterion, comparable within one selection; see `model_selection.shared_bic`.
     reason : str
-        Why it could not be fitted, or is not the chosen one.
+        Why the stage could not be fitted, or was not chosen.
     open : str
-        Which parameters the recordings do not determine; empty where they determine all.
+        Parameters that the recordings do not determine, as text; empty if they determine all.
     given : tuple of str
-        Parameters that stay as the given model has them, since the recordings do not determine them on this stage.
+        Parameters that keep the given model's values, since the recordings do not determine them on this stage.
     not_computed : tuple of NotComputed
-        Held-out records that this stage cannot predict; `held_out` and `missed` lack them.
+        Held-out recordings that this stage cannot predict; `held_out` and `missed` lack them.
     """
 
     stage: Stage
@@ -84,22 +84,22 @@ class Step:
 
     @property
     def error(self) -> float:
-        """Mean error of the held-out records, or of the training ones where none is held out, % of travel."""
+        """Return the mean RMS error [% of peak displacement] of the held-out recordings, or else the training ones."""
         return float(np.mean(list((self.held_out or self.train or {"": float("inf")}).values())))
 
 
 @dataclass(frozen=True)
 class StageFitter:
-    """Data and settings on which every stage is fitted and judged."""
+    """Data and settings with which every stage of a model selection is fitted and judged."""
 
     train: Sequence[Experiment]
     held_out: Sequence[Experiment]
     model: Model
     options: FitOptions
-    common: Sequence[str] = ()  # names of what every stage frees
+    common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """Fit a stage that builds on `below`, whose free parameters are `free`; return it and its own free ones."""
+        """Fit a stage that adds to the parameters `free` of the step `below`; return its step and free parameters."""
         began = clock.perf_counter()
         reason, found = "", []
         for choice in stage.frees or ((),):
@@ -120,10 +120,10 @@ class StageFitter:
     def prune(
         self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
     ) -> tuple[Step, dict[str, Entry]]:
-        """The fit of what is `taken`, where the recordings determine it; else of less.
+        """Fit the parameters `taken`; hold at the given model's values those that the recordings do not determine.
 
-        What they leave open and the given model has a value for stays as given, the worst first, while something of the
-        stage's `choice` is left. Where that does not help, the stage is what it was with all of it, and open.
+        Parameters are held one after another, the least certain first, while one of the stage's `choice` remains free.
+        If some are still not determined then, the fit of all parameters is returned, with these listed in `open`.
         """
         ended, before = ends(below.result), tuple(n for n in below.given if n not in {*taken, *stage.drops})
         first = result, left = self.fit_once(stage, taken, below, ended)
@@ -145,23 +145,24 @@ class StageFitter:
     def fit_once(
         self, stage: Stage, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
     ) -> tuple[FitResult, dict[str, str]]:
-        """The fit of what is `taken`, and what of it the recordings do not determine."""
+        """Fit the parameters `taken`; return the fit and the parameters that the recordings do not determine."""
         result = self.multistart(list(taken.values()), stage, ended)
         added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
         return result, undetermined(result, added)
 
     def has_given(self, p: Parameter) -> bool:
-        """Whether the given model has a value for a positive number of a stage: not for what memory or joints add.
+        """Return whether the given model has a value for a positive parameter, so that it need not be fitted.
 
-        Coefficients of a law are left to the choices of a stage.
+        It does not for the parameters of hysteresis or single joints. Coefficients of a torque law are left to the
+        alternatives of a stage.
         """
         return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
     def multistart(self, entries: Sequence[Entry], stage: Stage, ended: dict[str, Parameter]) -> FitResult:
-        """The fit of some parameters from the best of several starts, each of which a short fit tries.
+        """Fit some parameters from the best of several starts, selected by short fits.
 
-        A start is where the stage below ended, or afresh: what this stage adds, others may have taken up below. Of
-        both, each value of the stage's scan is tried.
+        The starts are the end of the stage below and fresh estimates, since parameters of the stage below may have
+        compensated for those that this stage adds. Both are tried with each value of the stage's scan.
         """
         starts = [[self.bounded(started(e, way)) for e in entries] for way in ([ended, {}] if ended else [{}])]
         rows = [(name, row) for name, row in stage.scan if any(p.free and p.name == name for p in starts[0])]
@@ -182,14 +183,14 @@ class StageFitter:
         return self.fitted([self.bounded(started(p, start)) for p in listed])
 
     def bounded(self, p: Parameter) -> Parameter:
-        """The parameter; a stiffness bounded to what can be simulated."""
+        """Return the parameter; a stiffness is bounded to what the integration step can follow."""
         if not p.name.startswith("stiffness"):
             return p
         most = min(p.upper, simulable(self.model, self.options["step"]))
         return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))
 
     def fitted(self, listed: list[Parameter], most: int = 200) -> FitResult:
-        """The fit, of at most so many evaluations; where nothing at all is free, the model as it is."""
+        """Fit the parameters with at most `most` evaluations; without free ones, return the given model."""
         if any(p.free for p in listed) or any(e.own_parameters for e in self.train):
             return fit(self.train, self.model, listed, **self.options, max_evaluations=most)
         model, filled = prepare(self.train, self.model, listed)
@@ -202,7 +203,7 @@ class StageFitter:
                          turns=self.train[0].without_positions)  # fmt: skip
 
     def judged(self, stage: Stage, result: FitResult) -> Step:
-        """Errors and cost of a fitted stage."""
+        """Return the step of a fitted stage: its errors on all recordings and its cost."""
         step = self.options["step"]
         failures, unseen = Failures(f"of stage {stage.title}"), {}
         for e in self.held_out:
@@ -219,7 +220,7 @@ class StageFitter:
 
 
 def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
-    """Time of one step of a simulation of an experiment, observing included, ns: the best of five."""
+    """Return the wall time of one simulation step of an experiment, observation included, ns: the best of five runs."""
     made = set_up(result.model, exp, result.values, step)
     best = float("inf")
     for _ in range(5):
@@ -230,19 +231,19 @@ def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
 
 
 def doubt(p: Parameter) -> float:
-    """Standard error of a parameter in shares of its value; without end where it lies at a bound or does not show."""
+    """Return the relative standard error of a parameter; infinity if it lies at a bound or is not determined."""
     return float("inf") if p.std is None or not p.value or touches_bound(p) else p.std / abs(p.value)
 
 
 def entry_name(entry: Entry) -> str:
-    """Name of a parameter, or of one given by its name alone."""
+    """Return the name of an entry, which is a parameter or a name alone."""
     return entry if isinstance(entry, str) else entry.name
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """A parameter that starts where it `ended` on a lower stage; each joint's or chamber's where that of all did.
+    """Return a parameter that starts where it, or the shared one of its kind, `ended` on a lower stage.
 
-    What ended on a bound starts afresh. The size stays that of the first start.
+    A parameter that ended at a bound starts afresh. Its scale stays that of the first start.
     """
     p = Parameter(entry) if isinstance(entry, str) else entry
     found = next((ended[n] for n in (p.name, p.name.removesuffix("_*"), p.name.rpartition(".")[2]) if n in ended), None)
@@ -252,14 +253,14 @@ def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
 
 
 def simulable(model: Model, step: float) -> float:
-    """The stiffness of a joint, N m/rad, above which the steps could not follow the first mode of the chain.
+    """Return the joint stiffness [N m/rad] above which the integration step could not follow the chain's first mode.
 
-    Where nothing rings, a fit may drive stiffness, damping and torque up together without end.
+    Without a ringing motion, a fit could increase stiffness, damping and torque together without limit.
     """
     frequency = float(modes(model)[0][0])
     return float(model.stiffness.mean()) * (1 / (STEPS_PER_PERIOD * step * frequency)) ** 2
 
 
 def ends(result: FitResult | None) -> dict[str, Parameter]:
-    """Return the end value of each parameter of a fit."""
+    """Return the parameters of a fit by name, with their end values; {} without a fit."""
     return {p.name: p for p in result.parameters} if result else {}

@@ -1,4 +1,4 @@
-"""The stages of a model selection: what each frees beyond the one that it stands on."""
+"""The stages of a model selection: the parameters that each frees in addition to those of the stage below."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] t
 
 
 class Stage(NamedTuple):
-    """The parameters that a stage frees in addition to those of its parent.
+    """A stage of a model selection: the parameters that it frees in addition to those of the stage on which it builds.
 
-    `frees` lists choices: of those that the recordings can tell, the one of the lowest BIC is taken. `drops` names
-    parameters of lower stages that this one replaces. Times and thresholds in `scan` are tried from values far apart,
-    since a fit finds what is near its start. A name that begins with ``*.`` means one for each chamber.
+    `frees` lists alternatives: among those that the recordings determine, the one of the lowest BIC is taken. `drops`
+    names parameters of lower stages that this one replaces. `scan` gives start values, far apart, that are tried one
+    after another. A name that begins with ``*.`` means one parameter for each chamber.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Stage(NamedTuple):
 
 
 def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
-    """The parameters of all chambers that an entry ``*.name`` means, plain ones where there is one; others alone."""
+    """Return the entries for all chambers that ``*.name`` stands for, or just ``name`` for a single chamber."""
     name = entry if isinstance(entry, str) else entry.name
     if not name.startswith("*."):
         return (entry,)
@@ -38,7 +38,7 @@ def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
 
 
 def of_chambers(stage: Stage, model: Model) -> Stage:
-    """The stage with the parameters of a model's chambers written out."""
+    """Return the stage with each ``*.name`` replaced by the parameters of all chambers of the model."""
 
     def out(name: str) -> list[str]:
         return [n for n in each_chamber(name, model) if isinstance(n, str)]

@@ -1,8 +1,8 @@
-"""Where the fit of a chain in space begins when nobody states its stiffness: several stiffnesses are tried.
+"""Search for the start of a fit of a chain in space without a given stiffness: several stiffnesses are tried.
 
-Few records in space ring down alone, and a stiffness that is ten times off leads a fit into another optimum. Each
-stiffness tried gets the torques that follow the recordings best by least squares, as if the body moved little. A short
-fit from each of the best few then decides. All this sees only the beginning of the records.
+Few recordings in space contain a free decay, and a stiffness that is wrong by a factor of ten leads a fit into another
+optimum. Each stiffness that is tried gets the torques that fit the recordings best by linear least squares. A short fit
+from each of the best few then decides. Only the beginnings of the recordings are used.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from pliant.simulation import modes
 
 Array = np.ndarray
 FACTORS = tuple(4.0**k for k in range(-4, 5))  # on the stiffness of the estimate
-RATIOS = (0.2, 0.05, 0.6)  # damping ratios of the first mode, that of all stiffnesses first
-KEPT = 2  # candidates from which a short fit goes on
+RATIOS = (0.2, 0.05, 0.6)  # damping ratios of the first mode; the first one is tried with every stiffness
+KEPT = 2  # candidates that get a short fit
 TRIAL = 6  # evaluations of a short fit
-DURATION, SHORTEST = 2.0, 0.5  # s of all records together after they begin to move, and of each at least
-MOVING = 0.05  # of the travel
+DURATION, SHORTEST = 2.0, 0.5  # s after the motion begins: of all recordings together, and of each at least
+MOVING = 0.05  # of the peak displacement: beginning of the motion
 LAWS = r"torque_\d"
 GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 
@@ -38,9 +38,9 @@ GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 def searched(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> tuple[Model, list[Parameter]]:
-    """Return the model with its stations and the parameters with values, as `prepare`, from the best of several starts.
+    """Return the model with its stations and the parameters with start values, from the best of several stiffnesses.
 
-    A chain in a plane, and one whose stiffness is stated or not free, begins at the estimate alone.
+    For a planar chain, or one whose stiffness is given or fixed, the estimate of `prepare` is returned.
     """
     listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
     unknown = any(p.value is None and shared_name(p.name) == "stiffness" for p in listed)
@@ -68,10 +68,10 @@ def searched(
 def independent_start(
     problem: Problem, model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> Array | None:
-    """Scaled free parameters at which a fit in space would begin without its stated stiffness, damping and torques.
+    """Return scaled start values (P,) in space, searched for without the given stiffness and torques, or None.
 
-    A second start there shows whether the stated one leads to the best optimum. None in a plane, where no stiffness to
-    be fitted is stated, or where the search fails.
+    A second start there checks that the given one leads to the best optimum. None for a planar chain, if no start value
+    of the stiffness is given, or if the search fails.
     """
     listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
     forgotten = {p.name for p in listed if p.free and p.value is not None and not p.prior_std and is_sought(p.name)}
@@ -87,17 +87,17 @@ def independent_start(
 
 
 def is_sought(name: str) -> bool:
-    """Whether the search finds a start for a parameter."""
+    """Return whether the search determines the start value of the parameter `name`."""
     return shared_name(name) in ("stiffness", "damping") or bool(re.fullmatch(rf"{LAWS}|{GAINS}", last_part(name)))
 
 
 def last_part(name: str) -> str:
-    """The name of a parameter without its recording or chamber."""
+    """Return the name of a parameter without its recording or chamber."""
     return name.rpartition(".")[2]
 
 
 class TrialStart(NamedTuple):
-    """A start that can be simulated."""
+    """A start that can be simulated, with its cost, stiffness, model and parameters."""
 
     cost: float
     stiffness: float
@@ -106,12 +106,12 @@ class TrialStart(NamedTuple):
 
 
 def best_of(candidates: Sequence[TrialStart]) -> list[TrialStart]:
-    """The candidates of the least cost."""
+    """Return the candidates of least cost, at most `KEPT`."""
     return sorted(candidates, key=lambda c: c.cost)[:KEPT]
 
 
 def beginning(exp: Experiment, duration: float) -> Experiment:
-    """The first part of a recorded motion: a `duration` [s] beyond the moment at which it begins; all settled poses."""
+    """Return the experiment cut to `duration` [s] after its motion begins; settled poses are returned unchanged."""
     if exp.excitation != "trace" or exp.poses:
         return exp
     moving = exp.time[int(np.argmax(displacement(exp) > MOVING * exp.travel))]
@@ -125,7 +125,7 @@ def beginning(exp: Experiment, duration: float) -> Experiment:
 
 
 def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: float) -> list[Parameter]:
-    """The parameters with this stiffness, and damping of this ratio of the first mode, where they have no value."""
+    """Return the parameters with this stiffness, and this damping ratio of the first mode, where they lack a value."""
     omega = 2 * np.pi * float(modes(model.with_(stiffness=stiffness, gravity=0 * model.gravity))[0][0])
     own = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}
     return [
@@ -139,10 +139,10 @@ def candidate(
     experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, step: float,
     weighting: str,
 ) -> TrialStart | None:
-    """A start with the torques, or gains, without a start value that fit best where the body moves little.
+    """Return a start at the given stiffness, with the torques or gains that fit best in a linearised motion.
 
-    The motion is linearised about that without these torques; they stay as estimated where that follows the recordings
-    better. None where neither can be simulated.
+    The motion is linearised about zero torque. The estimated torques are kept if they fit better. None if neither can
+    be simulated.
     """
     try:
         placed, filled = prepare(experiments, model, listed)
@@ -166,7 +166,7 @@ def candidate(
 
 
 def cost_at(problem: Problem, x: Array) -> float:
-    """Half the sum of squares at the scaled parameters; infinite where they cannot be simulated."""
+    """Return half the sum of squared residuals at the scaled parameters x (P,); inf if they cannot be simulated."""
     r = problem.residual(x)
     return float("inf") if problem.broken else 0.5 * float(np.sum(r * r))
 
@@ -174,14 +174,14 @@ def cost_at(problem: Problem, x: Array) -> float:
 def short_fit(
     start: TrialStart, step: float, weighting: str, experiments: Sequence[Experiment],
 ) -> tuple[float, dict[str, float]]:
-    """Cost and values of all parameters after a few evaluations of a fit."""
+    """Return the cost and the parameter values after a fit of a few evaluations."""
     problem = Problem(list(experiments), start.model, start.parameters, step, weighting)
     end = solve(problem, problem.start, "linear", TRIAL)
     return float(end.cost), problem.values(end.x)
 
 
 def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
-    """Names of the parameters without a start value that multiply the torque of chambers: their laws, else gains."""
+    """Return the free parameters without start value that scale the torques: coefficients of laws, else gains."""
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
     laws = {name for name in names if re.fullmatch(LAWS, last_part(name))}

@@ -19,13 +19,13 @@ from pliant.identification.stages import STAGES, Entry, Stage, each_chamber, of_
 from pliant.model import Model
 from pliant.options import with_defaults
 
-MATERIAL = 0.05  # of the held-out error: a gain below this buys nothing
+MATERIAL = 0.05  # of the held-out error: a smaller gain does not justify another stage
 SELECTION_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 
 
 @dataclass(frozen=True, repr=False)
 class ModelSelection(Shown):
-    """All stages, the one that the recordings support, and why."""
+    """Result of `select_model`: all stages, the name of the chosen one, and the reason for the choice."""
 
     steps: tuple[Step, ...]
     chosen: str
@@ -33,18 +33,18 @@ class ModelSelection(Shown):
 
     @property
     def step(self) -> Step:
-        """The chosen stage."""
+        """Return the chosen stage."""
         (step,) = (s for s in self.steps if s.stage.name == self.chosen)
         return step
 
     @property
     def result(self) -> FitResult:
-        """The fit of the chosen stage."""
+        """Return the fit of the chosen stage."""
         assert self.step.result is not None  # a stage without a fit is never chosen
         return self.step.result
 
     def card(self) -> Card:
-        """Error, criterion and cost of every stage."""
+        """Return a table of the error, BIC and cost of every stage for display."""
         rows = [[
             s.stage.title + " *" * (s.stage.name == self.chosen), str(len(s.freed)), shown(s.train), shown(s.held_out),
             f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
@@ -54,7 +54,7 @@ class ModelSelection(Shown):
         return Card("Model selection; * chosen", (self.reason, *refused), head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON."""
+        """Return the selection as a dictionary of plain numbers and strings that JSON can hold."""
         return {
             "chosen": self.chosen, "reason": self.reason,
             "stages": {
@@ -73,31 +73,33 @@ def select_model(
     stages: Sequence[Stage] = STAGES, late: bool = True, progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> ModelSelection:
-    """Fit every stage, each from where a lower one ended, and judge it on records that it has not seen.
+    """Fit models of increasing complexity and choose the simplest that is as good as the best on held-out recordings.
 
-    A stage stands on the one below it, unless that one does not pay: has a higher BIC than the stage that it stands on
-    itself, or parameters that the recordings do not determine, whose standard error is more than half of their value.
-    Such a one that the given model has a value for stays as given, where the stage is determined without it. The
-    held-out records have no say in that; they choose at the end, among the stages that are determined.
+    Each stage frees further parameters and starts where a lower stage ended. A stage is passed over, and the next one
+    does not build on it, if its BIC is higher than that of the stage on which it builds, or if the recordings do not
+    determine its parameters (standard error above half of the value). A parameter that is not determined keeps the
+    value of the given model, if it has one and the stage is determined without that parameter. The held-out recordings
+    are not used in this; they choose at the end, among the determined stages.
 
     Parameters
     ----------
     train, held_out : sequences of Experiment
+        Training recordings, and recordings that no stage is fitted to.
     model : Model
-        As given: the lowest stage moves nothing of it but `common`. Where it has no torque law, torque_1 (of each
+        The given model: the lowest stage fits nothing of it but `common`. If it has no torque law, torque_1 (of each
         chamber) is free on every stage.
     common : sequence of Parameter or str
-        What every stage frees, such as the place of a marker.
+        Parameters that are free on every stage, such as the position of a marker.
     stages : sequence of Stage
     late : bool
-        Whether a stage that puts finer numbers in the place of others, as `joints` does, is tried once more at the end,
-        as ``NAME_late``, where it was passed over and others have been taken after it.
+        Whether a stage that replaces parameters by finer ones, as `joints` does, is tried again at the end, as
+        ``NAME_late``, if it was passed over and later stages were accepted.
     step : float, s
-        Longest step of the integration; default: 2e-3.
+        Longest integration step; default: 2e-3.
     weighting, loss, starts, rng
-        As in `fit`, of each stage; of `starts` the default is 1.
+        As in `fit`, for each stage; the default of `starts` is 1.
     progress : callable, optional
-        Called with one line for each stage.
+        Called with one line of text for each stage.
 
     Returns
     -------
@@ -114,7 +116,7 @@ def select_model(
     """
     how = with_defaults(select_model, options, SELECTION_OPTIONS)
     if not stages or len({r.name for r in stages}) < len(stages):
-        raise InputError("a model selection needs stages whose names differ")
+        raise InputError("a model selection needs at least one stage, and stages whose names differ")
     free = {entry_name(e): e for e in common}
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
@@ -128,9 +130,9 @@ def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
 ) -> list[Step]:
-    """All stages, fitted; then, if `late`, once more those passed over that refine others.
+    """Fit all stages in order; if `late`, fit again at the end those passed over that refine other parameters.
 
-    Not those that add something of their own: a law of springs tried so late earned it on training records alone.
+    Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """
     below, steps, replaced = Step(Stage("", "")), list[Step](), set[str]()
 
@@ -156,7 +158,7 @@ def fit_stages(
 
 
 def pays(step: Step, below: Step) -> bool:
-    """Whether a stage has a lower BIC than the one that it stands on."""
+    """Return whether a stage has a lower BIC than the stage on which it builds."""
     if below.follows is None or step.follows is None:
         return True
     mine, theirs = shared_bic([step.follows, below.follows])
@@ -164,11 +166,11 @@ def pays(step: Step, below: Step) -> bool:
 
 
 def chosen(steps: Sequence[Step]) -> ModelSelection:
-    """The lowest stage that is as good as the best on held-out records, or of the lowest BIC where there are none.
+    """Choose the lowest stage that is as good as the best on held-out recordings, or of lowest BIC if none is held out.
 
-    As good: its error is above the best by less than `MATERIAL` of it, or by less than one standard error of the
-    difference. Stages with parameters that the recordings do not determine stand back, where there are others, and so
-    do stages that cannot predict a held-out record which another stage predicts.
+    "As good" means that its error exceeds the best by less than 5 % of it (`MATERIAL`), or by less than one standard
+    error of the difference. Stages with undetermined parameters, and stages that cannot predict a held-out recording
+    which another stage predicts, are chosen only if there is no other.
     """
     fitted = [s for s in steps if s.result and s.follows]
     if not fitted:
@@ -179,31 +181,31 @@ def chosen(steps: Sequence[Step]) -> ModelSelection:
     able = most_predicted([s for s in fitted if not s.open] or fitted)
     if not able[0].held_out:
         enough = min(able, key=lambda s: criteria[s.stage.name])
-        why = "no stage can predict a held-out record" if enough.not_computed else "no record is held out"
-        reason = f"{enough.stage.title}: lowest BIC; {why}, so nothing is proved."
+        why = "no stage can predict a held-out recording" if enough.not_computed else "no recording is held out"
+        reason = f"{enough.stage.title}: lowest BIC; {why}, so the choice is not validated."
     else:
         best = min(able, key=lambda s: s.error)
         enough, why = next((s, why) for s in able if (why := as_good(s, best)))
         below = able[: able.index(enough)]
-        said = f"{enough.stage.title}: {enough.error:.3g} % of travel on held-out records"
+        said = f"{enough.stage.title}: error {enough.error:.3g} % of travel on held-out recordings"
         said += f", against {below[-1].error:.3g} % one stage lower" if below else ""
         reason = f"{said}; {why}."
     if enough.not_computed and enough.held_out:
         reason += f" No stage can predict {', '.join(n.record for n in enough.not_computed)}."
     if enough.given:
-        reason += f" The recordings do not determine {' and '.join(enough.given)}: as given."
+        reason += f" The recordings do not determine {' and '.join(enough.given)}: held at the given model's values."
     judged = tuple(replace(s, reason=s.reason or refusal(s, enough)) for s in steps)
     return ModelSelection(judged, enough.stage.name, reason)
 
 
 def most_predicted(steps: Sequence[Step]) -> list[Step]:
-    """The stages that predict the most held-out records, the same ones."""
+    """Return the stages that predict the largest set of held-out recordings."""
     most = max(steps, key=lambda s: len(s.held_out or ()))
     return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
 def refusal(step: Step, chosen: Step) -> str:
-    """Return why a fitted stage was not chosen; empty for the chosen one."""
+    """Return why a fitted stage was not chosen; '' for the chosen one."""
     if step.stage.name == chosen.stage.name or not step.result:
         return ""
     if step.open:
@@ -214,16 +216,16 @@ def refusal(step: Step, chosen: Step) -> str:
         return "its BIC is higher"
     gain, error = lead(chosen.missed, step.missed)
     if gain <= 0:
-        return f"it errs by {-gain:.2g} % of travel more on held-out records"
-    small = (f"within that gain's standard error, {error:.2g} %" if gain <= error
+        return f"its error on held-out recordings is {-gain:.2g} % of travel higher"
+    small = (f"within the standard error of that difference, {error:.2g} %" if gain <= error
              else f"less than {100 * MATERIAL:.0f} % of their error")
-    return f"it gains {gain:.2g} % of travel on held-out records, {small}"
+    return f"its error on held-out recordings is {gain:.2g} % of travel lower, {small}"
 
 
 def as_good(step: Step, best: Step) -> str:
-    """In which sense a stage is as good as the best on held-out records; empty where it is not."""
+    """Return in which sense a stage is as good as the best one on held-out recordings; '' if it is not."""
     if step is best:
-        return "no other stage has less"
+        return "no other stage has a lower error"
     gap, error = lead(step.missed or {}, best.missed or {})
     which = f"the least of any determined stage, {best.error:.3g} % ({best.stage.title}), is lower by less than"
     if gap <= MATERIAL * best.error:
@@ -232,5 +234,5 @@ def as_good(step: Step, best: Step) -> str:
 
 
 def shown(errors: dict[str, float] | None) -> str:
-    """Mean of some records' errors, as text."""
+    """Return the mean of the errors as text with three digits; "-" without errors."""
     return f"{np.mean(list(errors.values())):.3g}" if errors else "-"

@@ -1,4 +1,4 @@
-"""Start values of a fit's torque laws: from the plateaus of the pressure, by statics."""
+"""Start values of the torque laws of a fit, from the static plateaus of the pressure."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from pliant.numerics.peak import peak
 from pliant.simulation import equilibrium
 
 Array = np.ndarray
-MOST_INFLATED = 10.0  # fourth power of the stretch that a start value reckons with: one near the limit says nothing
+MOST_INFLATED = 10.0  # upper limit on the growth of the lever in a start value: near the wall's limit it diverges
 
 
 def torque_starts(
     model: Model, experiments: Sequence[Experiment], wanted: set[str], values: Mapping[str, float],
 ) -> dict[str, float]:
-    """Coefficients of each chamber's law from the records in which it alone is driven, by their names.
+    """Return start values of each chamber's torque law from the recordings in which it alone is driven.
 
-    A chamber of several that is never driven alone begins with a torque that bends a joint by 0.1 rad.
+    In a model of several chambers, one that is never driven alone gets a torque that bends a joint by 0.1 rad.
     """
     found: dict[str, float] = {}
     several, sizes, mine = model.actuation.count > 1, typical_sizes(model, experiments), owners(model)
@@ -53,9 +53,9 @@ def torque_starts(
 def torque_start(
     model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
 ) -> dict[str, float]:
-    """Coefficients of a chamber's law from the plateaus, by least squares weighted to equal relative error.
+    """Return start values of one chamber's torque law from the plateaus, by least squares in relative error.
 
-    Those in `values` stay as they are.
+    Coefficients in `values` are held constant.
     """
     if not wanted or not pushed:
         return {}
@@ -73,14 +73,14 @@ def torque_start(
 
 
 def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, float]:
-    """Return start values of a named law's parameters, from its torques [N m] at rest at pressures [Pa]."""
+    """Return start values of a named law's parameters, from its static torques [N m] at pressures [Pa]."""
     laws = [law for law in torque_laws() if law.own(dict.fromkeys(wanted, 0.0))]
     begun = {f"{law.name}_{p}": v for law in laws for p, v in law.start(pressure, torque).items()}
     return {n: v for n, v in begun.items() if n in wanted}
 
 
 def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
-    """The torque [N m] of a chamber that moves the last station by `target` [m or rad] from rest, statically."""
+    """Return the torque [N m] of a chamber that displaces the last station by `target` [m or rad] at equilibrium."""
     joints, c = mechanics_of(model).joints, [one.name for one in model.chambers].index(chamber.name)
     share = model.actuation.gain[c]
     k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
@@ -104,7 +104,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
 
 def plateau(exp: Experiment) -> tuple[float, float]:
-    """Pressure [Pa] and displacement of the last station [m, rad of angles] while the pressure was farthest from 0."""
+    """Return the extreme pressure [Pa] of a recording, and the last station's displacement [m, or rad] at it."""
     u = displacement(exp)
     if exp.pressure is None:
         stop = edges(exp).get("stop", float(exp.time[-1]))
@@ -118,12 +118,12 @@ def plateau(exp: Experiment) -> tuple[float, float]:
 
 
 def highest_level(experiments: Sequence[Experiment]) -> float:
-    """Size of the plateau of the pressure that is farthest from 0, Pa; 0 without one."""
+    """Return the largest absolute plateau pressure of all recordings, Pa; 0 without one."""
     return max([abs(plateau(exp)[0]) for exp in experiments if exp.excitation != "release"], default=0.0)
 
 
 def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Sizes of parameters whose start is 0: of a torque that bends a joint by 0.1 rad, of damping that lasts 1 ms."""
+    """Return typical sizes of parameters whose start is 0, such as the torque that bends a joint by 0.1 rad."""
     K = float(model.stiffness.mean())
     level = highest_level(experiments)
     torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}

@@ -1,4 +1,4 @@
-"""Uncertainty of fitted parameters: covariances for white and for coloured residuals."""
+"""Covariance of fitted parameters, for white and for correlated residuals."""
 
 from __future__ import annotations
 
@@ -10,42 +10,42 @@ from pliant.identification.problem import Problem
 from pliant.identification.residuals import autocorrelations, correlated_frames
 
 Array = np.ndarray
-HIDDEN = 1e-6  # singular value, of the largest, below which the data do not show a direction
-COLOURED = 1.5  # frames that residuals are correlated over; below, they pass for white
+HIDDEN = 1e-6  # singular value over the largest, below which the data do not determine a direction
+COLOURED = 1.5  # correlation length in frames, below which residuals count as white
 
 
 class Covariance(NamedTuple):
-    """Covariance of the free parameters with what it rests on."""
+    """Covariance of the free parameters of a fit, with the correlation of the residuals on which it rests."""
 
     names: tuple[str, ...]
-    matrix: Array  # (P, P) SI, of the residuals as they are: white, or by frames that lean on each other
+    matrix: Array  # (P, P) SI, with the correlation of the residuals taken into account
     white: Array  # (P, P) SI, as if the residuals were white
-    hidden: Array  # (P,) of bool: the data do not show it
-    correlated: float  # s, over which the residuals are correlated; 0 where they pass for white
-    effective: float  # seen numbers, less what correlation takes from them
+    hidden: Array  # (P,) of bool: whether the data do not determine the parameter
+    correlated: float  # s, correlation time of the residuals; 0 if they count as white
+    effective: float  # effective number of independent observed values
     source: str = "sandwich"  # or block bootstrap
 
     @property
     def std(self) -> list[float | None]:
-        """Standard errors; None for what the data do not show."""
+        """Return the standard errors (SI) of the parameters; None for one that the data do not determine."""
         std = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
         return [None if h else float(v) for h, v in zip(self.hidden, std, strict=True)]
 
     @property
     def correlation(self) -> Array:
-        """Correlation (P, P) of the errors."""
+        """Return the correlation matrix (P, P) of the parameters' errors."""
         std = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         return self.matrix / np.outer(std, std)
 
 
 def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covariance:
-    """Covariance at the optimum x.
+    """Return the covariance of the free parameters at the optimum x (P,), with correlated residuals taken into account.
 
     White residuals: (J'J)^-1 J' S J (J'J)^-1 with S the variance of each experiment's residuals, with `robust` from
     their median absolute value. Coloured ones: J'SJ is replaced by the sum of J_t' R_ts J_s over frames t, s as far
     apart as the residuals are correlated. R_ts is the residuals' autocovariance, or r_t r_s' itself with falling
-    (Bartlett) weights: whichever leaves more uncertain. The first is steadier in short recordings, the second follows
-    residuals that are large where the motion is.
+    (Bartlett) weights, whichever gives the larger uncertainty. The first is steadier in short recordings, the second
+    suits residuals that are large during motion.
 
     Source: Newey and West, Econometrica 55 (1987), 703, the sandwich estimator.
     """
@@ -83,7 +83,7 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
 
 
 def along_channels(observed: Any, J: Array, residual: Array) -> Array:
-    """Sum (P, P) over frames of J_t' R_ts J_s, R the autocovariance, the same for every channel."""
+    """Return the sum (P, P) over frames of J_t' R_ts J_s, with the residuals' autocovariance R pooled over channels."""
     dense = np.zeros((*observed.seen.shape, J.shape[1]))
     dense[observed.rows, observed.station, observed.channel] = J
     total = J.T @ J
@@ -94,7 +94,7 @@ def along_channels(observed: Any, J: Array, residual: Array) -> Array:
 
 
 def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
-    """Sum (P, P) of the scores' products over frames closer than about twice their correlation."""
+    """Return the sum (P, P) of products of the scores of frames up to about twice the correlation length apart."""
     score = np.zeros((observed.seen.shape[0], J.shape[1]))
     np.add.at(score, observed.rows, J * residual[:, None])
     width = int(min(np.ceil(2 * frames), observed.seen.shape[0] // 4))

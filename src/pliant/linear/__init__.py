@@ -1,4 +1,4 @@
-"""Linearised models, continuous and sampled: what control and export share."""
+"""Linearised models, continuous and sampled, for control design and export."""
 
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.linear.sampled import Margins, margins

@@ -1,8 +1,9 @@
-"""The model linearised about a rest under pressure: state space from the commanded pressures to angles and tip.
+"""Linearisation of a model about its equilibrium under pressure, as a state space from commanded pressures to outputs.
 
-State: absolute link angles phi (n,) and the strains (S,) of segments that lengthen, their rates (n + S,), then each
-valve: the pressure, and its rate where the valve is of second order. All are deviations from the rest. Memory enters as
-`pliant.modes` takes it: creep has no time to flow, slip elements stick; what flows later is left to integral action.
+State: absolute link angles phi (n,) and the strains (S,) of extensible segments, their rates (n + S,), then for each
+valve the pressure, and its rate if the valve is of second order. All are deviations from the equilibrium. Hysteresis
+and creep enter as in `pliant.modes`: creep does not flow, slip elements stick. The slow part is left to integral action
+of a controller.
 """
 
 from __future__ import annotations
@@ -23,23 +24,25 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 @dataclass(frozen=True)
 class LinearModel:
-    """dx/dt = A x + B u(t - dead_time), y = C x + D u, about the rest under `pressures`.
+    """A linear state-space model dx/dt = A x + B u(t - dead_time), y = C x + D u, about an equilibrium.
 
     Attributes
     ----------
     A, B, C, D : array (N, N), (N, chambers), (outputs, N), (outputs, chambers)
-        SI: rad, rad/s, Pa, Pa/s; u are the commanded pressures, Pa. D is zero: no output moves at once.
+        System matrices in SI units (rad, rad/s, Pa, Pa/s). u are the commanded pressures, Pa. D is zero: no output
+        responds at once.
     outputs : tuple of str
         Names of the rows of C: tip_x, tip_y [m], angle_sum, q_1 ... q_n [rad], strain_SEGMENT.
     states : tuple of str
+        Names of the states.
     angle : array (n,)
-        Absolute link angles at the rest, rad.
+        Absolute link angles at the equilibrium, rad.
     pressures : array (chambers,)
-        Pa, about which the model is linear.
+        Pressures of the equilibrium, Pa.
     dead_times : array (chambers,)
-        s, of each chamber's valve.
+        Dead time of each chamber's valve, s.
     strain : array (S,)
-        Of the segments that lengthen, at the rest.
+        Strains of the extensible segments at the equilibrium.
     """
 
     A: Array
@@ -54,36 +57,36 @@ class LinearModel:
 
     @property
     def pressure(self) -> float:
-        """Return the pressure of the only chamber, Pa."""
+        """Return the equilibrium pressure of the only chamber, Pa; raise InputError if there are several."""
         return float(self._only(self.pressures))
 
     @property
     def dead_time(self) -> float:
-        """Return the dead time of the only chamber's valve, s."""
+        """Return the dead time of the only chamber's valve, s; raise InputError if there are several."""
         return float(self._only(self.dead_times))
 
     def _only(self, values: Array) -> Any:
         if values.size > 1:
-            raise InputError(f"this takes a linear model of one pressure, and it has {values.size}")
+            raise InputError(f"this needs a linear model of one pressure, got one of {values.size} pressures")
         return values[0]
 
     @property
     def D(self) -> Array:
-        """Feedthrough matrix D of pressures to outputs (outputs, chambers): zero."""
+        """Return the feedthrough matrix D (outputs, chambers) from pressures to outputs, which is zero."""
         return np.zeros((self.C.shape[0], self.B.shape[1]))
 
     @property
     def n(self) -> int:
-        """Number of links; in space of the joints' coordinates."""
+        """Return the number of links; in space, of joint coordinates."""
         return self.angle.size
 
     @property
     def position(self) -> Array:
-        """Angles at the rest, and the strains behind them (n + S,)."""
+        """Return the angles at the equilibrium [rad], followed by the strains (n + S,)."""
         return np.concatenate([self.angle, self.strain])
 
     def row(self, output: str) -> Array:
-        """Row (N,) of C that gives an output.
+        """Return the row (N,) of C for the named output, such as "tip_x".
 
         Raises
         ------
@@ -95,43 +98,43 @@ class LinearModel:
         return self.C[self.outputs.index(output)]
 
     def poles(self) -> Array:
-        """Poles (N,) [1/s], slowest first."""
+        """Return the poles (N,) [1/s], slowest first."""
         values = np.linalg.eigvals(self.A)
         return values[np.argsort(np.abs(values))]
 
     def zeros(self, output: str, chamber: int = 0) -> Array:
-        """Finite transmission zeros [1/s] from a commanded pressure to one output, slowest first."""
+        """Return the finite transmission zeros [1/s] from a commanded pressure to one output, slowest first."""
         return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
     def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
-        """Frequency response y/u at the angular frequencies `omega` (W,) [rad/s], dead time included."""
+        """Return the frequency response y/u (W,) at angular frequencies `omega` (W,) [rad/s], dead time included."""
         late = np.exp(-1j * omega * self.dead_times[chamber])
         return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
 
     def static_gain(self, output: str, chamber: int = 0) -> float:
-        """Change of the output at rest for one pascal more."""
+        """Return the static gain from a commanded pressure to an output, in units of the output per Pa."""
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
 
 
 def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
-    """Linear model about the rest of `model` under constant pressures, its valves included.
+    """Linearise a model about its equilibrium under constant pressures, valves included.
 
     Parameters
     ----------
     model : Model
-        A valve with different time constants for rise and fall is taken at their mean.
-    pressure : float, array (C,) of several chambers
-        Gauge pressure of the rest, Pa.
+        For a valve with different time constants for rise and fall, their mean is used.
+    pressure : float, array (C,) for several chambers
+        Gauge pressure of the equilibrium, Pa.
 
     Returns
     -------
     LinearModel
-        States of several valves are called ``pressure_chamber``.
+        The states of several valves are called ``pressure_CHAMBER``.
 
     Raises
     ------
     InputError, SimulationError
-        When the pressure is not finite, or the model finds no rest there.
+        When the pressure is not finite, or the model has no equilibrium there.
 
     Examples
     --------
@@ -167,9 +170,10 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 
 
 def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Array]:
-    """Derivatives of the accelerations at rest: by coordinates, by rates (N, N), by the law of each input (C, N).
+    """Return the derivatives of the accelerations at equilibrium, by coordinates, by rates and by input torques.
 
-    At rest the inertia and what goes with the square of the rates have no part in them.
+    Their shapes are (N, N), (N, N) and (C, N). `x` (N,) are the coordinates, `torque` the actuation torques [N m]. At
+    equilibrium, derivatives of the inertia and terms quadratic in the rates vanish.
     """
     chain = mechanics_of(model)
     M, R = chain.inertia(x), chain.to_joints
@@ -182,10 +186,10 @@ def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Ar
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
-    """State space with the valve's states appended: the drive is then the commanded pressure."""
+    """Append the states of a valve to a state space, so that its input is the commanded pressure."""
     if valve.opening_time:
         raise InputError(
-            "flow through an opening ends in a finite time and has no linear model: set opening_time to 0 and give the "
+            "flow through a valve opening (opening_time) cannot be linearised: set opening_time to 0 and give the "
             "valve a rise_time"
         )
     lag = 0.5 * (valve.rise_time + valve.fall_time)
@@ -206,7 +210,7 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
 
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
-    """Rows of C and their names: the last tip, in a plane the sum of the joint angles, each joint coordinate."""
+    """Return C (outputs, N) and its row names: tip position, sum of the joint angles (planar), joint coordinates."""
     n, N, chain = model.n, model.size, mechanics_of(model)
     if chain.dimension == 3:
         C = np.zeros((3 + N, states))
@@ -221,8 +225,8 @@ def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, 
 
 
 def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
-    """Finite zeros [1/s] of c (s - A)^{-1} B: finite generalised eigenvalues of the system's pencil, balanced first."""
-    from scipy.linalg import eig, matrix_balance
+    """Return the finite zeros [1/s] of c (s - A)^{-1} B, slowest first."""
+    from scipy.linalg import eig, matrix_balance  # generalised eigenvalues of the balanced system pencil
 
     balanced, (scale, order) = matrix_balance(A, permute=False, separate=True)
     del order
@@ -244,13 +248,13 @@ def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
 
 
 def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
-    """C (i omega - A)^{-1} B at the angular frequencies `omega` (W,), rad/s."""
+    """Return c (i omega - A)^{-1} B (W,) at the angular frequencies `omega` (W,), rad/s."""
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
     eye = np.eye(A.shape[0])
     return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])
 
 
 def frequency_and_damping(root: complex) -> tuple[float, float]:
-    """Frequency [Hz] and damping ratio of a pole or zero [1/s]; negative damping lies in the right half-plane."""
+    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s]; negative in the right half-plane."""
     size = abs(root)
     return size / (2 * np.pi), float(-np.real(root) / size) if size else 1.0

@@ -1,4 +1,4 @@
-"""Sampled control: the linear model behind its dead time and a hold, and the stability margins of a loop around it."""
+"""Sampled-data form of a linear model with dead time and zero-order hold, and stability margins of a feedback loop."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ KILO = 1e3  # pressures enter a Riccati equation in kPa, so that its numbers are
 
 
 class Sampled(NamedTuple):
-    """x[k+1] = A x[k] + B u[k], the commands still on their way appended to the state.
+    """A discrete-time model x[k+1] = A x[k] + B u[k], whose state includes the commands delayed by dead time.
 
-    They stand one chamber after the other, the youngest command of each first; D is the sum of `waiting`.
+    The delayed commands follow the N states, chamber by chamber, the most recent first; D is the sum of `waiting`.
     """
 
     A: Array  # (N + D, N + D)
     B: Array  # (N + D, C)
-    waiting: tuple[int, ...]  # (C,) commands on their way to each chamber
+    waiting: tuple[int, ...]  # (C,) number of delayed commands of each chamber
 
 
 class Margins(NamedTuple):
-    """Distance of a loop from instability, cut open at the commanded pressure."""
+    """Stability margins of a feedback loop, opened at the commanded pressure."""
 
-    gain_db: float  # dB, smallest factor upwards that makes it unstable
+    gain_db: float  # dB, smallest factor above 1 that makes the loop unstable
     phase_deg: float  # degrees
-    delay: float  # s, more dead time that it bears
-    modulus: float  # smallest distance of the loop's curve from -1
+    delay: float  # s, additional dead time that makes the loop unstable
+    modulus: float  # smallest distance of the Nyquist curve from -1
     crossover: float  # Hz, the highest frequency of gain 1
 
     def __str__(self) -> str:
@@ -43,7 +43,7 @@ class Margins(NamedTuple):
 
 
 def least_margins(each: Iterable[Margins]) -> Margins:
-    """The smallest of each margin over several loops, and the highest crossover."""
+    """Return the smallest of each margin over several loops, and the highest crossover frequency."""
     gain, phase, delay, modulus, crossover = np.array(list(each)).T
     return Margins(
         float(gain.min()), float(phase.min()), float(delay.min()), float(modulus.min()), float(crossover.max())
@@ -52,14 +52,14 @@ def least_margins(each: Iterable[Margins]) -> Margins:
 
 @dataclass(frozen=True)
 class LoopCurve:
-    """The open loop L(i omega), negative feedback, at `omega` [rad/s]."""
+    """The frequency response of an open loop L(i omega), for negative feedback, at `omega` [rad/s]."""
 
     omega: Array
     value: Array
 
 
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
-    """The linear model at a sampling `period` [s] behind a zero-order hold, its dead time and `latency` [s] exact.
+    """Return the linear model sampled every `period` [s] with zero-order hold; dead time and `latency` [s] are exact.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
 
 
 def periods_late(late: float, period: float) -> tuple[int, float, int]:
-    """Whole periods of a dead time [s], the part [s] of one beyond, and how many commands are on their way."""
+    """Split a dead time [s] into whole periods, the remaining part [s], and the number of delayed commands."""
     whole, part = divmod(late, period)
     part = 0.0 if part < 1e-9 * period else part
     if period - part < 1e-9 * period:
@@ -100,7 +100,7 @@ def periods_late(late: float, period: float) -> tuple[int, float, int]:
 
 
 def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """exp(A period) and its integral times B, (N,) or (N, C): the step of commands held for `period` [s]."""
+    """Return exp(A period), and its integral times B (N,) or (N, C), for commands held constant for `period` [s]."""
     from scipy.linalg import expm
 
     N = A.shape[0]
@@ -112,9 +112,11 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
-    """L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input, from 0.01 Hz to half the sampling rate.
+    """Return the open loop L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input.
 
-    A is made triangular once, by a unitary matrix; then the states at all frequencies follow, the last one first.
+    `gain` (N + D,) is that of the feedback, `period` [s] the sampling time. The frequencies run from 0.01 Hz to half
+    the sampling rate. A is brought to triangular (Schur) form once; then the states at all frequencies follow by back
+    substitution.
     """
     from scipy.linalg import schur
 
@@ -128,7 +130,7 @@ def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -
 
 
 def margins(curve: LoopCurve) -> Margins:
-    """Margins of a closed loop that is stable, from its open-loop curve up to half the sampling rate."""
+    """Return the margins of a stable closed loop, from its open-loop response up to half the sampling rate."""
     L, omega = curve.value, curve.omega
     phase = np.unwrap(np.angle(L))
     turned = np.mod(phase, 2 * np.pi) - np.pi

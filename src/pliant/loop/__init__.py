@@ -1,4 +1,4 @@
-"""The loop: sources, sinks, clocks, watchdog and log; the receiver at the valve."""
+"""The control loop in real time: sources, sinks, clocks, watchdog and log, and the receiver at the valve."""
 
 from pliant.loop.at_valve import receiver_of
 from pliant.loop.clock import SystemClock, Timing, VirtualClock

@@ -1,4 +1,4 @@
-"""The receiver at the valve, as the task file of the rig describes it."""
+"""Construct the receiver at the valve from the table ``[receiver]`` of a task file."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from pliant.loop.receiver import ValveReceiver
 def receiver_of(
     path: str | Path, drive: Callable[[np.ndarray], None], clock: Clock | None = None
 ) -> ValveReceiver:
-    """Return the receiver that the table ``[receiver]`` of a task file describes; it listens already.
+    """Return a listening `ValveReceiver` with the settings of the table ``[receiver]`` of a task file.
 
     Parameters
     ----------
     path : str or Path
-        Of the task file; `key_file` is looked for in its folder.
+        Path of the task file. Its `key_file` is relative to the folder of the task file.
     drive : callable
-        ``drive(pressures)`` sets the valves, (C,) Pa, also of one chamber.
+        ``drive(pressures)`` sets the valves to the pressures (C,) [Pa]; (1,) for one chamber.
     clock : Clock, optional
-        Default: that of the machine.
+        Default: `SystemClock`.
 
     Raises
     ------
     InputError
-        When the task has no ``[receiver]``, an entry is wrong, the key cannot be read or the port not be opened.
+        When the task has no ``[receiver]``, an entry is wrong, the key cannot be read or the port cannot be opened.
 
     Examples
     --------
@@ -40,17 +40,20 @@ def receiver_of(
 
     See Also
     --------
-    pliant.loop.ValveReceiver : what its limits do
+    pliant.loop.ValveReceiver : explains the limits
     """
     task = read_task(path)
     entry = task.receiver
     if entry is None:
-        raise InputError(f"task {path} has no table [receiver]: state there what the receiver lets through")
+        raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
     listed = entry.highest_kpa or task.highest_kpa
     given = np.ravel(listed)
     chambers = entry.chambers or given.size
     if given.size not in (1, chambers):
-        raise InputError(f"task {path}: [receiver] has {chambers} chambers and highest_kpa {given.size} pressures")
+        raise InputError(
+            f"task {path}: [receiver] has {chambers} chambers and highest_kpa {given.size} pressures: "
+            "give one, or one for each chamber"
+        )
     highest = 1e3 * np.broadcast_to(given, (chambers,))
     key = None if entry.key_file is None else read_key(Path(path).parent / entry.key_file)
     hold, longest = 1e-3 * entry.hold_ms, 1e-3 * entry.longest_hold_ms

@@ -1,4 +1,4 @@
-"""A recording played at its true rate."""
+"""Play a recording back to the control loop in real time."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 
 class Playback:
-    """Source of a recording's frames and pressures, each when the clock passes its time.
+    """Source that returns a recording's shapes and pressures when the clock reaches their times.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Schema of `pliant.recording.schema`.
+        Recording in the schema of `pliant.recording.schema`, with positions.
     clock : Clock
     speed : float
-        1 is the true rate.
+        Speed relative to the recording; 1 is real time.
 
     Raises
     ------
@@ -33,9 +33,9 @@ class Playback:
 
     def __init__(self, recording: xr.Dataset, clock: Clock, *, speed: float = 1.0) -> None:
         if not (np.isfinite(speed) and speed > 0):
-            raise InputError(f"the speed of a playback must be positive, got {speed}")
+            raise InputError(f"the speed of a playback must be finite and > 0, got {speed}")
         if "position" not in recording:
-            raise InputError("a playback needs a recording with positions")
+            raise InputError("this recording has no positions: choose one with positions for the playback")
         self._clock, self._next = clock, 0
         time = np.asarray(recording["time"].values, dtype=float)
         rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]
@@ -48,7 +48,7 @@ class Playback:
         self._start = clock.now()
 
     def read(self) -> Sample | None:
-        """The next sample whose time has come."""
+        """Return the next sample that is due, or None."""
         if self.finished or self._rows[self._next].time_ns > self._clock.now() - self._start:
             return None
         self._next += 1
@@ -57,8 +57,8 @@ class Playback:
 
     @property
     def finished(self) -> bool:
-        """Whether the recording has ended."""
+        """Whether all samples of the recording have been read."""
         return self._next >= len(self._rows)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: a playback holds no resources."""

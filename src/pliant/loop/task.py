@@ -1,4 +1,4 @@
-"""A task done on a plant: its rest measured, estimator and controller prepared, the loop run, all of it logged."""
+"""Run a control task on a plant: measure the rest shape, prepare estimator and controller, run and log the loop."""
 
 from __future__ import annotations
 
@@ -23,29 +23,28 @@ from pliant.model import Model, load_model
 if TYPE_CHECKING:
     import pandas as pd
 
-AT_REST = 50  # frames by which the rest of a body is measured
-ABOVE = 1.15  # times the highest command that the watchdog lets a reading be
+AT_REST = 50  # frames from which the rest shape of a body is measured
+ABOVE = 1.15  # highest pressure reading that the watchdog allows, over the highest command
 
 
 class Done(NamedTuple):
-    """A task that was done."""
+    """Result of a control task that was run."""
 
     prepared: Prepared
     summary: dict[str, float | str]  # counters of the loop, and its fault
     log: pd.DataFrame
-    setpoints: tuple[tuple[float, float], ...] = ()  # s, m; none of a path
+    setpoints: tuple[tuple[float, float], ...] = ()  # s, m; empty for a path
 
 
 def make_plant(name: str) -> Any:
-    """The plant of a name: ``testbed:<actuator>``, ``model:<file>``, or an entry point of ``pliant.plants``.
+    """Return the plant with a name ``testbed:<actuator>``, ``model:<file>``, or an entry point of ``pliant.plants``.
 
-    What follows a colon is handed to it as text: ``finger:COM3`` calls what the entry point ``finger`` leads to
-    with "COM3".
+    The text after a colon is passed to the entry point: ``finger:COM3`` calls the entry point ``finger`` with "COM3".
 
     Raises
     ------
     InputError
-        When nobody offers that name.
+        When no installed package provides that name.
     """
     kind, _, which = name.partition(":")
     if kind == "testbed":
@@ -58,15 +57,15 @@ def make_plant(name: str) -> Any:
 
 
 def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "observer") -> Prepared:
-    """Estimator and controller for a plant whose rest is measured first.
+    """Measure the rest shape of a plant and return the prepared estimator and controller.
 
     Raises
     ------
     InputError
-        When the plant's frames come at another period than the task's.
+        When the plant's frame period differs from the task's period.
     """
     if abs(plant.period - wanted.period) > 1e-9:
-        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
+        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to this value")
     none = np.zeros(model.actuation.count)
     frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
@@ -81,7 +80,7 @@ def run_task(
     model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> Done:
-    """Do a task and write ``log.csv`` into a folder, whatever ends the run.
+    """Run a control task on a plant and write ``log.csv`` into `folder`, also when the run fails.
 
     Parameters
     ----------
@@ -90,23 +89,23 @@ def run_task(
     wanted : TaskFile
     folder : Path
     estimator : str
-        See `pliant.estimation.estimators`.
+        Name of an estimator of `pliant.estimation.estimators`.
     real_time : bool
-        By the machine's clock, not as fast as it goes.
+        If True, run in real time. Otherwise run as fast as possible, on a virtual clock.
     progress : callable
-        Called with one line for each phase that begins.
+        Called with a line of text at the start of each phase.
 
     Raises
     ------
     InputError
-        When task, model and plant do not fit.
+        When task, model and plant do not fit together.
     """
     if others := [c.name for c in model.chambers if c.kind != "pressure"]:
         raise InputError(
-            f"a task commands pressures, and {others[0]!r} of {model.name!r} is none: make a controller by "
-            "design_outputs and Lqr, its limits in the unit of each input"
+            f"a task commands pressures, but input {others[0]!r} of model {model.name!r} is not a pressure: construct "
+            "a controller with design_outputs and Lqr, with limits in the unit of each input"
         )
-    progress(f"measuring the rest of the body over {AT_REST} frames, designing estimator and controller")
+    progress(f"measuring the rest shape of the body over {AT_REST} frames, designing estimator and controller")
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)

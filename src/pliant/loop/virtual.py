@@ -1,4 +1,4 @@
-"""A plant on the loop's clock: as source of its sensors and as sink of the command."""
+"""A plant that moves with the loop's clock, as source of its sensor readings and sink of its commands."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from pliant.loop.clock import Clock
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, nanoseconds, sample
 
 Array = np.ndarray
-BEHIND = 50  # periods: a plant that cannot keep up gives up the rest
+BEHIND = 50  # most periods simulated at once; if the plant is slower than the clock, the others are skipped
 
 
 class PlantLike(Protocol):
-    """The interface of a plant: it moves one period at a time under a command that is held."""
+    """Interface of a plant that advances one period at a time under a constant command."""
 
     period: float  # s, of its frames
     time: float  # s, on its own clock
     arc_length: Any  # (S,) m, of the points along the body; for `prepare_plant`
-    # rides: bool, may be left out: whether its points ride on the body as it stretches, as markers do
+    # rides: bool, optional: whether its points are material points that move with the stretching body, as markers do
 
     def advance(self, command: Any) -> Any:
-        """Hold commands (C,) [Pa] for a period; (1,) of 0 is no pressure in any of several chambers.
+        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
 
-        Returns (time of the shape [s], shape (S, 2) [m] in the base frame, a lost point NaN, pressures (C,) [Pa]; a
-        number is enough for one).
+        Returns the time of the shape [s], the shape (S, 2) [m] in the base frame with NaN for lost points, and the
+        pressures (C,) [Pa], or a number for one chamber. A command of shape (1,) that is 0 vents all chambers.
         """
 
 
 class VirtualActuator:
-    """Source and sink of a plant that moves as the clock does, and vents when a command has held its time.
+    """Source and sink of a plant that advances with the clock and vents when a command's hold time is over.
 
     Parameters
     ----------
     plant : PlantLike
-        E.g. `pliant.testbed.plant.Plant`.
+        Plant to simulate, e.g. `pliant.testbed.plant.Plant`.
     clock : Clock
 
     Attributes
     ----------
     behind : int
-        Periods that the plant left out because it was slower than the clock.
+        Number of periods that were skipped because the plant was slower than the clock.
     """
 
     def __init__(self, plant: PlantLike, clock: Clock) -> None:
@@ -56,7 +56,7 @@ class VirtualActuator:
         self.finished = False
 
     def read(self) -> Sample | None:
-        """Move the plant to the present, then the oldest reading."""
+        """Advance the plant to the present time and return its oldest unread sample, or None."""
         now = self._clock.now()
         owed = (now - self._done) // self._period
         if owed > BEHIND:
@@ -65,18 +65,18 @@ class VirtualActuator:
         while self._done + self._period <= now:
             self._done += self._period
             if self._until is not None and self._done > self._until:
-                self._command, self._until = 0.0 * self._command, None  # nobody has commanded since
+                self._command, self._until = 0.0 * self._command, None  # no command has arrived since
             taken, shape, pressure = self.plant.advance(self._command)
             self._queue.append(sample(PRESSURE, pressure, self._done))
             self._queue.append(sample(SHAPE, shape, self._start + nanoseconds(taken - self._begin)))
         return self._queue.popleft() if self._queue else None
 
     def write(self, sample: Sample) -> None:
-        """Hold a command from now on."""
+        """Hold the command of the sample from now on, for its hold time if it has one."""
         if sample.name == COMMAND:
             self._command = sample.array
             self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Mark the source as finished; there are no resources to release."""
         self.finished = True

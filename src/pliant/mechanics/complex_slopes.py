@@ -1,4 +1,4 @@
-"""Derivatives of accelerations by complex steps, for kernels without derivatives of their own."""
+"""Derivatives of accelerations by complex steps, for kernels without analytic derivatives."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 def complex_slopes(
     accelerate: Callable[[Array, Array, Any, Array], None], x: Array, v: Array, work: Any, out: Slopes
 ) -> None:
-    """Write the acceleration and its derivatives by x and v (N,), row by variable; `work.A` keeps the factors of M.
+    """Write the acceleration and its derivatives by x and v (N,) to `out`; one row for each variable.
+
+    `work.A` keeps the factors of M.
 
     Parameters
     ----------
     accelerate : callable
-        ``accelerate(x, v, work, a)`` writes accelerations a (N,) of complex coordinates and rates.
-    work : record of arrays
-        Scratch arrays of the kernel.
+        ``accelerate(x, v, work, a)`` writes the accelerations a (N,) of complex coordinates and rates.
     """
     scratch = type(work)(*(a.astype(complex) for a in work))
     moved = np.empty(x.size, dtype=complex)

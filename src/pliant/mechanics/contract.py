@@ -1,7 +1,7 @@
-"""The interface of a family of chains: what the rest of the package may ask of a body that moves.
+"""The interface `Mechanics` of a family of chains, and the records that it returns.
 
 Coordinates x (N,) and rates v (N,) are those of the kernels. Users see joint coordinates q (N,): joint angles from the
-rest shape, and behind them the strains of segments that lengthen.
+rest shape, followed by the strains of segments that lengthen.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 class Energy(NamedTuple):
-    """Energies of a body, J: numbers at one moment, or arrays (T,)."""
+    """Kinetic, elastic and gravitational energy of a body [J], at one moment or as arrays (T,)."""
 
     kinetic: Any
     elastic: Any
@@ -26,25 +26,25 @@ class Energy(NamedTuple):
 
 
 class CoordinateKind(NamedTuple):
-    """Coordinates of one kind, and how datasets name them: the turns of the joints, the strains of segments."""
+    """A group of coordinates of one kind, such as joint angles or strains, with its names in datasets."""
 
     over: str  # dimension of datasets: "joint", "segment"
-    noun: str  # one of them, in messages
+    noun: str  # name of one coordinate, in messages
     labels: list[Any]  # along that dimension
     rows: slice  # of coordinates, rates and generalised forces (N,)
     names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
     units: tuple[str, str, str]  # of coordinate, rate and force
-    lever: Array  # (k,) generalised force [N m] of one such force
+    lever: Array  # (k,) generalised force [N m] of one unit of this force
 
 
 class Mechanics(ABC):
-    """A family of chains. Paper: Eqs. (1)-(5).
+    """Kinematics, forces and energies of a family of chains. Paper: Eqs. (1)-(5).
 
     Attributes
     ----------
     model : Model
     dimension : int
-        Of the space that the body moves in, 2 or 3.
+        Dimension of the space in which the body moves, 2 or 3.
     n, size : int
         Number of links; number of coordinates, N.
     """
@@ -57,54 +57,52 @@ class Mechanics(ABC):
             self.__dict__ |= {"body": body, "joints": joints}
 
     def with_constants(self, body: Any, joints: Any) -> Self:
-        """Return the same chain with other constants, complex ones among them: a base that turned, a derivative."""
+        """Return the same chain with other records of constants, which may be complex (for derivatives)."""
         return type(self)(self.model, body, joints)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     @abstractmethod
     def body(self) -> Any:
-        """Record of the constants of the inertia."""
+        """Record of the constants of the inertia, as the kernels take it."""
 
     @cached_property
     @abstractmethod
     def joints(self) -> Any:
-        """Record of springs and dampers."""
+        """Record of springs and dampers, as the kernels take it."""
 
     @abstractmethod
     def workspace(self, kind: type = float) -> Any:
-        """Return scratch arrays of a `kind` of numbers for one step."""
+        """Return the scratch arrays of one step, for numbers of the type `kind` (float or complex)."""
 
     @abstractmethod
     def slopes(self) -> Any:
-        """Return what the kernels of a step's Jacobian write: J (3N, 2N), or a record that holds it as J.
+        """Return the arrays for the Jacobian of a step: J (3N, 2N), or a record with the field J.
 
-        Behind the rows of coordinates, rates and torques may be those of tendons.
+        J has one row for each coordinate, rate and torque, and further rows for tendons.
         """
 
     @abstractmethod
     def observed(self) -> tuple[Any, Any]:
-        """Return what kernels see points by: constants of the chain, and scratch for the pose of its links."""
+        """Return the arguments of the observation kernels: constants of the chain, and scratch for the links' pose."""
 
     def parts(self) -> tuple[Any, Any, Any]:
-        """Return body, joints and a workspace: what a kernel takes beside coordinates, rates and torque."""
+        """Return body, joints and a workspace: the arguments of a kernel besides coordinates, rates and torque."""
         return self.body, self.joints, self.workspace()
 
     @abstractmethod
     def acceleration(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, a)`` of the accelerations a (N,)."""
+        """Return the kernel ``(x, v, torque, body, joints, work, a)`` which writes the accelerations a (N,)."""
 
     @abstractmethod
     def acceleration_jacobian(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, out)`` that fills `equations.symbols.Slopes`."""
+        """Return the kernel ``(x, v, torque, body, joints, work, out)`` which fills a `equations.symbols.Slopes`."""
 
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """Return the sizes for which kernels are compiled: links, segments that lengthen; in space turns of each joint,
-        and tendons.
-        """
+        """Sizes for which kernels are compiled: links, segments that lengthen, and in space turns and tendons."""
 
     # coordinates
 
@@ -130,30 +128,30 @@ class Mechanics(ABC):
 
     @property
     def labels(self) -> dict[str, list[Any]]:
-        """Labels of the dimensions of datasets that coordinates have."""
+        """Labels along each dimension of datasets that belongs to coordinates, such as "joint"."""
         return {kind.over: kind.labels for kind in self.kinds}
 
     @property
     def counted(self) -> str:
-        """Return the number of coordinates of each kind, in words."""
+        """The number of coordinates of each kind, in words: "5 joint angles and 1 strain"."""
         counts = ((len(kind.labels), kind.noun) for kind in self.kinds)
         return " and ".join(f"{count} {noun}{'s' * (count > 1)}" for count, noun in counts)
 
     @property
     def lengthens(self) -> bool:
-        """Whether the body's length changes: what looks for angles alone does not hold it."""
+        """Whether the body has segments that lengthen."""
         return bool(self.model.extensions)
 
     @property
     def lever(self) -> Array:
-        """Generalised force (N,) [N m] of a torque or force of one at each coordinate, as datasets hold them."""
+        """Generalised force (N,) [N m] of a unit torque or force on each coordinate, as datasets store forces."""
         lever = np.empty(self.size)
         for kind in self.kinds:
             lever[kind.rows] = kind.lever
         return lever
 
     def gathered(self, data: Any, which: int) -> Array:
-        """Return a variable of all kinds of coordinates in a dataset, side by side (T, N): the one of those `names`."""
+        """Return one variable of a dataset for all coordinates (T, N); `which` selects it among the kinds' `names`."""
         columns = [(kind.rows, np.asarray(data[kind.names[which]])) for kind in self.kinds]
         values = np.empty((len(columns[0][1]), self.size))
         for rows, column in columns:
@@ -161,7 +159,7 @@ class Mechanics(ABC):
         return values
 
     def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Return coordinates and rates of a motion (T, N), (T, N) as variables of a dataset: dimensions and values."""
+        """Return coordinates x and rates v (T, N) of a motion as dataset variables: {name: (dimensions, values)}."""
         q, dq = self.joint_coordinates(x), self.joint_rates(v)
         named = ((kind, value, k) for kind in self.kinds for k, value in enumerate((q, dq)))
         found: dict[str, tuple[tuple[str, ...], Array]] = {
@@ -173,7 +171,7 @@ class Mechanics(ABC):
         return found
 
     def strain_kind(self, first: int) -> tuple[CoordinateKind, ...]:
-        """Return the kind of the strains, which stand from row `first` on; none where nothing lengthens."""
+        """Return the kind of the strains, whose rows begin at `first`, in a tuple; () where nothing lengthens."""
         kind = CoordinateKind(
             "segment", "strain", [e.name for e in self.model.extensions], slice(first, self.size),
             ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
@@ -183,23 +181,23 @@ class Mechanics(ABC):
 
     @abstractmethod
     def coordinates(self, q: Array) -> Array:
-        """Return coordinates x (..., N) of joint coordinates q (..., N)."""
+        """Return the coordinates x (..., N) for joint coordinates q (..., N)."""
 
     @abstractmethod
     def joint_coordinates(self, x: Array) -> Array:
-        """Return joint coordinates q (..., N) of coordinates x (..., N)."""
+        """Return the joint coordinates q (..., N) for coordinates x (..., N)."""
 
     @abstractmethod
     def joint_angles(self, x: Array) -> Array:
-        """Return joint angles from the rest shape of coordinates x, with or without what stands behind them, rad."""
+        """Return the joint angles [rad] from the rest shape for coordinates x, which may include strains."""
 
     @abstractmethod
     def rates(self, dq: Array) -> Array:
-        """Return rates v (..., N) of rates dq (..., N) of the joint coordinates."""
+        """Return the rates v (..., N) for rates dq (..., N) of the joint coordinates."""
 
     @abstractmethod
     def joint_rates(self, v: Array) -> Array:
-        """Return rates dq (..., N) of the joint coordinates, of rates v (..., N)."""
+        """Return the rates dq (..., N) of the joint coordinates for rates v (..., N)."""
 
     @cached_property
     @abstractmethod
@@ -214,64 +212,70 @@ class Mechanics(ABC):
     @cached_property
     @abstractmethod
     def stuck_stiffness(self) -> Array:
-        """Stiffness (N,) that hysteresis adds to the springs by joint coordinates before its branches move, N m/rad."""
+        """Stiffness (N,) [N m/rad] which hysteresis adds to the springs, while none of its elements slips or creeps."""
 
     @property
     @abstractmethod
     def remembering(self) -> int:
-        """Number m of coordinates, the first ones, that have hysteresis states: those of the joints."""
+        """Number m of coordinates with hysteresis states: the first m, which are those of the joints."""
 
     @abstractmethod
     def held(self) -> Any:
-        """Return scratch arrays for the steps of a chain with hysteresis states."""
+        """Return the scratch arrays for steps of a chain with hysteresis states."""
 
-    # places
+    # positions
 
     @cached_property
     @abstractmethod
     def length(self) -> Array:
-        """Lengths (n + 1,) of the part before the first joint and of the links, unstretched, m."""
+        """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
 
     @abstractmethod
     def stretches(self, x: Array) -> Array:
-        """Return the stretch (..., n + 1) of each of them."""
+        """Return the stretch (..., n + 1) of the part before the first joint and of each link."""
 
     @abstractmethod
     def link_frames(self, x: Array) -> Array:
-        """Return axes (..., n + 1, dimension, dimension) of base and links as columns: across, and along the last."""
+        """Return the axes of base and links as columns (..., n + 1, dimension, dimension), the last along the link."""
 
     @abstractmethod
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """Return moments (T, P, K, turns) [N m] by the joints' turns of forces (T, P, dimension, K) at points, N.
+        """Return the moments (T, P, K, turns) [N m] about the joint axes of forces at points.
 
-        `arm` (T, P, n, dimension) leads from each joint to each point, m; 0 for joints that do not carry it.
+        `force` is (T, P, dimension, K) [N].
+
+        `arm` (T, P, n, dimension) [m] leads from each joint to each point, and is 0 for joints that do not move the
+        point.
         """
 
     @abstractmethod
     def directions(self, x: Array) -> Array:
-        """Return unit vectors (..., n + 1, dimension) along each of them, in the kernels' frame."""
+        """Return the unit vectors (..., n + 1, dimension) along base and links, in the kernels' frame."""
 
     @abstractmethod
     def tips(self, x: Array) -> Array:
-        """Return tips of the links (..., n, dimension) in the base frame, m."""
+        """Return the tips of the links (..., n, dimension) [m] in the base frame."""
 
     @abstractmethod
     def nodes(self, x: Array) -> Array:
-        """Return the origin of the base, the first joint and all tips (..., n + 2, dimension), in the base frame, m."""
+        """Return origin, first joint and all link tips (..., n + 2, dimension) [m] in the base frame."""
 
     @abstractmethod
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
-        """Return positions (..., S, dimension) [m] and angles (..., S) [rad] of observed points, `tips` if known."""
+        """Return positions (..., S, dimension) [m] and angles (..., S) [rad] of the observed points.
+
+        `tips` saves computing the link tips if they are known.
+        """
 
     @abstractmethod
     def position_jacobian(self, x: Array, point: Station) -> Array:
-        """Return the Jacobian (dimension, N) of a point's position by x at one moment, m/rad."""
+        """Return the derivative (dimension, N) [m/rad] of the position of a point by x (N,)."""
 
     @abstractmethod
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
-        """Return coordinates along, across and aside (P, n + 1, 3) each link of points (P, dimension), m, base first.
+        """Return coordinates (P, n + 1, 3) [m] of points (P, dimension) along, across and aside of base and links.
 
-        `lengths` may bring `length`, `base_length` and `share` of the links, complex ones among them.
+        `lengths` may replace `length`, `base_length` and `share` of the links, also by complex values.
         """
 
     @abstractmethod
@@ -282,43 +286,48 @@ class Mechanics(ABC):
 
     @abstractmethod
     def inertia(self, x: Array) -> Array:
-        """Return M (N, N) by x."""
+        """Return the inertia matrix M (N, N) in the coordinates x (N,)."""
 
     @abstractmethod
     def energy(self, x: Array, v: Array) -> Energy:
-        """Return energies at x, v (N,), or (T,) along a motion (T, N)."""
+        """Return the energies [J] at x and v (N,), or along a motion (T, N) as arrays (T,)."""
 
     @abstractmethod
     def no_loads(self) -> Array:
-        """Return the loads of the links where no force pulls, in the shape that kernels take."""
+        """Return zero loads of the links, in the shape that the kernels take."""
 
     @abstractmethod
     def link_loads(self, points: list[Station], forces: Array) -> Array:
-        """Return what each link carries (T, ...) of forces (T, P, dimension) [N] at points, N m, for the kernels."""
+        """Return the loads (T, ...) [N m] of the links under forces (T, P, dimension) [N] at `points`."""
 
     @abstractmethod
     def load_forces(self, x: Array, load: Array) -> Array:
-        """Return generalised forces (N,) by x of loads of the links, also of complex x, N m."""
+        """Return the generalised forces (N,) [N m] of loads of the links at x (N,), which may be complex."""
 
     @abstractmethod
     def load_stiffness(self, x: Array, load: Array) -> Array:
-        """Return the slope (N, N) of `load_forces` by x."""
+        """Return the derivative (N, N) of `load_forces` by x."""
 
     @abstractmethod
     def static_forces(self, x: Array, torque: Array) -> Array:
-        """Return what inputs (N,), springs and weight do to x at rest, also of complex x: zero in equilibrium."""
+        """Return the net force (N,) [N m] of inputs, springs and gravity at rest at x (N,): zero in equilibrium.
+
+        `torque` (N,) are the inputs. x may be complex.
+        """
 
     @abstractmethod
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        """Return the slope (N, N) by x of `static_forces`, and of `load_forces` where there is a load; symmetric.
+        """Return the derivative (N, N) of `static_forces` by x, plus that of `load_forces` if there is a load.
 
-        `torque` is that of the inputs, where what they pull depends on x: 0 without.
+        The matrix is symmetric.
+
+        `torque` are the inputs, which matter only if their forces depend on x. None means 0.
         """
 
     @abstractmethod
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
-        """Return joint coordinates q (N,) at rest under torques (N,) [N m], gravity and loads."""
+        """Return the joint coordinates q (N,) in equilibrium under torques (N,) [N m], gravity and loads."""
 
     @abstractmethod
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        """Return inertia and stiffness (N, N) by joint coordinates at q."""
+        """Return inertia and stiffness (N, N) in joint coordinates, linearised at q (N,)."""

@@ -1,4 +1,4 @@
-"""Points beside the links: their coordinates along and across each of them."""
+"""Coordinates of points along and across each link of a planar chain."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ Array = np.ndarray
 
 
 class LinkFrames(NamedTuple):
-    """Inputs of the link positions: floats, or complex numbers that carry a derivative."""
+    """Angles and lengths of the links, as floats or as complex numbers for derivatives."""
 
     x: Any  # (n + S,) absolute angles, rad, strains behind them
     length: Any  # (n,) m
     base_length: Any  # m
     base_angle: Any  # rad
-    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
+    share: Any  # (n + 1, S) fraction of each link that lies in each segment that lengthens
 
 
 def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
-    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], the base first.
+    """Return the coordinates [m] of points (P, 2) along and across each link, as two arrays (P, n + 1), base first.
 
-    Coordinates along a link are those of the link unstretched.
+    Coordinates along a link refer to the unstretched link.
     """
     n = len(chain.length)
     angle = np.append(chain.base_angle, chain.x[:n])

@@ -1,7 +1,7 @@
-"""Chains in a plane: absolute link angles phi (n,), and behind them the strains (S,) of segments that lengthen.
+"""Chains in a plane: coordinates are absolute link angles phi (n,), then strains (S,) of segments that lengthen.
 
-Statics and geometry are written once for any S, also 0; the compiled kernels of a body that lengthens are those of
-`equations.extension`, of any other those of `equations.motion`, which take less time.
+Statics and geometry are the same code for any S, also 0. A body that lengthens uses the compiled kernels of
+`equations.extension`, others those of `equations.motion`, which are faster.
 """
 
 from __future__ import annotations
@@ -49,29 +49,29 @@ class PlanarChain(Mechanics):
     segments : int
         Number S of segments that lengthen.
     length : array (n + 1,)
-        Of the rigid part before the first joint and of the links, unstretched, m.
+        Unstretched lengths of the rigid part before the first joint and of the links, m.
     stretch_share : array (n + 1, S)
-        Fraction of each of them that lies in each segment.
+        Fraction of each of these that lies in each segment.
     """
 
     dimension = 2
 
     @cached_property
     def segments(self) -> int:
-        """Number of segments that lengthen."""
+        """Number S of segments that lengthen."""
         return self.size - self.n
 
     @cached_property
     def length(self) -> Array:
-        """Lengths (n + 1,), the part before the first joint first, m."""
+        """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
         return np.append(self.model.base_length, self.model.link_length)
 
     @cached_property
     def stretch_share(self) -> Array:
-        """Fraction (n + 1, S) of each link in each segment."""
+        """Fraction (n + 1, S) of each link that lies in each segment."""
         return np.array(self.model.stretch_share)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> Any:
@@ -206,18 +206,18 @@ class PlanarChain(Mechanics):
         plain: Any = joints  # of a body that lengthens, with its `rest` empty
         return Held(springs=plain._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
 
-    # places
+    # positions
 
     def stretches(self, x: Array) -> Array:
-        """Return the stretch (..., n + 1) of each link, the part before the first joint first.
+        """Return the stretch (..., n + 1) of the part before the first joint and of each link, at x (..., N).
 
         Raises
         ------
         InputError
-            When `x` brings no strains of a body that lengthens.
+            When `x` has angles only, and the body has segments that lengthen.
         """
         if x.shape[-1] != self.size:
-            fixed_length(self.model)  # who follows angles alone cannot follow this body
+            fixed_length(self.model)  # raises: angles alone do not describe this body
         return np.asarray(1.0 + x[..., self.n : self.size] @ self.stretch_share.T)
 
     def directions(self, x: Array) -> Array:
@@ -234,7 +234,7 @@ class PlanarChain(Mechanics):
         return np.asarray(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0])
 
     def angles(self, x: Array) -> Array:
-        """Return absolute angles (..., n + 1) of the base and of the links, rad."""
+        """Return the absolute angles (..., n + 1) [rad] of the base and of the links."""
         base = np.full((*x.shape[:-1], 1), self.joints.base_angle)
         return np.concatenate([base, x[..., : self.n]], axis=-1)
 
@@ -325,7 +325,7 @@ class PlanarChain(Mechanics):
         return total
 
     def weight(self) -> Array:
-        """Return the loads of gravity on the links, N m, in the shape of `no_loads`."""
+        """Return the loads of gravity on the links [N m], in the shape of `no_loads`."""
         load = np.outer(self.body.h, [self.body.gx, self.body.gy])
         return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
 
@@ -371,11 +371,11 @@ class PlanarChain(Mechanics):
 
             q = loaded_rest(residual, q, float(np.abs(joints.K).max()))
         if (1.0 + self.stretch_share @ q[n:] <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError("a segment is compressed to nothing: raise its axial stiffness, or lower the load")
         return q
 
     def _springs(self, q: Array) -> tuple[Array, Array]:
-        """Torques and slopes (N,) of all springs by joint coordinates."""
+        """Return torques and slopes (N,) of all springs in joint coordinates."""
         joints, curved = self.joints, self.joints.hardening.shape[1]
         bent, own = q[:curved], slice(0, curved)
         held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
@@ -389,7 +389,10 @@ class PlanarChain(Mechanics):
 
 
 def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
-    """Return scratch arrays of a `kind` of numbers for n links, `segments` segments of which lengthen."""
+    """Return the scratch arrays of a step for n links and `segments` segments that lengthen.
+
+    `kind` is the type of their numbers.
+    """
     if not segments:
         shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
         return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
@@ -399,7 +402,7 @@ def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
 
 
 def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
-    """Return link + 1, along and across (S,) of observed points."""
+    """Return the link index + 1, and the distances along and across the link [m], of observed points: arrays (S,)."""
     return (
         np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
         np.array([p.across for p in points]),
@@ -407,9 +410,9 @@ def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
 
 
 def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+    """Write the acceleration and its derivatives by x and v to `out` by complex steps, for a body that lengthens.
 
-    As `motion.acceleration_jacobian`, of a body that lengthens; `work.A` keeps the factors of M.
+    `motion.acceleration_jacobian` does the same for other bodies. `work.A` keeps the factors of M.
     """
     def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
         extension.acceleration(x, v, torque, body, joints, work, a)
@@ -418,9 +421,9 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
-    """Return generalised forces (n + S,) of loads (n + 1, 4) at x, in absolute angles; also of complex ones.
+    """Return the generalised forces (n + S,) [N m] of loads (n + 1, 4) at x, in absolute angles; all may be complex.
 
-    A load does not turn with the body: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
+    A load keeps its direction when the body turns: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
     c, s, whole = stretched_loads(x, load, share, base_angle)
     turning = -(whole[:, 0] * c + whole[:, 1] * s)
@@ -428,7 +431,7 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of the links at x, and their loads with the stretch counted (n + 1, 2), N m."""
+    """Return cosines and sines (n + 1,) of the links at x, and their loads (n + 1, 2) [N m] including the stretch."""
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]

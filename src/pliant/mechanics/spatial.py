@@ -1,6 +1,6 @@
 """Chains in space: coordinates x (N,) are the swings (a, b) of the joints, interleaved, then their twists [rad].
 
-Behind them stand the strains (S,) of segments that lengthen.
+Strains (S,) of segments that lengthen follow.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ Array = np.ndarray
 class SpatialChain(Mechanics):
     """A chain of rigid links in space, with S >= 0 segments that lengthen; the base tangent is +z.
 
-    Its coordinates are its joint coordinates: `turns` of joints, and behind them the strains.
+    Its coordinates x equal its joint coordinates: the `turns` angles of the joints, then the strains.
     """
 
     dimension = 3
 
     @cached_property
     def turns(self) -> int:
-        """Number of coordinates that turn joints, 2 n or 3 n."""
+        """Number of angles of the joints, 2 n or 3 n."""
         return self.size - len(self.model.extensions)
 
     @cached_property
     def space(self) -> Space:
-        """Return the spatial properties of the model."""
+        """The spatial properties of the model."""
         return self.model.space or Space()
 
     @cached_property
     def length(self) -> Array:
-        """Lengths (n + 1,), the part before the first joint first, m."""
+        """Unstretched lengths (n + 1,) [m] of the part before the first joint and of the links."""
         return np.append(self.model.base_length, self.model.link_length)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> SpatialBody:
@@ -61,9 +61,9 @@ class SpatialChain(Mechanics):
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
     def _beyond(self) -> Array:
-        """Part (N, n) of what each coordinate draws in that lies beyond the middle of each joint's arc.
+        """Return the fraction (N, n) of each coordinate's path length that lies beyond the middle of each joint's arc.
 
-        That of a joint lies evenly along its arc, that of a strain along its segment.
+        The path length of an angle lies evenly along its joint's arc, that of a strain along its segment.
         """
         swings = np.tril(np.ones((self.n, self.n)), -1) + 0.5 * np.eye(self.n)
         along = self.length[:, None] * self.model.stretch_share
@@ -80,7 +80,7 @@ class SpatialChain(Mechanics):
         return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
-        """Return values (T,) of all turns from those of both swings and of the twist of each joint, (n,)."""
+        """Return the values (T,) of all angles, from values (n,) for swings about x, swings about y, and twists."""
         values = np.stack([x, y], axis=-1).ravel()
         return np.append(values, twist) if self.space.turns == 3 else values
 
@@ -178,16 +178,19 @@ class SpatialChain(Mechanics):
         springs = self.joints._replace(theta0=np.zeros(size), line=line)
         return SpatialHeld(np.zeros(size), np.zeros(size), np.zeros(m), line, springs)
 
-    # places
+    # positions
 
     def posed(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays with the pose at x (..., N), complex ones among them; the moments stand last there."""
+        """Return scratch arrays with the pose of the links at x (..., N); the leading axes of x are last in them.
+
+        x may be complex.
+        """
         work = self._scratch(x)
         spatial.pose_links(np.moveaxis(x, -1, 0), self.body, work)
         return work
 
     def _scratch(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays for coordinates x (..., N) of all moments, which stand last."""
+        """Return scratch arrays for coordinates x (..., N), with the leading axes of x last."""
         moments = x.shape[:-1]
         return SpatialWorkspace(*(np.zeros((*a.shape, *moments), dtype=x.dtype) for a in self.workspace()))
 
@@ -198,7 +201,10 @@ class SpatialChain(Mechanics):
         return from_back(self.posed(x).R, 3)
 
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """As in `Mechanics`: s . (a x f) of the axis s of a turn and the arm a from its joint."""
+        """Return the moments (T, P, K, turns) [N m] of forces about the joints' axes, see `Mechanics.turning_moments`.
+
+        Each is s . (a x f), with the axis s of a turn and the arm a from its joint.
+        """
         axes, n = from_back(self.posed(x).S, 2), self.n
         joint = np.append(np.repeat(np.arange(n), 2), np.tile(np.arange(n), self.turns // n - 2))
         moment = np.cross(arm[:, :, None], np.swapaxes(force, 2, 3)[:, :, :, None])  # (T, P, K, n, 3)
@@ -290,7 +296,10 @@ class SpatialChain(Mechanics):
         return slope if load is None else slope + self.load_stiffness(x, load)
 
     def _slope(self, forces: Any, x: Array) -> Array:
-        """Return the slope (N, N) by x of generalised forces, by complex steps; symmetric, as they have a potential."""
+        """Return the derivative (N, N) of generalised forces by x, by complex steps.
+
+        It is symmetric, because the forces have a potential.
+        """
         rows = np.array([forces(x + 1j * TINY * row).imag / TINY for row in np.eye(self.size)])
         return 0.5 * (rows + rows.T)
 
@@ -307,7 +316,7 @@ class SpatialChain(Mechanics):
 
         q = loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
         if (self.stretches(q) <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError("a segment is compressed to nothing: raise its axial stiffness, or lower the load")
         return q
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
@@ -315,16 +324,17 @@ class SpatialChain(Mechanics):
 
 
 def rotation(vector: Any) -> Array:
-    """Return the matrix (3, 3) of a rotation vector (3,), rad."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return masses, centres of mass, moments of inertia across and along (n,) of the links, the tip mass in the last.
+    """Return mass, centre, lateral and axial moment of inertia (n,) of the links; the last one has the tip mass.
 
-    A link is a uniform round rod; the moments are about the centre of mass.
+    A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
+    about the centre of mass [kg m^2].
     """
     length, mass = model.link_length, model.link_mass
     centre, lateral, axial = 0.5 * length, mass * (length**2 / 12.0 + radius**2 / 4.0), 0.5 * mass * radius**2
@@ -335,21 +345,21 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
 
 
 def from_back(a: Array, axes: int) -> Array:
-    """Return an array with its first so many axes moved behind the others."""
+    """Return an array whose first `axes` axes are moved behind the others."""
     return np.moveaxis(a, range(axes), range(-axes, 0))
 
 
 def of_kind(value: Any, kind: type) -> Any:
-    """Return a number, an array or a record of these as a `kind` of numbers, in memory of their own."""
+    """Return a copy of a number, an array or a record of these, converted to the type `kind`."""
     if isinstance(value, tuple):
         return type(value)(*(of_kind(entry, kind) for entry in value))
     return np.array(value, dtype=kind) if isinstance(value, np.ndarray) else kind(value)
 
 
 def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+    """Write the acceleration and its derivatives by x and v to `out` by complex steps, for a chain in space.
 
-    As `motion.acceleration_jacobian`, of a chain in space; `work.A` keeps the factors of M.
+    `motion.acceleration_jacobian` does the same in the plane. `work.A` keeps the factors of M.
     """
     given = tuple(of_kind(value, complex) for value in (torque, body, joints))
     compiled = twin(tendon.accelerate)

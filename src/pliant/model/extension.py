@@ -1,4 +1,4 @@
-"""A segment of the body that lengthens, and what it makes of the chain's inertia."""
+"""Segments of the body that lengthen."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring softe
 
 @dataclass(frozen=True)
 class Extension:
-    """A segment of the body that lengthens by one uniform strain, between two places along the unstretched body.
+    """A segment of the body that lengthens by one uniform strain.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ class Extension:
     damping : float
         Axial force per rate of strain, N s.
     start, stop : float
-        Where the segment begins and ends along the chain from the origin, m; default: the whole body. What it holds of
-        a link, and of the part before the first joint, lengthens with it.
+        Start and end of the segment along the unstretched chain from the origin, m; default: the whole body. The parts
+        of links within it, and of the part before the first joint, lengthen.
     name : str
     stiffening, cubic_stiffening : float, optional
         s and a of an axial spring EA e (1 + s e + a e^2) of the strain e: the law of the joints' springs, which softens
@@ -88,24 +88,24 @@ class Extension:
         return any(getattr(self, name) is not None for name in SPRING_TERMS)
 
     def end(self, length: float) -> float:
-        """Return where the segment ends on a body of a `length` [m], m."""
+        """Return the position [m] of the segment's end on a body of a `length` [m]."""
         return length if self.stop is None else self.stop
 
 
 def shares(links: Array, base_length: float, extensions: Sequence[Extension]) -> Array:
-    """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
+    """Return the fraction (n + 1, S) of each link that lies in each segment; row 0 is before the first joint."""
     edges = np.concatenate([[0.0, base_length], base_length + np.cumsum(links)])
     length, found = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
     for s, extension in enumerate(extensions):
         overlap = np.minimum(edges[1:], extension.end(edges[-1])) - np.maximum(edges[:-1], extension.start)
         np.divide(np.maximum(overlap, 0.0), length, out=found[:, s], where=length > 0)
-    found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that meet but for rounding
+    found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that coincide except for rounding
     found[found < 1e-9] = 0.0
     return found
 
 
 def extensions_of(entries: Any) -> tuple[Extension, ...]:
-    """`entries` as a tuple of extensions; InputError for anything else."""
+    """Return `entries`, one Extension or several, as a tuple; raise InputError for anything else."""
     made = (entries,) if isinstance(entries, Extension) else tuple(entries)
     if not all(isinstance(e, Extension) for e in made):
         raise InputError(f"extensions must be Extension objects, got {entries!r:.80}")

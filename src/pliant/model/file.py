@@ -1,4 +1,4 @@
-"""The model file: JSON with a versioned schema, the same numbers out as in."""
+"""Reading and writing model files: JSON with a versioned schema, which preserves every number exactly."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ UNITS = {
     SPRING_BOUND: "1",
 }
 MIRRORED = (  # D4
-    "bend_sign is no entry of a model, which is in the base frame, where positive angles lead towards -x: remove it "
-    "and the checksum; where it is -1, change the sign of the x of gravity too, and give shapes and targets in that "
-    "frame"
+    "bend_sign is not an entry of a model file: models are in the base frame, where positive angles bend towards -x. "
+    "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
+    "shapes and targets in the base frame"
 )
 
 
 class StationEntry(BaseModel):
-    """One observed point in a model file."""
+    """An observed point in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -52,7 +52,7 @@ class StationEntry(BaseModel):
 
 
 class SpaceEntry(BaseModel):
-    """Entries of a chain in space in a model file."""
+    """The spatial properties of a chain in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     stiffness_ratio: float = 1.0
@@ -63,7 +63,7 @@ class SpaceEntry(BaseModel):
 
 
 class ValveEntry(BaseModel):
-    """The valve in a model file."""
+    """A valve in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     rise_time: float = 0.0
@@ -80,7 +80,7 @@ class ValveEntry(BaseModel):
 
 
 class ChamberEntry(BaseModel):
-    """One of several inputs in a model file: a chamber, or a tendon, which has a kind."""
+    """A chamber in a model file with several inputs."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -130,7 +130,7 @@ class ExtensionEntry(BaseModel):
 
 
 class MemoryEntry(BaseModel):
-    """The memory of joints and segments in a model file."""
+    """The hysteresis parameters of joints and segments in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     creep_share: list[float] = []
@@ -148,7 +148,7 @@ class MemoryEntry(BaseModel):
 
 
 class ModelFile(BaseModel):
-    """The model file as it lies on disk."""
+    """The schema of a model file."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
     schema_name: Literal["pliant-model"] = SCHEMA
@@ -171,7 +171,7 @@ class ModelFile(BaseModel):
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     space: SpaceEntry | None = None
-    torque: list[float] | None = None  # these eleven of the only chamber, or `chambers`
+    torque: list[float] | None = None  # this and the next ten are of a single chamber; else `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
@@ -190,7 +190,7 @@ class ModelFile(BaseModel):
     @field_validator("units")
     @classmethod
     def units_are_ours(cls, units: dict[str, str]) -> dict[str, str]:
-        """Numbers in other units would be read as if they were SI."""
+        """Check that the units in the file are those of the schema, since all numbers are read as SI."""
         wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
         if wrong:
             raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
@@ -198,7 +198,7 @@ class ModelFile(BaseModel):
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
-    """The content of a model file."""
+    """Return the content of a model file as a dict."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
     content |= plain(model)
     chambers = [input_entries(c) for c in model.chambers]
@@ -218,7 +218,7 @@ def model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
-    """The entries of one input: those of a tendon that follow from others are left out."""
+    """Return the entries of one input; for a tendon, without those that follow from others."""
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
         chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
@@ -227,19 +227,19 @@ def input_entries(law: Chamber) -> dict[str, Any]:
 
 
 def input_of(entries: dict[str, Any]) -> Chamber:
-    """The chamber or tendon of the entries of a model file."""
+    """Return the chamber or tendon described by entries of a model file."""
     own = {**entries, "valve": Valve(**entries["valve"])}
     return Tendon(**own) if "driven_by" in own else Chamber(**own)
 
 
 def plain(of: Any) -> dict[str, Any]:
-    """The fields of a dataclass, arrays as lists."""
+    """Return the fields of a dataclass as a dict, with arrays as lists."""
     values = {field.name: getattr(of, field.name) for field in dataclasses.fields(of)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write `model` as JSON to `path`, atomically, with a checksum; `load_model` gives back an equal model.
+    """Write `model` as JSON with a checksum to `path`, atomically; `load_model` reads an equal model from it.
 
     Raises
     ------
@@ -261,24 +261,24 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 def checksum_of(content: dict[str, Any]) -> str:
-    """SHA-256 of a model file's entries but the checksum itself, whatever their order and layout."""
+    """Return the SHA-256 of a model file's entries except the checksum, independent of their order and layout."""
     entries = {name: value for name, value in content.items() if name != "checksum"}
     return sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model file.
+    """Read a model from a model file.
 
     Parameters
     ----------
     path : str or Path
-        JSON, as `save_model` and `pliant run` write it.
+        A JSON file written by `save_model` or `pliant run`.
 
     Raises
     ------
     InputError
-        When the file is absent, not JSON, of another schema, holds a non-physical number, or is not what was written:
-        its checksum differs. A file without one is taken as it is.
+        When the file is absent, not JSON or of another schema, has a non-physical number, or has changed since it was
+        saved (its checksum differs). The checksum of a file without one is not checked.
 
     Examples
     --------
@@ -299,7 +299,7 @@ def load_model(path: str | Path) -> Model:
 
 
 def read_model(text: bytes | str, where: str) -> Model:
-    """The model in the text of a model file; `where` it stands opens the sentence of an error."""
+    """Return the model in the text of a model file; `where` names the file at the start of error messages."""
     try:
         entries = ModelFile.model_validate_json(text)
     except ValidationError as error:
@@ -319,7 +319,7 @@ def read_model(text: bytes | str, where: str) -> Model:
         raise InputError(f"{where}: {error}") from None
     if entries.checksum and entries.checksum != checksum_of(json.loads(text)):
         raise InputError(
-            f"{where} is not what was written: its checksum differs. Copy it again; or, if you changed it on "
-            "purpose, remove its entry 'checksum'"
+            f"{where} was changed or damaged after it was saved: its checksum differs. Copy it again or, if you "
+            "changed it on purpose, remove its entry 'checksum'"
         )
     return model

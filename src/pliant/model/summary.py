@@ -1,4 +1,4 @@
-"""The summary of a model: the numbers to check at a glance."""
+"""The printed summary of a model."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.model.spring import SPRING_TERMS, in_words
 
-BENT = (0.1, 0.2)  # rad, of each joint: how the drawing shows the side to which the body bends
+BENT = (0.1, 0.2)  # rad, of each joint: bent shapes in the drawing
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
 
 
 def model_card(model: ModelParameters) -> Card:
-    """Links, drive, valve, memory, gravity; a body of equal links in one row."""
+    """Return the summary of a model: links, actuation, valve, hysteresis, gravity; equal links share one row."""
     table = np.column_stack([
         1e3 * model.link_length, 1e3 * model.link_mass, model.stiffness, model.damping, np.degrees(model.rest_angle)
     ])
@@ -45,7 +45,7 @@ def curve(segment: Extension) -> str:
 
 
 def sentences(model: ModelParameters) -> list[str]:
-    """Return sentences on the features that the model has beyond links."""
+    """Return the sentences of the summary: chambers, stiffness, hysteresis, masses, gravity and observed points."""
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")
@@ -57,15 +57,15 @@ def sentences(model: ModelParameters) -> list[str]:
         springs = f"springs {in_words(used[-1])}, {'; '.join(sizes)}"
         if model.stiffening_bound.any():
             most = ", ".join(f"{100 * f:.3g} %" for f in np.unique(model.stiffening_bound))
-            springs += f"; what s does to the slope is at most {most} of K"
+            springs += f"; s changes the slope by at most {most} of K"
         said.insert(1, springs)
     for e, length in zip(model.extensions, model.segment_length, strict=True):
         damper = f", {e.damping:.4g} N s" if e.damping else ""
         said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}{curve(e)}")
     if model.memory.labels:
-        said.append(f"memory: {', '.join(model.memory.labels)}")
+        said.append(f"hysteresis: {', '.join(model.memory.labels)}")
     if model.memory.has_axial:
-        said.append(f"memory of the segments: {', '.join(model.memory.axial.labels)}")
+        said.append(f"hysteresis of the segments: {', '.join(model.memory.axial.labels)}")
     if model.tip_mass:
         said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
     if model.mass_at == "tip":

@@ -1,7 +1,7 @@
-"""Torque laws by name: a few numbers with a meaning lay the numbers that the kernels take.
+"""Torque laws by name: conversion of the parameters of a fit to the numbers that a chamber stores.
 
-A law that is a polynomial of the pressure is one file here; one that is not has a kernel, in a file of `equations`.
-Another package adds a polynomial by an entry point of the group ``pliant.torque_laws`` that leads to a `TorqueLaw`.
+A polynomial law is one file in this folder. Any other law has a kernel, in a file of `equations`. Other packages can
+add polynomial laws by an entry point of the group ``pliant.torque_laws`` that refers to a `TorqueLaw`.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ BUILT_IN = {"elastic_wall": "pliant.model.elastic_wall:TORQUE_LAW"}
 
 @cache
 def torque_laws() -> tuple[TorqueLaw, ...]:
-    """All known laws: those with kernels and the built-in polynomials first, then those of installed packages."""
+    """Return all known laws: those with kernels, the built-in polynomials, then those of installed packages."""
     others = tuple(offered(GROUP, BUILT_IN, TorqueLaw).values())
     if strange := [law.name for law in others if law.lever is not None]:
-        raise InputError(f"the torque law {strange[0]!r} of an installed package has a kernel: it must be a polynomial")
+        raise InputError(f"the torque law {strange[0]!r} of an installed package has a lever: it must be a polynomial")
     return (*LAWS, *others)
 
 
 @cache
 def law_parameters() -> dict[str, LawParameter]:
-    """The parameters of all known laws by the names that a fit uses."""
+    """Return the parameters of all known laws, by their names in a fit."""
     return {f"{law.name}_{name}": row for law in torque_laws() for name, row in law.parameters.items()}
 
 
 def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
-    """Fields `law` and `torque` of a chamber by the law whose parameters are among `values`; none where there is none.
+    """Return the fields `law` and `torque` of a chamber from the parameters of its law in `values`; {} if none.
 
     Raises
     ------
     InputError
-        When one of its parameters is missing, or two laws are given.
+        When a parameter of the law is missing, or parameters of two laws are given.
     """
     laws = [law for law in torque_laws() if law.own(values)]
     if not laws:
@@ -58,5 +58,5 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
 
 
 def unfinished_law(name: str, wanted: set[str]) -> bool:
-    """Whether the parameter `name` is of a law of which another one, among `wanted`, has no value yet."""
+    """Return whether the law of the parameter `name` also has a parameter in `wanted`, the names without values yet."""
     return any(law.own({name.rpartition(".")[2]: 0.0}) and law.own(dict.fromkeys(wanted, 0.0)) for law in torque_laws())

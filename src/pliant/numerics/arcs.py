@@ -1,4 +1,4 @@
-"""Directions of planar curves, and circular arcs through points: a length that bending does not change."""
+"""Tangents of planar curves, and lengths of circular arcs through points."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ Array = np.ndarray
 
 
 def tangents(angle: Array) -> Array:
-    """Unit vectors (-sin, cos) (..., 2) of curves that turn by an angle (...) [rad] from +y."""
+    """Return the unit vectors (-sin, cos) (..., 2) at angles (...) [rad] from +y."""
     return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
 
 def arc_lengths(position: Array) -> Array:
-    """Length (T,) of arcs from the origin through the points (T, S, d), m.
+    """Return the lengths (T,) [m] of curves of circular arcs from the origin through the points (T, S, d), d = 2 or 3.
 
-    Each arc begins along the end of the one before, the first along +y at the origin, in space along +z: exact where
-    the curvature between the points is constant.
+    Each arc is tangent to the one before. The first begins at the origin along +y, in space along +z. The result is
+    exact where the curvature between the points is constant.
     """
     chords = np.diff(position, axis=1, prepend=0.0)
     reach = np.linalg.norm(chords, axis=2)
@@ -33,7 +33,7 @@ def arc_lengths(position: Array) -> Array:
 
 
 def _lengths_in_space(chords: Array, reach: Array) -> Array:
-    """Length (T,) of arcs over the chords (T, S, 3) of length `reach` (T, S), the first along +z, m."""
+    """Return the lengths (T,) [m] of arcs over the chords (T, S, 3) of length `reach` (T, S), the first along +z."""
     tangent = np.broadcast_to([0.0, 0.0, 1.0], chords[:, 0].shape)
     total = np.zeros(len(reach))
     for k in range(reach.shape[1]):
@@ -41,5 +41,5 @@ def _lengths_in_space(chords: Array, reach: Array) -> Array:
         along = (tangent * ahead).sum(axis=1)
         half = np.arctan2(np.linalg.norm(np.cross(tangent, ahead), axis=1), along)
         total += reach[:, k] / np.sinc(half / np.pi)
-        tangent = 2 * along[:, None] * ahead - tangent  # an arc leaves its chord as it enters it, mirrored
+        tangent = 2 * along[:, None] * ahead - tangent  # the end tangent is the start tangent mirrored at the chord
     return total

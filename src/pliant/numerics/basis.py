@@ -1,4 +1,4 @@
-"""Smooth functions on a length as sums of a few basis functions, with their integrals and roughness."""
+"""Legendre polynomials on an interval of length, with their integrals and roughness."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 
 def legendre_basis(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
-    """Legendre polynomials P_0 ... P_{terms-1} of x = 2 s / length - 1 as columns (S, terms)."""
+    """Return the Legendre polynomials P_0 ... P_{terms-1} of x = 2 s / length - 1 as columns (S, terms)."""
     return np.asarray(np.polynomial.legendre.legvander(2.0 * s / length - 1.0, terms - 1), dtype=np.float64)
 
 
 def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
-    """Integrals of the basis from 0 to `s` (S, terms).
+    """Return the integrals of `legendre_basis` from 0 to `s`, as columns (S, terms).
 
     int P_j dx = (P_{j+1} - P_{j-1}) / (2 j + 1), which vanishes at x = -1 for j > 0
     """
@@ -29,7 +29,7 @@ def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDA
 
 
 def legendre_roughness(length: float, terms: int) -> NDArray[np.float64]:
-    """Matrix (terms, terms) of int f''(s)^2 ds for f = sum of c_j P_j, by exact quadrature."""
+    """Return the matrix (terms, terms) of int f''(s)^2 ds for f = sum of c_j P_j, by exact quadrature."""
     x, w = np.polynomial.legendre.leggauss(terms)
     second = np.polynomial.legendre.legder(np.eye(terms), 2, axis=0) if terms > 2 else np.zeros((1, terms))
     values = np.polynomial.legendre.legval(x, second).T * (2.0 / length) ** 2

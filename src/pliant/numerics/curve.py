@@ -1,8 +1,8 @@
-"""Curvature -> shape: exact circular arcs in the plane, exponential steps of rigid motion in space.
+"""Shape from curvature: exact circular arcs in the plane, exponential steps of rigid motion in space.
 
-The frame of the base: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component
-turns the tangent about +z, as everywhere in the plane. The frame is Bishop's: it does not turn about the tangent,
-hence it has no singularity where the curvature vanishes.
+The base frame: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component turns the
+tangent about +z, as everywhere in the plane. It is Bishop's frame: it does not turn about the tangent, and therefore
+has no singularity where the curvature vanishes.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ SMALL = 1e-4  # rad: below it the series of sin(x)/x and its like are exact in d
 
 
 def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: float = 0.0) -> NDArray[np.float64]:
-    """Points (T, S, 2), m, of planar curves from the origin along +y.
+    """Return the points (T, S, 2) [m] of planar curves with given curvature, from the origin along +y.
 
-    Between two stations the curvature is their mean and the curve an exact arc:
+    Between two stations the curvature is the mean of the two, and the curve is a circular arc:
     p_{k+1} = p_k + ds sinc(a / 2) e(phi_k + a / 2),  a = kappa ds,  e(phi) = (-sin phi, cos phi)
 
     Parameters
@@ -31,7 +31,7 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
         Positive turns the tangent about +z.
     arc_length : (S,) array, m
     base_angle : float, rad
-        Of the tangent at the first station, from +y.
+        Angle of the tangent at the first station, from +y.
     """
     kappa, ds = _checked(curvature, arc_length, 2)
     bend = (kappa[:, 1:] + kappa[:, :-1]) / 2 * ds
@@ -46,7 +46,7 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
 def spatial_curve(
     curvature: ArrayLike, arc_length: ArrayLike, *, twist: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points and frames of curves in space, by fourth-order exponential steps (Magnus) on rigid motions.
+    """Return points and frames of curves in space with given curvature, by fourth-order exponential steps (Magnus).
 
     g' = g xi,  xi = (omega, v) = ((k2, phi', k1), e_y); curvature and twist are linear between stations. Constant
     curvature is integrated exactly.
@@ -57,7 +57,8 @@ def spatial_curve(
         (k1, k2) along m1 and m2: t' = k1 m1 + k2 m2.
     arc_length : (S,) array, m
     twist : (T, S) array, rad/m, optional
-        Give it when the curvature is that of a frame that turns with the material; none for Bishop's.
+        Rate at which the frame of the curvature components turns about the tangent, as for components in a frame fixed
+        to the material. None: Bishop's frame, which does not turn.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def spatial_curve(
 def _exponential(
     turn: NDArray[np.float64], move: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exponential of (turn, move) (T, 3): rotations (T, 3, 3) and translations (T, 3)."""
+    """Return the exponential of (turn, move) (T, 3): rotations (T, 3, 3) and translations (T, 3)."""
     angle = np.linalg.norm(turn, axis=1)[:, None, None]
     x = np.where(angle > SMALL, angle, 1.0)
     sine = np.where(angle > SMALL, np.sin(x) / x, 1 - angle**2 / 6)
@@ -106,8 +107,11 @@ def _checked(
     kappa, s = np.asarray(curvature, dtype=np.float64), np.asarray(arc_length, dtype=np.float64)
     wanted = "(time, station)" if ndim == 2 else "(time, station, 2)"
     if kappa.ndim != ndim or s.ndim != 1 or kappa.shape[1] != s.size or (ndim == 3 and kappa.shape[2] != 2):
-        raise InputError(f"curvature must be {wanted} with one arc length a station, not {kappa.shape} and {s.shape}")
+        raise InputError(
+            f"curvature must have the shape {wanted}, with one arc length for each station, got {kappa.shape} and "
+            f"{s.shape}"
+        )
     ds = np.diff(s)
     if not (ds > 0).all():
-        raise InputError("arc length must increase strictly")
+        raise InputError("arc lengths must increase strictly from station to station: sort the stations by arc length")
     return kappa, ds

@@ -1,4 +1,4 @@
-"""The peak of a series that may lie on either side of 0."""
+"""The value of largest size in an array, with its sign."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ Array = np.ndarray
 
 
 def peak(values: Array) -> float:
-    """Return the value farthest from 0, missing ones aside: below 0 where a vacuum drives a body."""
+    """Return the value farthest from 0, with its sign, ignoring NaN (a vacuum has a negative peak)."""
     return float(values.ravel()[np.nanargmax(np.abs(values))])

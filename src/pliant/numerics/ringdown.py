@@ -1,4 +1,4 @@
-"""Frequency, damping and settling of a measured or simulated response: what a ring-down tells without a model."""
+"""Frequency and damping of a free decay, fitted without a model of the body."""
 
 from __future__ import annotations
 
@@ -8,35 +8,36 @@ from typing import NamedTuple
 import numpy as np
 
 Array = np.ndarray
-SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
+SHARE_NEEDED = 0.5  # least fraction of the variance of the detrended signal explained by the damped sine
 PERIODS_NEEDED = 2.0
-MOST_DAMPED = 0.6  # damping ratio: one period later, a hundredth is left
-NOWHERE = 1e6  # deviations of the signal: a residual that is never taken
-FAR = 20.0  # of the logarithms that a fit seeks
+MOST_DAMPED = 0.6  # damping ratio at which a hundredth of the amplitude is left after one period
+NOWHERE = 1e6  # standard deviations of the signal: residual of invalid parameters
+FAR = 20.0  # limit of the logarithms of the fitted parameters
 RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
 
 
 class RingDown(NamedTuple):
-    """A damped sine found in a free decay."""
+    """A damped sine fitted to a free decay."""
 
     frequency: float  # Hz, damped
     damping_ratio: float
     amplitude: float  # unit of the signal, at the start of the window
-    explained: float  # share of the variance (trend removed) that the damped sine explains
+    explained: float  # fraction of the variance (trend removed) that the damped sine explains
 
 
 def ring_down(time: Array, signal: Array) -> RingDown | None:
-    """Fit offset + slow exponential + damped sine to a free decay; None when there is no clear oscillation.
+    """Fit offset + slow exponential + damped sine to a free decay; return None when there is no clear oscillation.
 
     Parameters
     ----------
     time, signal : array (T,)
-        s (any origin) and any unit, evenly sampled within a few per cent, from just after the edge.
+        Times in s (any origin) and a signal of any unit, evenly sampled within a few per cent, from just after the edge
+        of the input.
 
     Returns
     -------
     RingDown or None
-        The log decrement is 2 pi zeta / sqrt(1 - zeta^2). The slow exponential stands for creep and filling.
+        The log decrement is 2 pi zeta / sqrt(1 - zeta^2). The slow exponential represents creep and filling.
     """
     t = np.asarray(time, dtype=float) - np.asarray(time, dtype=float)[:1]
     y = np.asarray(signal, dtype=float)
@@ -47,7 +48,7 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
 
 @lru_cache(maxsize=256)
 def found(time: bytes, signal: bytes) -> RingDown | None:
-    """As `ring_down`, of finite floats; each fit of a study asks for that of every record again."""
+    """Return the result of `ring_down` for arrays given as bytes; results are cached."""
     from scipy.optimize import least_squares
 
     t, y = np.frombuffer(time), np.frombuffer(signal)
@@ -58,7 +59,7 @@ def found(time: bytes, signal: bytes) -> RingDown | None:
     for f in peak_frequencies(t, y):
         start = [np.log(2 * np.pi * f), np.log(0.1 * 2 * np.pi * f), np.log(0.3 * span)]
         fits.append(least_squares(decay_residual, start, decay_jacobian, args=(t, y), method="lm", max_nfev=200))
-    for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part that bends twice
+    for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part without oscillation
         ring = oscillation(fit.x, t, y)
         if ring is not None:
             return ring._replace(amplitude=ring.amplitude * scale)
@@ -66,9 +67,10 @@ def found(time: bytes, signal: bytes) -> RingDown | None:
 
 
 def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
-    """The damped sine of `decay_basis`.
+    """Return the damped sine of the fitted parameters x (3,), or None.
 
-    None where it explains little, spans no two periods, hardly rings or does not return.
+    None where it explains too little of the signal, spans less than two periods, is damped too strongly or does not
+    return.
     """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
@@ -91,7 +93,7 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
-    """The strongest spectral peaks [Hz] of the signal with its slow part removed."""
+    """Return the strongest spectral peaks [Hz] of the signal, at most `count`, after removing its slow part."""
     slow = np.polynomial.Polynomial.fit(t, y, 3)(t)
     power = np.abs(np.fft.rfft((y - slow) * np.hanning(y.size), 4 * y.size))
     frequency = np.fft.rfftfreq(4 * y.size, float(np.median(np.diff(t))))
@@ -101,7 +103,10 @@ def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
 
 
 def decay_basis(x: Array, t: Array) -> Array:
-    """Columns that enter linearly: damped cosine and sine, constant, slow exponential."""
+    """Return the columns (T, 4) with linear weights: damped cosine, damped sine, constant, slow exponential.
+
+    x (3,) are the logarithms of angular frequency [rad/s], decay rate [1/s] and time constant of the exponential [s].
+    """
     omega, sigma, lag = np.exp(np.clip(x, -FAR, FAR))
     envelope = np.exp(-np.minimum(sigma * t, 700.0))
     return np.stack(
@@ -110,15 +115,15 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
-    """Residual after the best linear weights (variable projection)."""
-    if not np.isfinite(x).all():  # MINPACK steps so where a column of the Jacobian vanishes
+    """Return the residual (T,) with the best linear weights of `decay_basis` (variable projection)."""
+    if not np.isfinite(x).all():  # MINPACK makes such a step where a column of the Jacobian vanishes
         return np.full_like(y, NOWHERE)
     left, _, _ = directions(decay_basis(x, t))
     return np.asarray(y - left @ (left.T @ y))
 
 
 def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
-    """Derivatives (T, 3) of `decay_residual`.
+    """Return the derivatives (T, 3) of `decay_residual` by x.
 
     Source: Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems
     """
@@ -132,13 +137,13 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
         np.hstack([omega * wave[:, ::-1] * [-1.0, 1.0], constant]), np.hstack([-sigma * wave, constant]),
         np.hstack([constant, constant[:, :1], slow / lag]),
     ])
-    moved[np.abs(x) >= FAR] = 0.0  # where the basis does not follow
+    moved[np.abs(x) >= FAR] = 0.0  # the basis is constant beyond this limit
     along = (moved @ weights).T
     return np.asarray(left @ (left.T @ along - right @ (remaining @ moved).T / size[:, None]) - along)
 
 
 def directions(basis: Array) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of a basis without what rounding makes of columns that say the same."""
+    """Return the singular value decomposition of a basis without singular values at the level of rounding."""
     left, size, right = np.linalg.svd(basis, full_matrices=False)
     kept = size > len(basis) * np.finfo(float).eps * size[0]
     return left[:, kept], size[kept], right[kept]

@@ -1,4 +1,4 @@
-"""How a free decay rings while it is large and when it has become small: from its turning points, without a model."""
+"""Frequency and damping of the large and of the small swings of a free decay, from its turning points."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 Array = np.ndarray
-LARGE = 1.0 / 3.0  # of the first swing: swings that are larger count as large
-SMALL = 1.0 / 6.0  # swings that are smaller count as small
-NOISE = 6.0  # standard deviations of the noise that a swing must span to be counted
-LEAST = 0.01  # of the first swing: below, nothing is counted
+LARGE = 1.0 / 3.0  # of the first swing: larger swings count as large
+SMALL = 1.0 / 6.0  # of the first swing: smaller swings count as small
+NOISE = 6.0  # standard deviations of the noise: least size of a swing
+LEAST = 0.01  # of the range of the signal: least size of a swing
 
 
 class Swings(NamedTuple):
-    """Frequency and damping of the swings of one size; None where there are too few."""
+    """Frequency and damping of the swings of one size class; None where there are too few."""
 
     amplitude: float | None  # half of the mean swing, unit of the signal
     frequency: float | None  # Hz, from the mean time between turning points
@@ -25,17 +25,17 @@ NONE = Swings(None, None, None)
 
 
 def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
-    """The large and the small swings of a free decay.
+    """Return frequency and damping of the large swings and of the small swings of a free decay.
 
-    A swing is the way between two successive turning points, so that a rest that differs from the start does not count.
-    Large are those above a third of the first one, small those below a sixth and clear of noise. A frequency is that of
-    half periods between turning points; a damping ratio needs two successive swings, whose decrement ln(A_k / A_{k+1})
-    is pi zeta / sqrt(1 - zeta^2).
+    A swing is the motion between two successive turning points, so that the final position need not be known. Large
+    swings exceed a third of the first one, small swings are below a sixth of it and clear of noise. The frequency is
+    that of the half periods between turning points. A damping ratio needs two successive swings, whose decrement ln(A_k
+    / A_{k+1}) is pi zeta / sqrt(1 - zeta^2).
 
     Parameters
     ----------
     time, signal : array (T,)
-        s and any unit, evenly sampled within a few per cent, from the release on.
+        Times in s and a signal of any unit, evenly sampled within a few per cent, from the release on.
     """
     t, y = np.asarray(time, dtype=float), np.asarray(signal, dtype=float)
     if t.size < 16 or np.ptp(y) == 0:
@@ -52,7 +52,10 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
 
 
 def of_swings(at: Array, way: Array, first: int, last: int) -> Swings:
-    """Frequency and damping of the swings first ... last - 1 between turning points `at`."""
+    """Return frequency and damping of the swings first ... last - 1.
+
+    `at` are the times of the turning points [s], `way` the sizes of the swings between them.
+    """
     count = last - first
     if count < 1:
         return NONE
@@ -65,9 +68,9 @@ def of_swings(at: Array, way: Array, first: int, last: int) -> Swings:
 
 
 def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
-    """Times and values of the extremes that lie at least `least` apart, the first sample among them.
+    """Return times and values of the extremes of y, at least `least` apart in value, beginning with the first sample.
 
-    Between samples they are those of the parabola through the nearest three.
+    Each extreme is that of the parabola through the nearest three samples.
     """
     found, way = [0], 0.0
     for k in range(1, y.size):
@@ -81,7 +84,7 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
         elif abs(move) >= least:
             way = -way
             found.append(k)
-    inner = [k for k in found[1:-1] if k > 0]  # the last one has not been turned from
+    inner = [k for k in found[1:-1] if k > 0]  # the last one may not be a turning point
     at, value = [t[0]], [y[0]]
     for k in inner:
         bend = y[k - 1] - 2.0 * y[k] + y[k + 1]

@@ -1,8 +1,8 @@
-"""Find the tip: a cap of constant curvature, mounted at the tip, shows in the curvature along the fibre.
+"""Find the tip of a body in fibre curvature by a cap of constant curvature that is mounted at the tip.
 
-The template along the fibre is [mean of the body | k_c over L_c | tail], seen through the gauge of the sensor.
-It slides over every frame; the place with the least squared error is refined below the sample, and the frames
-in which the cap differs from the body agree on one tip.
+The template along the fibre is [mean of the body | k_c over L_c | tail], averaged over the gauge of the sensor. It
+slides over every frame, and the position with the least squared error is refined below one sample. The frames in which
+the cap differs from the body vote for one tip.
 
 Paper: Sec. II ("a cap with a constant curvature at the tip")
 """
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-PLATEAU_TOLERANCE = 0.25  # of k_c: how far the plateau and the tail may be from what they should be
-LEAST_CONTRAST = 0.15  # of k_c: a body closer than that to the cap hides its edge
+PLATEAU_TOLERANCE = 0.25  # of k_c: accepted deviation of the plateau and the tail
+LEAST_CONTRAST = 0.15  # of k_c: a body whose curvature is closer to the cap's hides its edge
 CLEAR_CONTRAST = 0.3  # of k_c
 NEEDED_CONFIDENCE = 0.5
 MAD_GATE = 4.0
@@ -30,24 +30,25 @@ MAD_GATE = 4.0
 
 @dataclass(frozen=True)
 class Tip:
-    """End of the body and start of the cap.
+    """End of the body, where the cap begins, with its uncertainty and the numbers of frames used.
 
     Attributes
     ----------
     found : bool
-        False when the cap cannot be distinguished from the body, or there is none; `arc_length` is then NaN.
+        False where there is no cap, or it cannot be distinguished from the body; `arc_length` is then NaN.
     arc_length : float, m
-        Median over the frames that agree.
+        Median over the frames that agree on the tip.
     standard_deviation : float, m
-        Standard deviation of the frames that agree, robust.
+        Robust standard deviation over the frames that agree.
     confidence : float
-        0 to 1: share of frames with a clear cap that agree, times how far the cap stands out from the body.
+        0 to 1: fraction of the frames with a clear cap that agree, times the contrast of cap and body.
     status : str
-        A sentence.
+        The result in one sentence.
     per_frame : (T,) array, m
         Tip of every frame; NaN where a frame shows no cap.
     frames_used, frames_without_cap, frames_ambiguous, frames_rejected : int
-        Agreeing; no plateau of the cap's curvature; body too close to the cap's curvature; off the consensus.
+        Numbers of frames that agree; that show no plateau of the cap's curvature; whose body is too close to the cap's
+        curvature; that deviate from the median.
     """
 
     found: bool
@@ -71,27 +72,27 @@ def find_tip(
     gauge_length: float | None = None,
     tail_curvature: float = 0.0,
 ) -> Tip:
-    """Find the tip in curvatures over time and along the fibre.
+    """Find the tip of a body in curvature over time and along the fibre.
 
     Parameters
     ----------
     curvature : (T, S) array, 1/m
-        Signed, evenly spaced; a frame with NaN is left out and counted as one without cap.
+        Signed, at evenly spaced samples; a frame with NaN is left out and counted as one without a cap.
     spacing : float, m
-        Distance of the samples.
+        Distance between neighbouring samples.
     cap_curvature : float, 1/m
-        Signed like `curvature`.
+        Curvature of the cap, with the same sign convention as `curvature`.
     cap_length : float, m
-        Of the fibre in the cap.
+        Length of the fibre in the cap.
     gauge_length : float, m, optional
-        Length over which the sensor averages; default, and least, one spacing.
+        Length over which the sensor averages; default and minimum: `spacing`.
     tail_curvature : float, 1/m
-        Of the fibre that runs on behind the cap.
+        Curvature of the fibre behind the cap.
 
     Returns
     -------
     Tip
-        Arc length counts from the first sample.
+        The tip, at an arc length from the first sample.
 
     Raises
     ------
@@ -117,14 +118,15 @@ def _template(
     kappa: NDArray[np.float64], spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float
 ) -> CapTemplate:
     if kappa.ndim != 2:
-        raise InputError(f"curvature must have shape (time, station), but has {kappa.shape}")
+        raise InputError(f"curvature must have the shape (time, station), not {kappa.shape}")
     numbers = (spacing, cap_curvature, cap_length, width, tail)
     if not np.isfinite(numbers).all() or spacing <= 0 or cap_curvature == 0:
-        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive, curvature not zero")
+        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive and cap_curvature "
+                         "not zero")
     if cap_length < 2 * width:
         raise InputError(
-            f"a cap of {cap_length * 1e3:g} mm cannot be seen through a gauge of {width * 1e3:g} mm: "
-            "it must be at least twice as long"
+            f"a cap of {cap_length * 1e3:g} mm cannot be resolved by a gauge of {width * 1e3:g} mm: "
+            "the cap must be at least twice as long"
         )
     template = CapTemplate(spacing, cap_curvature, cap_length, width, tail)
     if kappa.shape[1] < template.samples:
@@ -142,9 +144,9 @@ def _consensus(
     spacing: float,
 ) -> Tip:
     without, ambiguous = int((~capped).sum()), int((capped & ~clear).sum())
-    counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body that bends like the cap"
+    counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body curved like the cap"
     if not clear.any():
-        why = "the body bends as the cap does" if ambiguous else "there is no cap of this curvature and length"
+        why = "the body is curved like the cap" if ambiguous else "there is no cap of this curvature and length"
         return Tip(False, np.nan, np.nan, 0.0, f"No tip: {why} ({counted}).", place, 0, without, ambiguous, 0)
     candidates = place[clear]
     median = float(np.median(candidates))
@@ -157,7 +159,7 @@ def _consensus(
     steady = 1.0 / (1.0 + (deviation / (2 * spacing)) ** 2)
     confidence = float(share * outstanding * steady)
     rejected = int((~agree).sum())
-    counted += f", {rejected} off the consensus"
+    counted += f", {rejected} far from the median"
     found = confidence >= NEEDED_CONFIDENCE
     if found:
         status = f"Tip at {tip * 1e3:.2f} mm, confidence {confidence:.2f}, from {int(agree.sum())} of {counted}."

@@ -1,4 +1,4 @@
-"""The curvature of body, cap and tail as a sensor of finite gauge sees it, and its place in measured curvature."""
+"""Template of the curvature of body, cap and tail as a sensor of finite gauge length measures it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ REFINEMENTS = 5  # without noise the fourth is exact to rounding
 
 
 class CapTemplate:
-    """Body, cap and tail behind a gauge that averages over `width`."""
+    """Curvature of body, cap and tail averaged over the gauge length `width`, to be located in a fibre."""
 
     def __init__(self, spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float) -> None:
         self.spacing, self.cap_curvature, self.cap_length = spacing, cap_curvature, cap_length
@@ -24,14 +24,14 @@ class CapTemplate:
         self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
 
     def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Shares (T, M) of body and tail in every sample for edges at `edge` (T,), m."""
+        """Return the fractions (T, M) of body and of tail in every sample, for cap edges at `edge` (T,) [m]."""
         low = self.s - self.width / 2
         body = np.clip((edge[:, None] - low) / self.width, 0.0, 1.0)
         tail = np.clip((low + self.width - edge[:, None] - self.cap_length) / self.width, 0.0, 1.0)
         return body, tail
 
     def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Place of the tip (T,), and (body, plateau, tail, their standard error), each (T,)."""
+        """Return the tip positions (T,) [m], and body, plateau and tail curvature with their standard error (4, T)."""
         body, tail = (share[0] for share in self.shares(np.zeros(1)))
         fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail
         weight = float(body @ body)
@@ -45,7 +45,7 @@ class CapTemplate:
         return (best + self.before) * self.spacing + edge, self._levels(window, edge, mean)
 
     def _sliding(self, weights: NDArray[np.float64], stations: int) -> NDArray[np.float64]:
-        """Matrix (S, S - M + 1) whose columns hold the weights at every place of the window."""
+        """Return a matrix (S, S - M + 1) whose columns hold the weights at every position of the window."""
         columns = np.arange(stations - self.samples + 1)
         matrix = np.zeros((stations, columns.size))
         matrix[columns[None, :] + np.arange(self.samples)[:, None], columns[None, :]] = weights[:, None]
@@ -54,7 +54,7 @@ class CapTemplate:
     def _refine(
         self, window: NDArray[np.float64], mean: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gauss-Newton on the edge, from 0 and never farther than one sample, and on the mean of the body."""
+        """Refine the edge (at most one sample from 0) and the mean curvature of the body by Gauss-Newton."""
         edge = np.zeros(len(window))
         for _ in range(REFINEMENTS):
             body, tail = self.shares(edge)
@@ -73,9 +73,9 @@ class CapTemplate:
     def _levels(
         self, window: NDArray[np.float64], edge: NDArray[np.float64], mean: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Body, plateau and tail as measured, and the standard error of the plateau.
+        """Return the measured curvature of body, plateau and tail, and the standard error of the plateau.
 
-        A cap of two gauges or more holds a whole sample, and so does the tail.
+        A cap of two gauge lengths or more holds a whole sample, and so does the tail.
         """
         body, tail = self.shares(edge)
         inside, behind = 1 - body - tail > 0.999, tail > 0.999

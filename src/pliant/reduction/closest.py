@@ -1,4 +1,4 @@
-"""Distance from the stations to the closest point of a spline, refined between grid points."""
+"""Compute the distance from the stations to the closest point of a spline."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pliant.numerics.spline import spline_matrix
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-GRID = 200  # the spline is searched at least this finely along its length
+GRID = 200  # least number of search points along the spline
 NEWTON_STEPS = 4
 
 
@@ -24,21 +24,27 @@ def closest_distances(
     boundary: str,
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Distances (T, S) to the closest point; never above `distance`, that at equal arc length.
+    """Return the distances (T, S) [m] from the stations to the closest point of the spline, at most `distance`.
 
-    The search covers the part of the spline that a station can be closest to: within pi times its distance at
-    equal arc length. A grid finds the neighbourhood, Newton's method on the local cubic the point.
+    The search covers the part of the spline that can be closest to a station: within pi times its distance at equal arc
+    length. A grid search finds the neighbourhood, and Newton's method on the local cubic finds the point.
 
     Parameters
     ----------
     points : (d, T, S) array, m
+        Positions of the stations.
     nodes : (d, T, n + 1) array, m
+        Positions of the nodes of the spline.
     tangent : (T, d) array
+        Base tangent.
     arc_length : (S,) array, m
+        Arc lengths of the stations.
     knots : (n + 1,) array, m
+        Arc lengths of the nodes.
     boundary : str
-        Condition of the spline at its ends.
+        End conditions of the spline.
     distance : (T, S) array, m
+        Distance of each station from the spline at equal arc length.
     """
     fold = max(1, int(np.ceil(GRID / (arc_length.size - 1))))
     grid = np.interp(np.arange((arc_length.size - 1) * fold + 1) / fold, np.arange(arc_length.size), arc_length)
@@ -70,7 +76,7 @@ def _nearest_on_grid(
     fold: int,
     reach: float,
 ) -> NDArray[np.intp]:
-    """Index (T, S) of the grid point that is nearest, among those within `reach` along the arc."""
+    """Return the index (T, S) of the nearest grid point among those within `reach` along the arc."""
     home = np.arange(arc_length.size) * fold
     best = np.full(points.shape[1:], np.inf)
     index = np.zeros(points.shape[1:], dtype=np.intp)
@@ -90,7 +96,7 @@ def _newton(
     grid: NDArray[np.float64],
     nearest: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """Distance after Newton steps along the cubic r + u r' + u^2/2 r'' + u^3/6 r''' of each point."""
+    """Return the distance after Newton steps along the cubic r + u r' + u^2/2 r'' + u^3/6 r''' of each point."""
     r, r1, r2, r3 = taken
     low = grid[np.maximum(nearest - 1, 0)] - grid[nearest]
     high = grid[np.minimum(nearest + 1, grid.size - 1)] - grid[nearest]

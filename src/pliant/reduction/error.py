@@ -1,7 +1,7 @@
-"""Distance between a body and the cubic spline through a few of its points, for all frames.
+"""Compute the distance between a body and the cubic spline through a few of its points, for all frames.
 
-With the arc length common to all frames, nodes and spline are two fixed matrices: the error of a frame is two
-small matrix products away.
+The arc length is common to all frames. Nodes and spline are therefore two fixed matrices, and the error of a frame
+takes two small matrix products.
 """
 
 from __future__ import annotations
@@ -31,13 +31,15 @@ class SplineMap:
     Attributes
     ----------
     knots : (n + 1,) array, m
+        Arc lengths of the nodes.
     boundary : str
+        End conditions of the spline.
     nodes : (n + 1, S) array
-        Takes the stations to the nodes.
+        Matrix from the stations to the nodes.
     spline : (S, n + 1) array
-        Takes the nodes to the spline at the stations.
+        Matrix from the nodes to the spline at the stations.
     slope : (S,) array
-        Factor of the base tangent.
+        Factor of the base tangent in the spline at the stations.
     """
 
     knots: NDArray[np.float64]
@@ -48,7 +50,7 @@ class SplineMap:
 
 
 def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boundary: str) -> SplineMap:
-    """Build the map for nodes at arc lengths `knots`, which lie on stations or between them."""
+    """Return the map for nodes at the arc lengths `knots` [m], which may be at or between stations."""
     spline, slope = spline_matrix(knots, arc_length, boundary)
     return SplineMap(knots, boundary, local_cubic_matrix(arc_length, knots), spline, slope)
 
@@ -56,7 +58,7 @@ def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boun
 def frame_errors(
     body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Largest and mean error over the stations of every frame, for every map.
+    """Compute the largest and the mean error over the stations in every frame, for each of K maps.
 
     Parameters
     ----------
@@ -80,12 +82,12 @@ def frame_errors(
 
 
 def node_positions(one: SplineMap, position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Nodes (T, n + 1, d) of the frames, m."""
+    """Return the positions (T, n + 1, d) [m] of the nodes."""
     return np.matmul(one.nodes, position)
 
 
 def _chunks(position: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Rows and their points as (d, rows, S), so that the stations are the last, contiguous axis."""
+    """Yield slices of frames and their points as (d, rows, S), so that the stations are the contiguous axis."""
     frames, stations, axes = position.shape
     step = max(1, CHUNK_VALUES // (stations * axes))
     for start in range(0, frames, step):
@@ -100,7 +102,7 @@ def _distances(
     arc_length: NDArray[np.float64],
     metric: str,
 ) -> NDArray[np.float64]:
-    """Distances (rows, S) of the points from the spline."""
+    """Return the distances (rows, S) [m] of the points from the spline."""
     axes, rows, stations = points.shape
     nodes = points.reshape(-1, stations) @ one.nodes.T
     difference = (nodes @ one.spline.T).reshape(axes, rows, stations)

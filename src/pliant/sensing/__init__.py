@@ -1,6 +1,7 @@
-"""From the strain of a multicore fibre to curvature and shape."""
+"""Compute curvature and shape from the strain of a multicore fibre."""
 
 from pliant.numerics.curve import planar_curve, spatial_curve
+from pliant.sensing.cores import read_shape
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
 from pliant.sensing.uncertainty import point_covariance, tip_sigma
@@ -11,6 +12,7 @@ __all__ = [
     "curvature_from_strain",
     "planar_curve",
     "point_covariance",
+    "read_shape",
     "shape_from_strain",
     "spatial_curve",
     "tip_sigma",

@@ -1,4 +1,4 @@
-"""A recording of strain -> a recording of positions."""
+"""Convert a recording of strain to a recording of positions."""
 
 from __future__ import annotations
 
@@ -26,38 +26,40 @@ def shape_from_strain(
     bridge: int = 0,
     sigma_strain: float | None = None,
 ) -> xr.Dataset:
-    """Integrate the strain of a multicore fibre to positions in space.
+    """Integrate the strain of a multicore fibre and return a recording of positions in space.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        With strain (time, core, gauge), relative to the straight fibre.
+        A recording with strain (time, core, gauge) relative to the straight fibre.
     layout : CoreLayout
         One entry for each core of the recording, in its order.
     common_mode : {"least-squares", "centre"}
+        How the strain common to all cores is determined; see `curvature_from_strain`.
     bridge : int
-        Up to so many neighbouring gauges that are missing are interpolated, and counted. Behind a longer gap the
-        shape is unknown: positions are NaN.
+        Largest number of neighbouring missing gauges that are interpolated; they are counted in the history. Beyond a
+        longer gap the shape is unknown and positions are NaN.
     sigma_strain : float, optional
-        Standard deviation of the strain of one core and gauge; default from what the model leaves over, where
+        Standard deviation of the strain of one core and gauge. Default: from the residual of the strain model, where
         there are more cores than unknowns.
 
     Returns
     -------
     xarray.Dataset
-        Recording in frame "tracker": first gauge at the origin, tangent there +y. Inputs are kept. Attribute
-        `tip_sigma_m`, where the noise is known: standard deviation of the last point of a straight fibre.
+        Recording in frame "tracker", with the first gauge at the origin and the tangent there along +y. Inputs are
+        kept. Where the noise is known, the attribute `tip_sigma_m` holds the standard deviation of the last point of a
+        straight fibre.
 
     Raises
     ------
     InputError
-        When there is no strain, or the layout does not fit.
+        When there is no strain, or the layout does not match the cores.
     """
     check_recording(recording)
     if "strain" not in recording:
-        raise InputError("strain is needed, but the recording holds none")
+        raise InputError("shape_from_strain needs strain, but the recording holds none")
     if bridge < 0:
-        raise InputError(f"bridge must not be negative, but is {bridge}")
+        raise InputError(f"bridge must be 0 or a positive number of gauges, not {bridge}")
     s = recording["gauge_position"].values
     strain, filled, lost = _bridged(recording["strain"].values, s, bridge)
     state = curvature_from_strain(strain, s, layout, common_mode=common_mode)
@@ -67,8 +69,8 @@ def shape_from_strain(
     if sigma is not None:
         spacing = float(np.diff(s).mean())
         attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
-    seen = "seen" if state.sees_twist else "not seen by this layout, taken as zero"
-    counted = f"{filled} missing strain value(s) bridged, {lost} frame(s) unknown behind a gap"
+    seen = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
+    counted = f"{filled} missing strain value(s) interpolated, {lost} frame(s) unknown beyond a gap"
     history = [
         *str(recording.attrs.get("history", "")).split("\n"),
         f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
@@ -84,7 +86,7 @@ def shape_from_strain(
 def _bridged(
     strain: NDArray[np.float64], s: NDArray[np.float64], bridge: int
 ) -> tuple[NDArray[np.float64], int, int]:
-    """Strain with short gaps interpolated along the fibre, values filled, frames that keep a gap."""
+    """Return the strain with short gaps interpolated, the number of filled values, and of frames that keep a gap."""
     missing = np.isnan(strain)
     if not missing.any():
         return strain, 0, 0

@@ -1,4 +1,4 @@
-"""Uncertainty of a shape that was integrated from uncertain curvature."""
+"""Uncertainty of a shape that is integrated from uncertain curvature."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ if TYPE_CHECKING:
 
 
 def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
-    """Standard deviation of the tip of a straight fibre across its axis, m.
+    """Return the standard deviation [m] of the tip of a straight fibre across its axis.
 
-    sigma_tip = sigma_kappa sqrt(ds L^3 / 3), for independent errors of the samples
+    sigma_tip = sigma_kappa sqrt(ds L^3 / 3), for independent errors of the curvature samples
 
     Parameters
     ----------
     sigma_curvature : float, 1/m
-        Of one sample.
+        Standard deviation of one curvature sample.
     spacing, length : float, m
+        Distance between samples, and length of the fibre.
     """
     return float(sigma_curvature * np.sqrt(spacing * length**3 / 3))
 
@@ -31,18 +32,20 @@ def point_covariance(
     sigma_base_angle: float = 0.0,
     sigma_bias: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Covariance (S, 2, 2), m^2, of the points of a planar curve, to first order.
+    """Return the covariance (S, 2, 2) [m^2] of each point of a planar curve, to first order.
 
     delta p_k = sum_{j<=k} S (p_k - p_j) delta kappa_j ds_j + S (p_k - p_0) delta phi_0,  S = [[0, -1], [1, 0]]
 
     Parameters
     ----------
     points : (S, 2) array, m
+        Points of the curve, from the base.
     sigma_curvature : float, 1/m
-        Independent error of every sample.
+        Standard deviation of the independent error of each curvature sample.
     sigma_base_angle : float, rad
+        Standard deviation of the tangent angle at the base.
     sigma_bias : float, 1/m
-        Error of the curvature that all samples share.
+        Standard deviation of a curvature error that is common to all samples.
     """
     p = np.asarray(points, dtype=np.float64)
     ds = np.linalg.norm(np.diff(p, axis=0), axis=1)

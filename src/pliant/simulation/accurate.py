@@ -1,7 +1,8 @@
-"""`method="accurate"`: the march with its steps halved until the tip is known to a tolerance.
+"""Simulation with `method="accurate"`: the steps are halved until the tip position has a given accuracy.
 
 Smooth motions are extrapolated at each stage (`pliant.simulation.extrapolated`). The difference of two stages estimates
-the error of the coarser one, and the finer one is returned. This is an error of the whole motion, not of each step.
+the error of the coarser one, and the finer one is returned. This controls the error of the whole motion, not of each
+step.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ STAGES = 16
 
 
 def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) -> Solution:
-    """The motion whose tip is wrong by at most `tolerance`, of the length; the first stage has steps of `step` [s].
+    """Return the motion whose tip error is at most `tolerance` times the length, starting with steps of `step` [s].
 
     Raises
     ------
     InputError
         When the tolerance is not a positive number.
     SimulationError
-        When no stage reaches the tolerance, or the motion fails at all of them.
+        When no stage reaches the tolerance, or all stages fail.
     """
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise InputError(f"the tolerance must be a positive fraction of the length, got {tolerance}")
@@ -51,6 +52,6 @@ def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) 
     if best is None and failed is not None:
         raise failed
     raise SimulationError(
-        f"the motion cannot be computed to {100 * tolerance:.3g} % of the length by up to {MOST_STEPS:.3g} steps: it "
-        "depends too much on its start; simulate a shorter time, or raise the tolerance"
+        f"the motion cannot be computed to {100 * tolerance:.3g} % of the length with {MOST_STEPS:.3g} steps, because "
+        "it is too sensitive to its initial state: simulate a shorter time, or raise the tolerance"
     )

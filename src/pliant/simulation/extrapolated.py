@@ -1,8 +1,8 @@
-"""Fourth order from the second: the same march with every step halved, extrapolated at the output times.
+"""Fourth-order simulation by extrapolation of two second-order ones, of which one has all steps halved.
 
 The error of the midpoint rule is even in the step, so that (4 y(h/2) - y(h)) / 3 leaves an error of fourth order
-(Richardson; Hairer, Norsett and Wanner I, Sec. II.9). It costs three marches and pays where errors far below a
-hundredth of a millimetre are wanted, as for a reference or for a derivative by differences.
+(Richardson; Hairer, Norsett and Wanner I, Sec. II.9). It costs three times a simple simulation, and is worth it for
+errors far below a hundredth of a millimetre, as for a reference or for derivatives by differences.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ Array = np.ndarray
 
 
 def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
-    """The motion by steps of at most `step` [s], extrapolated; its error is estimated by what that changes.
+    """Return the motion extrapolated from steps of at most `step` [s] and from half steps.
+
+    The change of the tip by the extrapolation is its estimated error.
 
     Raises
     ------
     InputError
-        When the model has slip elements or Bouc-Wen, whose corners leave nothing to extrapolate.
+        When the model has slip elements or Bouc-Wen, because their laws are not smooth.
     """
     if not smooth(problem):
-        raise InputError("extrapolation follows creep, not slip or Bouc-Wen, which have corners: use method='midpoint'")
+        raise InputError("method='extrapolated' does not support slip or Bouc-Wen, only creep: use method='midpoint'")
     rows = problem.times.size
     coarse, fine = (problem.marched(even_steps(problem, step, parts), rows) for parts in (1, 2))
     marched, plan = extrapolated(coarse, fine), problem.plan(step)
@@ -35,19 +37,19 @@ def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
 
 
 def extrapolated(coarse: Marched, fine: Marched) -> Marched:
-    """Return the march of fourth order from two of second, of which the finer has half the step of the other."""
+    """Return the fourth-order motion from two second-order motions, the finer one with half the step."""
     phi, w, work, states = ((4.0 * b - a) / 3.0 for a, b in zip(coarse, fine, strict=True))
     return phi, w, work, states
 
 
 def smooth(problem: InitialValueProblem) -> bool:
-    """Whether the error of a march is a series in the square of its step."""
+    """Return whether the error of a simulation is a series in the square of its step."""
     memory = problem.model.memory
     return not (memory.slip_share or memory.boucwen_share or memory.axial_slip_share or problem.forces)
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
-    """Same as `drive`, with steps that end at every bend of the pressure too, each cut into `parts` equal ones."""
+    """Return the steps of `drive` with ends at all breakpoints too, each step divided into `parts` equal ones."""
     model, times = problem.model, problem.times
     pairs = zip(problem.pressure, model.chambers, strict=True)
     bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])

@@ -1,4 +1,4 @@
-"""The pressure, or tension, that a model is made for, as far as the model itself says."""
+"""A typical pressure, tension or motor angle of a model, derived from its stiffness alone."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pliant.model import Model
 from pliant.simulation import state
 
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
-RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # where the search starts and ends
+RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
 
 
 def typical_pressure(model: Model, which: int = 0) -> float:
-    """Pressure [Pa] that bends the chain at rest by half a radian, or 0.8 of what it holds where that is less.
+    """Return the pressure [Pa] that bends the chain by half a radian, or 0.8 of its largest static pressure if less.
 
-    The model keeps no range of its recordings: this is the level of a pulse when none is given. 0 for a model that
-    no pressure bends. Of several chambers: one, the first by default, alone. Of a tendon: its tension [N], displacement
-    [m] or angle [rad].
+    A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
+    pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
+    displacement [m] or angle [rad].
     """
     try:
         rest = state.equilibrium(model, first_alone(model, 0.0))
@@ -40,12 +40,15 @@ def typical_pressure(model: Model, which: int = 0) -> float:
 
 
 def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
-    """Return pressures (C,) [Pa]: `pressure` in one chamber, the first by default, and none in the others."""
+    """Return pressures (C,) [Pa]: `pressure` in one chamber, the first by default, and 0 in the others."""
     return np.asarray(pressure * np.eye(model.actuation.count)[which])
 
 
 def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> float | None:
-    """Size of the bend from rest [rad], in space that of both directions; None where the chain finds no rest."""
+    """Return the bend [rad] from the rest shape under a pressure; None if the chain has no equilibrium.
+
+    In space it is the size of the bend in both directions.
+    """
     try:
         q = state.equilibrium(model, first_alone(model, pressure, which)) - rest
     except SimulationError:

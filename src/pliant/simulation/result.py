@@ -1,4 +1,4 @@
-"""The trajectory of a simulation: a labelled dataset with units."""
+"""The result of a simulation as a labelled dataset with units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pliant.version import __version__
 
 Array = np.ndarray
 AXES = {"x": "the swing about the x axis", "y": "the swing about the y axis", "twist": "the twist"}
-ENDINGS = ("", *(f"_{axis}" for axis in AXES))  # of variables of the joints: in a plane, in space of each axis
+ENDINGS = ("", *(f"_{axis}" for axis in AXES))  # of the names of joint variables: "" in a plane, the others in space
 LABELS = {
     "joint_angle": ("rad", "joint angle from the rest shape"),
     "joint_rate": ("rad/s", "joint rate"),
@@ -47,7 +47,7 @@ LABELS = {
 
 
 class Motion(NamedTuple):
-    """The arrays of a simulation."""
+    """Times, pressures, angles and rates of a simulation."""
 
     times: Array  # (T,) s
     pressure: Array  # (T, C) Pa
@@ -59,10 +59,9 @@ def trajectory(
     model: Model, motion: Motion, energies: dict[str, Array], memory: Mapping[str, tuple[tuple[str, ...], Array]], *,
     method: str, step: float,
 ) -> xr.Dataset:
-    """Label the arrays of a simulation.
+    """Return the arrays of a simulation as a labelled dataset.
 
-    `memory` holds what `memory.outputs` returns, and the stretch of a chamber that inflates; empty for a model that
-    remembers nothing.
+    `memory` holds further variables: those of `memory.outputs`, and the stretch of chambers that inflate.
     """
     times, pressure, phi, w = motion
     chain = mechanics_of(model)
@@ -96,8 +95,8 @@ def trajectory(
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:
-    """A variable that says what it is.
+    """Return a variable with its unit and long name.
 
-    The fast path spares xarray from loading Dask, where that is installed, to ask whether this is one of its arrays.
+    The fast path avoids xarray's import of Dask.
     """
     return xr.Variable(dims, np.asarray(values), {"units": units, "long_name": long_name}, fastpath=True)

@@ -1,4 +1,4 @@
-"""The chain at rest, its modes, and the start of its memory: functions of a model over `mechanics`."""
+"""Equilibrium of a chain, its modes of vibration, and equilibrium hysteresis states."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from pliant.model import Model
 
 Array = np.ndarray
 
-UNSOLVED = 1e80  # coordinates of this size: tendons found no agreement in a step, see `equations.tendon.step`
+UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
 
 
 def relaxed(model: Model, q: Array) -> Array:
-    """States of a memory long at rest at the joint coordinates q (N,): creep relaxed, the others unstretched.
+    """Return the hysteresis states in equilibrium at the joint coordinates q (N,).
 
-    They are (n, branches), in space (m, branches) with m coordinates of joints.
+    Creep is relaxed, and the other branches are unstretched.
+
+    They are (n, branches), in space (m, branches) with m joint coordinates.
     """
     memory, rows = model.memory, mechanics_of(model).remembering
     first = model.size - len(model.extensions)  # of the strains
@@ -29,7 +31,7 @@ def relaxed(model: Model, q: Array) -> Array:
 
 
 def vector(model: Model, value: Any) -> Array:
-    """`value` as joint coordinates (N,), finite."""
+    """Return `value` as joint coordinates (N,); raise InputError unless it is N finite numbers."""
     a = np.asarray(value, dtype=float)
     if a.shape != (model.size,) or not np.isfinite(a).all():
         counted = mechanics_of(model).counted
@@ -40,7 +42,7 @@ def vector(model: Model, value: Any) -> Array:
 def equilibrium(
     model: Model, pressure: float | Array = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
 ) -> Array:
-    """Joint angles (n,) at rest under constant `pressure` [Pa], gravity and a force at the last tip, rad.
+    """Return the joint angles (n,) [rad] in equilibrium under constant `pressure` [Pa], gravity and a tip force.
 
     Paper: Eq. (5) [eq:eom] without motion.
 
@@ -51,19 +53,19 @@ def equilibrium(
     tip_force : array (2,), (3,) in space
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
-        Loads of forces at other points, N m: what each link carries, times the force.
-        Of a body that lengthens (n + 1, 4), see `pliant.simulation.forces.link_loads`.
+        Loads of the links by forces at other points, N m; (n + 1, 4) for a body that lengthens. See
+        `pliant.simulation.forces.link_loads`.
 
     Returns
     -------
     array (n,)
-        Stable equilibrium, by Newton's method with the exact tangent, reached from the unloaded shape. Of a body that
-        lengthens (n + S,), the strains of its segments behind the joint angles.
+        Stable equilibrium, by Newton's method with the exact tangent from the unloaded shape. For a body that lengthens
+        (n + S,), with the strains of its segments behind the joint angles.
 
     Raises
     ------
     SimulationError
-        When no stable equilibrium is found: the load buckles the chain, or the chamber's wall has no equilibrium.
+        When no stable equilibrium is found, because the chain buckles or the chamber's wall has no equilibrium.
     InputError
         When the pressure or the force is not finite.
 
@@ -77,7 +79,7 @@ def equilibrium(
     chain = mechanics_of(model)
     force = np.zeros(chain.dimension) if tip_force is None else np.asarray(tip_force, dtype=float)
     if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
-        raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
+        raise InputError(f"an equilibrium needs finite pressure (Pa) and tip_force (N), got {pressure} and {tip_force}")
     torque = model.actuation.joint_torques(pressure)
     if not np.isfinite(torque).all():
         raise SimulationError(model.actuation.no_rest(pressure))
@@ -85,13 +87,13 @@ def equilibrium(
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
-    """Return a sentence on what fails at coordinates phi (N,): tendons without agreement, a softened spring; or ''.
+    """Return a message on what fails at coordinates phi (N,), tendons or a softened spring, or ''.
 
-    A spring has softened where its slope falls to a fraction `least` of K.
+    Tendons fail where their iteration did not converge, a spring where its slope is at most `least` times K.
     """
     if model.actuation.tendons and not (np.abs(phi) < UNSOLVED).all():
         return (
-            "the tensions of the tendons find no agreement with the motion within a step: use a shorter step, or a "
+            "the iteration for the tensions of the tendons does not converge within a step: use a shorter step, or a "
             "larger slip_rate where tendons have friction"
         )
     if lost := springs.softened(model, mechanics_of(model).joint_angles(phi), least):
@@ -100,7 +102,10 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
-    """Same as `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
+    """Return the message of `given_way` with the time, for the first failure of a spring in a trajectory, or ''.
+
+    `phi` is (T, n), `times` (T,) [s].
+    """
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
     gone = (slopes <= 0).any(axis=1)
     if any(e.curved for e in model.extensions):
@@ -111,18 +116,20 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
 
 
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
-    """Undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about `q` (default: rest).
+    """Return undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about a shape `q`.
 
-    Of a body that lengthens there are n + S, those of its strains among them.
+    The default shape is the equilibrium without pressure.
 
-    The damping ratio is that of the modal diagonal of D: exact where D is proportional to K. Memory adds its stiffness
-    as before it slips: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+    A body that lengthens has n + S modes, including those of its strains.
+
+    The damping ratio is that of the modal diagonal of D, which is exact where D is proportional to K. Hysteresis adds
+    its instantaneous stiffness: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
 
     Parameters
     ----------
     model : Model
     q : (n,) array, rad, optional
-        Joint angles of the shape, with strains behind them where segments lengthen.
+        Joint angles of the shape; where segments lengthen, strains follow.
 
     Raises
     ------
@@ -143,9 +150,11 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Modes of `linear_parts`: angular frequencies (n,) [rad/s], ascending; shapes, columns of (n, n); decay [1/s].
+    """Return angular frequencies (n,) [rad/s], ascending, mode shapes (n, n) as columns, and decay rates (n,) [1/s].
 
-    Shapes V have V'MV = 1; the rates of decay (n,) are those of the modal diagonal of D.
+    M and K (n, n) are inertia and stiffness, as of `Mechanics.linear_parts`.
+
+    The shapes V have V'MV = 1. The decay rates are those of the modal diagonal of D.
 
     Raises
     ------
@@ -155,6 +164,6 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
     inverse = np.linalg.inv(np.linalg.cholesky(M))
     squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
     if squared[0] <= 0:
-        raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
+        raise SimulationError("the chain is not stable at this shape and has no natural frequencies: use another shape")
     shapes = inverse.T @ V
     return np.sqrt(squared), shapes, 0.5 * np.einsum("ik,i,ik->k", shapes, mechanics_of(model).joints.D, shapes)

@@ -1,4 +1,4 @@
-"""Azimuths of tendons that a study leaves out: read off how the tip moves when each is drawn in."""
+"""Azimuths of tendons that a study does not state, estimated from the motion of the tip when each tendon is pulled."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pliant.identification import Experiment
 from pliant.study.schema import ActuatorEntry, Study
 
 Array = np.ndarray
-LEAST_DRAWN = 1e-6  # of the largest singular value of the inputs: below, two tendons were always drawn in alike
+LEAST_DRAWN = 1e-6  # of the inputs' largest singular value: below it, two tendons were always pulled together
 
 
 def training(study: Study) -> list[str]:
-    """Recordings of the study that fits learn from, in order."""
+    """Return the names of the study's training recordings, without duplicates, in order."""
     names = [name for entry in study.fits.values() for name in entry.train]
     names += study.model_selection.train if study.model_selection else []
     return list(dict.fromkeys(names))
@@ -24,16 +24,16 @@ def training(study: Study) -> list[str]:
 def with_azimuths(
     study: Study, experiments: Mapping[str, Experiment], tell: Callable[[str], None],
 ) -> ActuatorEntry:
-    """Return the study's actuator with every azimuth_deg that it leaves out.
+    """Return the study's actuator with every missing `azimuth_deg` estimated from the training recordings.
 
-    A tendon bends the body towards itself. By least squares over the training recordings, the motion of the tip across
-    the base tangent is a sum of motions, one for each tendon, in proportion to what that was drawn in by: the direction
-    of each is its azimuth. This is where fits of gain_x and gain_y begin.
+    A tendon bends the body towards itself. The motion of the tip across the base tangent is modelled as a sum of one
+    motion for each tendon, proportional to its input, by least squares over the training recordings. The direction of
+    each motion is the azimuth of the tendon. Fits of gain_x and gain_y start from these azimuths.
 
     Raises
     ------
     InputError
-        When the recordings do not tell the tendons apart.
+        When the recordings do not determine the motion of each tendon, since some were always pulled together.
     """
     tendons = study.actuator.tendons
     unknown = [t.name for t in tendons if t.azimuth_deg is None]
@@ -42,7 +42,7 @@ def with_azimuths(
     names = [t.name for t in tendons]
     moves = tip_moves([experiments[n] for n in training(study) if n in experiments], names)
     degrees = dict(zip(names, np.degrees(np.arctan2(moves[:, 1], moves[:, 0])) % 360.0, strict=True))
-    tell("azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
+    tell("estimated azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
     stated = [
         t.model_copy(update={"azimuth_deg": float(degrees[t.name])}) if t.name in unknown else t for t in tendons
     ]
@@ -50,7 +50,9 @@ def with_azimuths(
 
 
 def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
-    """Motion (C, 2) of the last station across the base tangent [m] for a unit of each input, by least squares."""
+    """Return the motion of the last station across the base tangent for a unit of each input (C, 2) [m], by least
+    squares.
+    """
     inputs, moves = [], []
     for exp in experiments:
         tip = exp.last_station[:, :2]
@@ -62,7 +64,7 @@ def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
     found, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
     if rank < len(names):
         raise InputError(
-            f"the training recordings do not tell the tendons {', '.join(names)} apart, since not each of them is "
-            "drawn in by itself: state azimuth_deg of each"
+            f"the azimuths of the tendons {', '.join(names)} cannot be estimated, since no training recordings pull "
+            "each of them separately: state azimuth_deg of each"
         )
     return np.asarray(found)

@@ -1,4 +1,4 @@
-"""Which recorded channel drives which input of the model, in words for the report."""
+"""Sentences for the report that say which recorded channel drives which input of the model."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MEANT = {"pressure": "gauge pressure, Pa", "tension": "tension, N", "displacemen
 
 
 def inputs_in_words(entry: Recording, recording: xr.Dataset, name: str) -> list[str]:
-    """Return a sentence on what drives the body: channels, kinds, and whether they were measured or commanded.
+    """Return a sentence on the inputs of a recording: channels, kinds, and whether they were measured or commanded.
 
-    Empty for measured pressures of which nothing was stated.
+    The list is empty if all inputs are pressures and the study does not state whether they were measured.
     """
     inputs = recorded_inputs(recording)
     if not inputs or (entry.signal is None and all(one.kind == "pressure" for one in inputs)):
@@ -23,6 +23,6 @@ def inputs_in_words(entry: Recording, recording: xr.Dataset, name: str) -> list[
     driven = driving(name, recording, entry.drive) if entry.drive else {}
     listed = {kind: [f"{one.name} drives {to}" for to, one in driven.items() if one.kind == kind] for kind in MEANT}
     if not driven:
-        listed = {kind: [one.name or "the only one" for one in inputs if one.kind == kind] for kind in MEANT}
+        listed = {kind: [one.name or "a single input" for one in inputs if one.kind == kind] for kind in MEANT}
     said = "; ".join(f"{', '.join(names)} ({MEANT[kind]})" for kind, names in listed.items() if names)
     return [f"inputs, {entry.signal or 'not stated whether measured or commanded'}: {said}"]

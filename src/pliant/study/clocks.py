@@ -1,4 +1,4 @@
-"""The pressure's clock in a study: another file's log joined to the shape, and both brought onto one clock."""
+"""Synchronisation of a pressure log with the recorded shape, when a study is prepared."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pliant.validation.outcome import Clocks
 
 
 def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) -> xr.Dataset:
-    """The recording with the pressure of a log in another file, on the log's own clock."""
+    """Return the recording with the pressure of a log from another file, still on the log's own clock."""
     if "pressure" not in log:
-        raise InputError(f"recording {name}: {file} holds no pressure: name its column in pressure_mapping")
+        raise InputError(f"recording {name}: {file} holds no pressure: state its pressure column in pressure_mapping")
     if "pressure" in recording:
-        raise InputError(f"recording {name} holds a pressure already: leave pressure_file out, or the pressure in its "
+        raise InputError(f"recording {name} holds a pressure already: remove pressure_file, or the pressure in its "
                          "mapping")  # fmt: skip
     joined = recording.assign({"pressure": log["pressure"]})
     digest = log.attrs.get("source_sha256", "")
@@ -27,12 +27,15 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
 def on_one_clock(
     recording: xr.Dataset, entry: Recording, name: str
 ) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
-    """The recording with its pressure on the clock of the shape, how that was found, and what to tell of it."""
+    """Return the recording with its pressure on the shape's clock, the estimated offset, and sentences for the report.
+
+    The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
+    """
     wanted = entry.clock if entry.clock is not None else "align" if entry.pressure_file else "same"
     if wanted == "same":
         return recording, None, ()
     if "pressure" not in recording:
-        raise InputError(f"recording {name}: clock goes with a measured pressure, but it holds none")
+        raise InputError(f"recording {name}: clock is stated, but there is no measured pressure: remove clock")
     if not isinstance(wanted, str):
         finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
         return shift_pressure(recording, wanted), None, (finding,)

@@ -1,4 +1,4 @@
-"""Plausibility checks of a study: of its recordings, its body and its fitted models."""
+"""Plausibility checks of a study's recordings, of its stated body and of its fitted models."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
 
 
 def presets() -> list[str]:
-    """Names of the actuators that pliant knows."""
+    """Return the names of the actuator presets in `pliant.actuators`."""
     return [m.name for m in iter_modules(actuators.__path__)]
 
 
 def preset(name: str) -> Any:
-    """The module of a known actuator; its BODY holds the arguments of `chain_model`."""
+    """Return the module of an actuator preset; its BODY holds the arguments of `chain_model`."""
     if name not in presets():
         raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
     return import_module(f"pliant.actuators.{name}")
 
 
 def stated_case(actuator: ActuatorEntry) -> Case:
-    """Return the body's data as the study or its preset states them."""
+    """Return the length, mass, diameter and gravity that the study or its preset states, as a plausibility `Case`."""
     body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
     gravity = actuator.gravity
     return Case(
@@ -45,18 +45,20 @@ def stated_case(actuator: ActuatorEntry) -> Case:
 
 
 def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """Return doubts about the stated body, beside one recording of it."""
+    """Return warnings about the stated body compared with one recording of it, by the name of the check."""
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
 def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
-    """Within it a refusal begins with the unit that looks wrong: a base that moves by metres may follow from it.
+    """Prefix an InputError raised inside the block with the warning about units, if there is one.
+
+    A wrong unit is often the cause of another error, such as a base that seems to move by metres.
 
     Parameters
     ----------
     doubted : mapping of str to str
-        Sentences by the name of the check, which may follow the name of a recording.
+        Warning sentences. The keys end in the name of the check.
     """
     try:
         yield
@@ -68,9 +70,10 @@ def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
 
 
 def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Return a study's warnings, each once: on recordings with their names, on the body from the first that shows it.
+    """Return the warnings about a study's recordings and body, each once.
 
-    Warnings on recordings compared with each other come last.
+    A warning about a recording begins with its name. A warning about the body is taken from the first recording that
+    shows it. Warnings from comparisons between recordings come last.
     """
     said: dict[str, str] = {}
     for name, one in aligned.items():
@@ -82,7 +85,7 @@ def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
 
 
 def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
-    """Return doubts about fitted models, each under the title of its fit."""
+    """Return warnings about implausible fitted models; each begins with the title of its fit."""
     said: dict[str, str] = {}
     for title, model in models:
         for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():

@@ -1,4 +1,4 @@
-"""A study's fits and its model selection: fit, then predict the held-out records."""
+"""The fits and the model selection of a study: fit to the training recordings, then predict the held-out ones."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ Tell = Callable[[str], None]
 def run_fit(
     study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
 ) -> FitOutcome:
-    """Fit on the training records, predict the held-out ones with everything frozen but their edge times."""
+    """Fit the model to the training recordings and predict the held-out ones.
+
+    For a held-out recording, all parameters are held constant except its own edge times.
+    """
     began = clock.perf_counter()
     training = [experiments[r] for r in entry.train]
     result = fit(
@@ -46,7 +49,7 @@ def run_fit(
 
 
 def placed(study: Study, entry: Fit, model: Model) -> Model:
-    """The study's model with as many joints as the fit has, where it places them."""
+    """Return the study's model with the number of links and the joint placement of this fit."""
     if entry.joint_placement is None and entry.links is None:
         return model
     same = {"joint_placement": entry.joint_placement or study.actuator.joint_placement,
@@ -58,9 +61,9 @@ def whole_fit(
     study: Study, name: str, title: str, entry: Fit | SelectionEntry, result: FitResult, seconds: float,
     experiments: Mapping[str, Experiment], tell: Tell,
 ) -> FitOutcome:
-    """A fit with its records, its standard errors from a bootstrap where the study has one.
+    """Return the outcome of a fit: its predictions of each recording, and bootstrap standard errors if the study asks.
 
-    What cannot be computed of it (a record, a band, the bootstrap) is in its `not_computed`.
+    Results that cannot be computed (a recording, a band, the bootstrap) are listed in `not_computed` of the outcome.
     """
     failures = Failures(name, tell)
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
@@ -75,17 +78,19 @@ def whole_fit(
 
 
 def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
-    """Return the stages that the entry names; InputError for an unknown one."""
+    """Return the stages of the model selection that the study names, or the default ones; InputError for an unknown
+    name.
+    """
     known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     if unknown := [n for n in entry.stages if n not in known]:
-        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: use some of {', '.join(known)}")
+        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: choose from {', '.join(known)}")
     return [known[n] for n in entry.stages] or STAGES
 
 
 def run_model_selection(
     study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
 ) -> ModelSelection | None:
-    """Return the result of the study's model selection; None where it has none."""
+    """Run the study's model selection and return its result; None if the study has none."""
     entry = study.model_selection
     if entry is None:
         return None
@@ -100,7 +105,7 @@ def run_model_selection(
 def selection_fit(
     study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], tell: Tell,
 ) -> FitOutcome:
-    """The stage that was chosen, as a fit of the study."""
+    """Return the outcome of the selected stage, in the form of a fit of the study."""
     entry = study.model_selection or SelectionEntry(train=[], starts=1)
     step = selection.step
     return whole_fit(

@@ -1,4 +1,4 @@
-"""A first study for a user's own files: look at them, write what they tell, mark what only the user knows."""
+"""First look at a user's files: what each contains, its alignment, and the excitation that it shows."""
 
 from __future__ import annotations
 
@@ -34,37 +34,39 @@ from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
-RIGID_SHARE, RIGID_M = 0.02, 1e-3  # what distances within a rigid part may change, of themselves and in metres
-LINE = 0.15  # markers whose width is below this share of their length lie along a body, not on a plate
-OUT_OF_PLANE = 0.15  # of the motion, out of its best plane: tracked bodies that bend in one show up to 0.12
-DRIVEN = 0.05  # of the widest range of a pressure: one that moves by less drives nothing
-FEWEST_SHOWING = 3  # stations, that of the base with them: so few lie on an even bend of one part or another
-MUCH_BETTER = 0.5  # of the squared errors of an even bend: a part of the body explains more than that
-RETURNED = 0.3  # of the travel: what a pulse leaves at its end, and a release does not undo
+RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigid part, relative and in metres
+LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
+OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
+DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
+FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
+MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
+RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """Contents of one file at first reading.
+    """The content of one file at first reading, with its trial alignment.
 
     Attributes
     ----------
     path : Path
     recording : xarray.Dataset
     found : Quality
+        Data quality of the recording.
     mapping : dict or None
+        Mapping as the user gave it.
     stations : dict
-        Marker clusters, name -> markers; empty where every marker is a station.
+        Marker clusters, name -> markers; empty if every marker is a station.
     options : dict
-        Of `align`.
+        Arguments of `align`.
     aligned : xarray.Dataset or None
-        None when the alignment failed.
+        The recording in the base frame; None when the alignment failed.
     problem : str
-        Why it failed.
+        Why the alignment failed.
     made_up : dict
-        What nobody said and was made up to read the file, for its shape alone: a camera, or units.
+        Mapping entries that were assumed in order to read the file: a camera, or units.
     log : Path or None
-        Log of the pressure in a file of its own; `recording` then holds it, on its own clock.
+        File of the pressure log, if it is separate. `recording` then holds its pressure, on the log's own clock.
     """
 
     path: Path
@@ -80,87 +82,85 @@ class FirstLook:
 
     @property
     def name(self) -> str:
-        """Name of the recording in the study."""
+        """Return the name of the recording in the study, made from the file name."""
         return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
 
     @property
     def grouped(self) -> xr.Dataset:
-        """The recording, with one station for each cluster of markers."""
+        """Return the recording with one station for each cluster of markers."""
         return assemble(self.recording, self.stations) if self.stations else self.recording
 
     @property
     def base(self) -> str:
-        """Name of the base station."""
+        """Return the name of the base station."""
         report = json.loads(str(self.recording.attrs.get("alignment", "{}")))
         return str(self.options.get("base") or report.get("base") or self.recording["station"].values[0])
 
     @property
     def scaled(self) -> bool:
-        """Whether nothing was made up to read the file."""
+        """Return whether the file was read without assumed scale or units."""
         return not self.made_up
 
     @property
     def turns(self) -> bool:
-        """Whether the file holds angles and no places."""
+        """Return whether the file holds angles and no positions."""
         return "position" not in self.recording
 
     @property
     def shown(self) -> np.ndarray:
-        """Return the motion of the last station (T, axes): its position, or its angle where the file holds angles
-        alone.
-        """
+        """Return the last station's motion (T, axes): position [m], or angle [rad] if the file holds angles alone."""
         recording = self.recording if self.aligned is None else self.aligned
         last = recording["angle"].values[:, -1:, None] if self.turns else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
 
     @property
     def out_of_plane(self) -> float:
-        """Share of the motion out of its best plane; 0 where the file is planar or nothing moves beyond the noise."""
+        """Return the fraction of the motion out of its best-fit plane; 0 if the file is planar or nothing moves."""
         share, moves = self.found.out_of_plane_share, len(self.found.standing) < self.found.stations
         return float(share) if np.isfinite(share) and moves else 0.0
 
     @property
     def spatial(self) -> bool:
-        """Whether the body moves in space, as far as the file shows it."""
+        """Return whether the file shows a body that moves in space."""
         frame = self.recording.attrs["frame"]
         return frame == "spatial" or (frame == "tracker" and (self.out_of_plane > OUT_OF_PLANE or bool(self.cords)))
 
     @property
     def chambers(self) -> list[str]:
-        """Names of the pressures where there are several, of a body in a plane those that move."""
+        """Return the names of the pressures if there are several; for a body in a plane only those that vary."""
         names, ranges = several(self.recording), self.pressure_ranges
         widest = max(ranges.values(), default=0.0)
         return names if self.spatial else [n for n in names if ranges.get(n, 0.0) > DRIVEN * widest]
 
     @property
     def pressure_ranges(self) -> dict[str, float]:
-        """Highest less lowest value of each pressure, kPa."""
+        """Return the difference between highest and lowest value of each pressure [kPa]."""
         return {name: high - low for name, (low, high) in self.found.pressure_kpa.items()}
 
     @property
     def cords(self) -> list[RecordedInput]:
-        """Inputs other than pressure: those of tendons."""
+        """Return the inputs other than pressure, which drive tendons."""
         return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
 
     @property
     def widest(self) -> float:
-        """Largest travel of a station, m, or turn, degrees."""
+        """Return the largest peak displacement [m] of a station, or the largest rotation [degrees] for angles."""
         return max((self.found.travel_deg if self.turns else self.found.travel_m).values())
 
     @property
     def dense(self) -> bool:
-        """Whether the shape is known all along the body."""
+        """Return whether the file has enough stations to describe the shape all along the body."""
         count = len(self.stations) or int(self.recording.sizes["station"])
         return not self.turns and count >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:
-        """Whether the file says that a cap marks the tip."""
+        """Return whether the file states that a cap marks the tip."""
         return "cap_curvature" in self.recording.attrs and "cap_length" in self.recording.attrs
 
     @property
     def highest_pa(self) -> float | None:
-        """Measured pressure farthest from 0, or the level in the file's name, Pa; None when neither is known."""
+        """Return the measured pressure farthest from 0 or the level in the file's name [Pa]; None if unknown."""
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
         named = LEVEL.search(self.path.stem)
@@ -168,7 +168,7 @@ class FirstLook:
 
 
 def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> FirstLook:
-    """Look at a file, and take its pressure from a log beside it where there is one; as `look_at`."""
+    """Read a file as `look_at` does, and take its pressure from a separate log if one is given."""
     look = look_at(path, mapping)
     if log is None:
         return look
@@ -179,7 +179,7 @@ def look_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | Non
 
 
 def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
-    """Read a file, judge it, group its markers and try its alignment in the plane.
+    """Read a file, assess its quality, group its markers and try to align it in the plane.
 
     Parameters
     ----------
@@ -190,13 +190,13 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
     Raises
     ------
     InputError
-        When the file cannot be read, or holds no positions.
+        When the file cannot be read, or holds neither positions nor angles.
     """
     kept = dict(mapping) if mapping else None
     recording, made_up = read_or_guess(path, kept)
     if not {"position", "angle"} & set(recording):
         held = (
-            "strain: make positions of it with pliant.sensing.shape_from_strain first"
+            "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
             else "pressure alone: a study needs the shape too"
         )
@@ -219,7 +219,7 @@ def look_at(path: Path, mapping: Mapping[str, Any] | None = None) -> FirstLook:
 
 
 def in_space(look: FirstLook) -> FirstLook:
-    """The look with its recording aligned in space.
+    """Return the first look with its recording aligned in space.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def in_space(look: FirstLook) -> FirstLook:
     """
     if look.turns or look.recording.attrs["frame"] == "planar":
         raise InputError(f"{look.path.name} holds {'angles alone' if look.turns else 'a planar recording'}: a study in "
-                         "space needs the positions as the tracker has them")  # fmt: skip
+                         "space needs the three-dimensional positions of the tracker")  # fmt: skip
     if look.recording.attrs["frame"] == "spatial" or look.capped:
         return look
     try:
@@ -239,7 +239,7 @@ def in_space(look: FirstLook) -> FirstLook:
 
 
 def from_one_side(looks: Sequence[FirstLook]) -> list[FirstLook]:
-    """The looks with their recordings in a plane seen from the side of the first, as a study of several chambers."""
+    """Return the looks with all planar recordings aligned to the first one's plane normal, so that x is the same."""
     done: list[FirstLook] = []
     normal = None
     for look in looks:
@@ -254,9 +254,9 @@ def from_one_side(looks: Sequence[FirstLook]) -> list[FirstLook]:
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
-    """Markers on one rigid part, by their names: ``Tip - 1``, ``Tip - 2``, ... -> ``tip``; base first.
+    """Group markers on one rigid part by their names: ``Tip - 1``, ``Tip - 2``, ... become ``tip``; base first.
 
-    Empty unless at least two groups come out, one with three markers or more.
+    The result is empty unless there are at least two groups, one of them with three markers or more.
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -269,7 +269,10 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
-    """The groups that names suggest, where they can be plates: off one line, and keeping their distances."""
+    """Return the marker groups suggested by names that can be rigid plates; other markers become stations of one.
+
+    The result is empty if no group has more than one marker.
+    """
     groups = clusters([str(s) for s in recording["station"].values])
     found: dict[str, list[str]] = {}
     for name, markers in groups.items():
@@ -279,15 +282,15 @@ def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
 
 
 def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
-    """Whether markers can sit on one plate: not on a line, and their distances hardly change (5 to 95 % of frames)."""
-    place = recording["position"].sel(station=list(markers)).values
-    apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
+    """Return whether markers can sit on one rigid plate: not on a line, and at nearly constant distances."""
+    position = recording["position"].sel(station=list(markers)).values
+    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     apart = apart[np.isfinite(apart).all(axis=(1, 2))]
     if not len(apart):
-        return True  # never seen together: what is rigid is not known
+        return True  # never visible together: rigidity cannot be tested
     low, high = np.percentile(apart, [5, 95], axis=0)
     still = bool((high - low <= np.maximum(RIGID_M, RIGID_SHARE * high)).all())
-    shape = place[np.argmax(np.isfinite(place).all(axis=(1, 2)))]
+    shape = position[np.argmax(np.isfinite(position).all(axis=(1, 2)))]
     size = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
     return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
 
@@ -295,7 +298,7 @@ def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
 def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
-    """Options of `align`: the base by its name, else what stands still, else the first."""
+    """Return options of `align`, with the station named base, else one that does not move, else the first, as base."""
     names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
@@ -307,9 +310,10 @@ def directions(
 
 
 def azimuths(recording: xr.Dataset) -> list[float]:
-    """Azimuth of each pressure's chamber [degrees] from x towards y, 0 to 360, by the motion of the last station.
+    """Return the azimuth of each pressure's chamber [degrees, 0 to 360] from x towards y, from the last station's
+    motion.
 
-    A chamber bends the body away from itself. The station's displacement is taken for linear in all pressures.
+    A chamber bends the body away from itself. The station's displacement is assumed to be linear in all pressures.
 
     Parameters
     ----------
@@ -321,7 +325,7 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Displacement (C, S, 1 or 2) of each station across the base tangent for a unit of each input, as if linear."""
+    """Return the linear gain of stations' displacement across the base tangent [m] for each input (C, S, 1 or 2)."""
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
     design = np.column_stack([inputs, np.ones(len(inputs))])
@@ -333,17 +337,18 @@ def sideways(recording: xr.Dataset) -> np.ndarray:
 
 
 def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
-    """Side to which a chamber bends a body in a plane, 1 or -1, and where its bend begins and ends [m from the base].
+    """Return the side to which a chamber bends a planar body (1 or -1), and where the bend begins and ends [m from
+    base].
 
-    The bend is taken for even between two tenths of the body, and the body for straight beyond; for even in all of it
-    where no part explains the displacements of the stations much better.
+    The bend is assumed to be even between two points at tenths of the body, and the body straight elsewhere. If
+    no part explains the displacements of the stations much better, the bend is assumed to be even over the whole body.
 
     Parameters
     ----------
     recording : xarray.Dataset
         Recording in the base frame, in a plane.
     name : str
-        Of the chamber, which the recording drives.
+        Name of the chamber.
     """
     gain = sideways(recording)[several(recording).index(name), :, 0]
     height = np.nanmedian(recording["position"].values[:10, :, -1], axis=0)
@@ -361,16 +366,16 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
 
 
 def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Displacement sideways at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
+    """Return the sideways displacement at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
     bent = np.clip(height, begin, end) - begin
     return np.asarray(bent * (height - begin - 0.5 * bent))
 
 
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
-    """Azimuth [degrees] of the tendon of each input, and where it ends [m along the base tangent at rest].
+    """Return for each input the azimuth of its tendon [degrees] and where it ends [m along the base tangent at rest].
 
-    A tendon bends the body towards itself, evenly from the base to one of the stations, and leaves it straight beyond:
-    the end is the station for which that explains the displacements of all stations best.
+    A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
+    straight beyond. The end is the station with which this best explains the displacements of all stations.
 
     Parameters
     ----------
@@ -392,7 +397,7 @@ def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
 
 
 def body_length(look: FirstLook) -> float | None:
-    """Length of the body as far as the file shows it, m: along the stations, or from base to tip at rest."""
+    """Return the length of the body [m], along the stations or from base to tip at rest; None if it is unknown."""
     if look.aligned is None or look.capped or look.turns or not look.scaled:
         return None
     if "arc_length" in look.aligned.coords:
@@ -402,7 +407,7 @@ def body_length(look: FirstLook) -> float | None:
 
 
 def excitation(look: FirstLook) -> Excitation:
-    """"trace", "pulse", "step" or "release", as far as the file shows it."""
+    """Return the excitation that the file shows: "trace" (measured input), "pulse", "step" or "release"."""
     if {"pressure", "actuation"} & set(look.recording):
         return "trace"
     if look.aligned is None:
@@ -416,10 +421,11 @@ def excitation(look: FirstLook) -> Excitation:
 
 
 def held_out(looks: Sequence[FirstLook]) -> str | None:
-    """Name of the recording to predict: the one with the middle pressure, of two the lower, so that none is beyond.
+    """Return the name of the recording to hold out; None if there is only one.
 
-    Where a pressure is not known, the one of middle travel: the others then lie on both sides of it. Where some
-    recordings drive several chambers, one of those: what each chamber does alone is learnt.
+    It is the recording with the middle pressure (of two, the lower), so that the test does not extrapolate. If some
+    pressure is unknown, the peak displacement decides instead. If only some recordings drive several chambers together,
+    one of these is held out, so that the fit has the effect of each chamber alone.
     """
     if len(looks) < 2:
         return None
@@ -431,11 +437,11 @@ def held_out(looks: Sequence[FirstLook]) -> str | None:
 
 
 def moved(look: FirstLook) -> str:
-    """Return begin and end of the motion as a comment; empty if they are not known."""
+    """Return the begin and end of the motion as a comment, or "" if they are unknown."""
     if look.aligned is None or not look.scaled or excitation(look) == "trace":
         return ""
     stations = tuple(str(n) for n in look.aligned["station"].values if look.turns or n != look.base)
-    recording = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level: only times are asked for
+    recording = look.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
     try:
         found = edges(experiment(look.name, recording, stations=stations, excitation=excitation(look)))
     except InputError:

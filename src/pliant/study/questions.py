@@ -1,4 +1,4 @@
-"""Open questions of a study file: entries that stand as "?" until the user answers them."""
+"""Open questions of a study file: entries with the value "?" that the user must replace."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ OPEN = "?"
 
 
 def open_entries(content: Any, where: str = "") -> Iterator[str]:
-    """Names of the entries that hold "?", such as ``actuator.mass``."""
+    """Yield the names of the entries that hold "?", such as ``actuator.mass``."""
     if content == OPEN:
         yield where
     elif isinstance(content, Mapping):
@@ -24,16 +24,16 @@ def open_entries(content: Any, where: str = "") -> Iterator[str]:
 
 
 def refuse_open(content: Mapping[str, Any], path: Path) -> None:
-    """Raise InputError that names every open question of the study file `path`."""
+    """Raise InputError with the names of all open questions, if the study file `path` has any."""
     if found := list(open_entries(content)):
         many = f"{len(found)} open questions" if len(found) > 1 else "one open question"
-        raise InputError(f'study {path} has {many}: answer the "?" at {", ".join(found)}')
+        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(found)} with values')
 
 
 def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:
-    """Raise InputError where the file says what a table's columns mean, and nothing of a study."""
+    """Raise InputError if the file is a mapping (the columns and units of a table) instead of a study."""
     if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) and not {
         "actuator", "recordings"
     } & set(content):
-        raise InputError(f"{path} is a mapping, which says what a table's columns mean, and no study: pass it with "
+        raise InputError(f"{path} is a mapping, which describes the columns of a table, not a study: pass it with "
                          f"--mapping, as in pliant order TABLE --mapping {path.name}")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Records of a study beside the model of a fit, those that it has not seen with the band of their prediction."""
+"""Comparison of each recording of a study with a fitted model, with prediction bands for the held-out ones."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = np.ndarray
 def outcome_of(
     exp: Experiment, role: Role, result: FitResult, values: Mapping[str, float], step: float,
 ) -> RecordOutcome:
-    """One record beside the model of a fit."""
+    """Return the comparison of one recording with the motion that the fitted model predicts for it."""
     prediction = predict(result.model, exp, values, step)
     finite(prediction["compared"], "the modelled motion")
     metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
@@ -44,10 +44,12 @@ def records_of(
     train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, step: float, weighting: str,
     failures: Failures,
 ) -> tuple[RecordOutcome, ...]:
-    """The training records as followed; the held-out ones as predicted, everything frozen but their edge times.
+    """Return the outcomes of the training recordings and of the held-out ones, predicted by the fit.
 
-    A record whose motion cannot be computed is added to `failures` and left out; one whose band cannot be computed is
-    added too, and keeps its prediction.
+    For a held-out recording, all parameters are held constant except its own edge times.
+
+    A recording whose motion cannot be computed is added to `failures` and left out. One whose band cannot be
+    computed is added to `failures` and returned without a band.
     """
     records = []
     for exp in train:
@@ -73,9 +75,9 @@ def records_of(
 def warn_of_step(
     made: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
 ) -> None:
-    """Pass on a warning where the step [s] may make the tip of a record wrong by more than 1 % of the length."""
+    """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length."""
     model, exp = result.model, made.experiment
-    if exp.poses:  # without steps
+    if exp.poses:  # equilibria, computed without time steps
         return
 
     def tips(h: float) -> Array:
@@ -92,7 +94,7 @@ def warn_of_step(
 
 
 def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
-    """A record that the fit has not seen, as predicted, and the fit of its edge times."""
+    """Return the outcome of a held-out recording, and the fit of its edge times."""
     _, own = predict_held_out(exp, result, step=step)
     made = outcome_of(exp, "held_out", own, own.values, step)
     edges = {p.name.removeprefix(f"{exp.name}."): own.values[p.name] for p in own.parameters if p.free}
@@ -102,7 +104,9 @@ def held_out_of(exp: Experiment, result: FitResult, step: float) -> tuple[Record
 def band_of(
     train: Sequence[Experiment], result: FitResult, made: RecordOutcome, own: FitResult, step: float, weighting: str,
 ) -> Band:
-    """The band of a prediction: from the uncertainty of the parameters, and residuals as the training records have."""
+    """Return the 95 % band of a prediction, from the parameters' uncertainty and the noise of the training
+    residuals.
+    """
     exp = made.experiment
     noise = residual_noise(train, result, exp, made.modelled, step=step, weighting=weighting)
     band = prediction_band(exp, result, step=step, noise=noise, own=own, training=train)

@@ -1,4 +1,4 @@
-"""`run_study`: check, align, fit, predict, write."""
+"""`run_study`: check and align the recordings, fit models, predict the held-out recordings, and write the results."""
 
 from __future__ import annotations
 
@@ -46,20 +46,20 @@ WRITTEN = ("study.json", "results.nc", "report.html", "model.json", "metrics.jso
 def run_study(
     study: Study, folder: str | Path | None = None, *, progress: Tell | None = None, workers: int | None = None,
 ) -> StudyOutcome:
-    """Run a study and, with a folder, write what it found.
+    """Run a study; if a folder is given, write its results there.
 
     Parameters
     ----------
     study : Study
-        From `load_study`.
+        Study as `load_study` returns it.
     folder : str or Path, optional
-        Takes model.json, metrics.json, study.json (resolved), results.nc and report.html. Made when absent; those files
-        in it are replaced together once all are written, others are left alone.
+        Folder for model.json, metrics.json, study.json (resolved), results.nc and report.html, created if it is absent.
+        These files are replaced together once all are written. Other files in the folder are not touched.
     progress : callable, optional
-        Called with one line for each thing done.
+        Called with a line of text after each step.
     workers : int, optional
-        Processes that make fits side by side where they take longer than a moment; default: one for each core. What is
-        found does not depend on it.
+        Number of processes that compute fits in parallel, if the fits take longer than 2 s. Default: one for each core.
+        The results do not depend on it.
 
     Returns
     -------
@@ -70,8 +70,8 @@ def run_study(
     InputError
         When a recording, an entry or the folder is not usable.
     FitError
-        When nothing can be computed: no fit, or no record of any fit. A fit, prediction, band or forecast that cannot
-        be computed beside others that can is in `StudyOutcome.not_computed`.
+        When nothing can be computed: no fit, or no recording of any fit. If only some fits, predictions, bands or
+        forecasts cannot be computed, they are listed in `StudyOutcome.not_computed`.
     """
     began = clock.perf_counter()
     tell = progress or (lambda _line: None)
@@ -111,7 +111,7 @@ def run_study(
 def all_fits(
     study: Study, ready: PreparedStudy, tell: Tell, workers: int | None,
 ) -> tuple[list[tuple[str, FitOutcome | Exception]], ModelSelection | None]:
-    """The stage that the model hierarchy chose and every fit, each with its name or the error that it ended in."""
+    """Return (name, outcome or error) of the selected stage and of every fit, and the result of the model selection."""
     ends: list[tuple[str, FitOutcome | Exception]] = []
     chosen = None
     try:
@@ -124,12 +124,12 @@ def all_fits(
 
 
 def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[FitOutcome, ...], list[NotComputed]]:
-    """The fits that could be computed and those that could not.
+    """Return the fits that could be computed, and entries for those that could not.
 
     Raises
     ------
     InputError, FitError
-        Where no record of any fit could be computed.
+        When no recording of any fit could be computed.
     """
     fits = tuple(end for _, end in ends if isinstance(end, FitOutcome))
     errors = {name: end for name, end in ends if isinstance(end, Exception)}
@@ -142,24 +142,24 @@ def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[
 
 
 class PreparedStudy(NamedTuple):
-    """The recordings of a study, ready for fits."""
+    """The recordings of a study as experiments, with its model, ready for fits."""
 
     experiments: dict[str, Experiment]
-    model: Model  # as the study's actuator says, laid through the shape that decides the chain
-    actuator: ActuatorEntry  # as the study states it, with the azimuths that it leaves out
+    model: Model  # of the study's actuator, with links on the dense shape if there is one
+    actuator: ActuatorEntry  # as the study states it, with missing azimuths estimated
     findings: dict[str, tuple[str, ...]]
     provenance: dict[str, str]
     bodies: Mapping[str, xr.Dataset]  # the aligned recordings
-    shape: Shape | None  # of the recording that decides the chain, where shapes are dense
-    dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
+    shape: Shape | None  # of the recording that determines the links, for dense shapes
+    dropped: Mapping[str, str]  # recordings without usable motion, each with the reason
     clocks: dict[str, Clocks]  # of recordings whose pressure was moved onto the shape's clock
-    doubts: tuple[str, ...]  # what looks wrong in recordings and body
+    doubts: tuple[str, ...]  # warnings about recordings and body
 
 
 def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
-    """Read, align and, where the shape is dense, reduce every recording."""
+    """Read and align every recording of the study, and reduce dense shapes to links."""
     if study.model_selection:
-        stages_of(study.model_selection)  # refused before any work is done
+        stages_of(study.model_selection)  # raises InputError before any work is done
     aligned = all_aligned(study)
     doubts = of_study(aligned)
     for line in doubts:
@@ -170,7 +170,7 @@ def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
 
 
 def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], tell: Tell) -> PreparedStudy:
-    """Experiments and model of the study, from its recordings in the base frame."""
+    """Build the experiments and the model of the study from its recordings in the base frame."""
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))
@@ -191,7 +191,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
         if clocks is not None:
             tell(f"{name}: {clocks.message}")
         unit, factor = reduced.shown_in
-        tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
+        tell(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
     actuator = with_azimuths(study, experiments, tell)
     model = study_model(actuator, rotation, shape.links if shape else None, supported_links(experiments),
                         min((e.x_sign for e in experiments.values()), default=1))
@@ -208,7 +208,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
-    """Write study, results, report, model and metrics as one set: no file of one run beside those of another."""
+    """Write study, results, report, model and metrics as one set, so that files of different runs never mix."""
     from pliant.view.report import write_report  # loaded when something is written
 
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)
@@ -226,5 +226,5 @@ def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: floa
 
 
 def run_id(outcome: StudyOutcome) -> str:
-    """Digest of everything that metrics.json holds, times taken among it: no two runs share it."""
+    """Return a digest of everything in metrics.json, run times included, so that it differs between runs."""
     return sha256(json.dumps(outcome.to_dict(), allow_nan=False).encode()).hexdigest()[:16]

@@ -1,6 +1,6 @@
-"""Shorthand of study files: `[recordings.defaults]`, one entry for many trials, a fit like another.
+"""Abbreviations in study files: `[recordings.defaults]`, one entry for many trials, and a fit like another.
 
-A file is written out in full before it is checked; the study that a run leaves behind is the full one.
+A file is expanded before it is checked. The study that a run writes is the expanded one.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ DEFAULTS = "defaults"
 
 
 def written_out(content: Any, path: Path) -> Any:
-    """The content of the study file `path` with everything that stands for something else written out.
+    """Return the content of the study file `path` with all abbreviations expanded.
 
     Raises
     ------
     InputError
-        When trials have no values or names of their own, a fit is like none, like itself, or without what it has not.
+        When trials have no values or the same name, a fit is like an unknown fit or like itself, or `without` names a
+        parameter that the fit does not have.
     """
     if not isinstance(content, Mapping):
-        return content  # the schema says what is wrong with it
+        return content  # the schema reports the error
     content = dict(content)
     groups: dict[str, list[str]] = {}
     if tables(content.get("recordings")):
@@ -37,12 +38,12 @@ def written_out(content: Any, path: Path) -> Any:
 
 
 def tables(content: Any) -> bool:
-    """Whether `content` is a table of tables."""
+    """Return whether `content` is a table whose entries are all tables."""
     return isinstance(content, Mapping) and all(isinstance(entry, Mapping) for entry in content.values())
 
 
 def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
-    """`shared` overruled by `own`, tables entry by entry; what `shared` has comes first."""
+    """Return `shared` merged with `own`, which takes precedence, table by table; keys of `shared` come first."""
     both = dict(shared)
     for key, value in own.items():
         old = both.get(key)
@@ -51,10 +52,12 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
 
 
 def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """Every recording with the defaults put in, and the names of the trials of each entry that stands for many."""
+    """Return every recording with the defaults merged in, and the trial names of each entry that selects
+    many trials.
+    """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
-        raise InputError(f"study {path}: [recordings.{DEFAULTS}] selects trials: say in one recording which those are")
+        raise InputError(f"study {path}: [recordings.{DEFAULTS}] has select: state it in a single recording instead")
     groups = {name: trials(name, entry["select"], path) for name, entry in listed.items() if "select" in entry}
     own = {trial for names in groups.values() for trial in names}
     found: dict[str, Table] = {}
@@ -73,20 +76,21 @@ def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, T
 
 
 def trials(name: str, select: Any, path: Path) -> list[str]:
-    """Names of the trials that the entry `name` stands for."""
+    """Return the names of the trials that the entry `name` selects, such as name_3."""
     form = 'select = { column = "ID", values = [0, 3, 4] }'
     if not isinstance(select, Mapping) or set(select) != {"column", "values"}:
-        raise InputError(f"study {path}: recording {name} selects trials as {form}, got select = {select!r:.80}")
+        raise InputError(f"study {path}: recording {name} needs {form}, got select = {select!r:.80}")
     values = select["values"]
     if not isinstance(values, list) or not values or not all(type(v) is int for v in values):
-        raise InputError(f"study {path}: recording {name} selects trials by whole numbers, {form}, got {values!r:.80}")
+        raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
+                         f"{values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice: {values!r:.80}")
+        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}")
     return [f"{name}_{value}" for value in values]
 
 
 def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
-    """A fit that names trials one by one where it named the entry that stands for all of them."""
+    """Return a fit in which the name of an entry with many trials is replaced by the names of these trials."""
     lists = {key: fit[key] for key in ("train", "held_out") if isinstance(fit.get(key), list)}
     return {**fit, **{
         key: [name for r in records for name in (groups.get(r, [r]) if isinstance(r, str) else [r])]
@@ -95,23 +99,23 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
 
 
 def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
-    """A fit in full: the one that it is `like`, overruled by its own entries, less the parameters it is `without`."""
+    """Return a fit in full: the fit that it is `like`, with its own entries, less the parameters in `without`."""
     own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}; the others are {listed or 'none'}")
+            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}")
         if like in (*above, name):
             raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}")
         shared = fit_of(like, fits, (*above, name), path)
-        shared.pop("title", None)  # a name of its own
+        shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)
     parameters = own.get("parameters", {})
     known = parameters if isinstance(parameters, Mapping) else {}
     if not isinstance(without, list) or [p for p in without if not isinstance(p, str) or p not in known]:
         raise InputError(
-            f"study {path}: fit {name} is without {shown(without)}, which must be a list of some of its parameters: "
+            f"study {path}: fit {name} has without = {shown(without)}, which must be a list of some of its parameters: "
             f"{', '.join(known) or 'none'}"
         )
     if without:

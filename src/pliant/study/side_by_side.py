@@ -1,7 +1,7 @@
-"""Fits of a study side by side: helper processes take fits from the line while this process works through it.
+"""Parallel computation of a study's fits: helper processes and this process take fits from one queue.
 
-A fit knows nothing of another, so what it finds does not depend on who made it. A study that is done in a moment starts
-no helper: to start one costs as much. A helper that ends leaves its fit to this process.
+The fits are independent, so that the results do not depend on the process. A study that takes less than 2 s starts no
+helper. If a helper process ends early, this process computes its fit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pliant.study.schema import Study
 from pliant.validation.outcome import FitOutcome
 
 Tell = Callable[[str], None]
-HEAD_START = 2.0  # s of the processor: a busy machine is not helped by more processes
+HEAD_START = 2.0  # s of processor time before helpers start, not of wall time, so that a busy machine gets no more load
 POLL = 0.2  # s
 START = """
 import sys
@@ -38,7 +38,7 @@ help_out()
 
 
 class Line:
-    """The fits that wait, and what has become of the others."""
+    """A queue of the fits that wait, and the outcomes of those that have ended."""
 
     def __init__(self, study: Study, experiments: Mapping[str, Experiment], model: Model) -> None:
         self.common = (study, experiments, model)
@@ -47,14 +47,14 @@ class Line:
         self.empty = Event()
 
     def take(self) -> str | None:
-        """The name of the next fit; None when no more waits."""
+        """Remove the next fit from the queue and return its name; None if the queue is empty."""
         try:
             return self.waiting.popleft()
         except IndexError:
             return None
 
     def missing(self) -> list[str]:
-        """The fits that nobody has made; none after an unexpected error."""
+        """Return the names of the fits without an outcome; empty after an unexpected error."""
         given_up = any(map(is_bug, self.ended.values()))
         return [] if given_up else [name for name in self.common[0].fits if name not in self.ended]
 
@@ -68,13 +68,13 @@ class Line:
 def run_fits(
     study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell, workers: int | None = None,
 ) -> list[tuple[str, FitOutcome | Exception]]:
-    """Compute all fits of a study, by as many processes as there are `workers`; default: one for each core.
+    """Compute all fits of a study with up to `workers` processes; default: one for each core.
 
     Returns
     -------
     list of (str, FitOutcome or Exception)
-        Name and outcome of each fit in the study's order; of a fit that could not be computed, the error (one of
-        `pliant.failures.FAILED`). Any other error is raised.
+        Name and outcome of each fit in the study's order. The outcome of a fit that could not be computed is its error,
+        one of `pliant.failures.FAILED`. Any other error is raised.
     """
     line = Line(study, experiments, model)
     helpers = [Helper(line, tell) for _ in range(min(workers or cores(), len(study.fits)) - 1)]
@@ -88,7 +88,7 @@ def run_fits(
             for helper in helpers:
                 helper.stop(busy=False)
                 helper.join()
-            line.waiting.extend(line.missing())  # what a helper had when it ended
+            line.waiting.extend(line.missing())  # the fits of helpers that ended early
     finally:
         line.waiting.clear()
         line.empty.set()
@@ -102,24 +102,24 @@ def run_fits(
 
 
 def is_bug(end: FitOutcome | Exception) -> bool:
-    """Whether a fit ended in an error that no computation ends in on purpose."""
+    """Return whether a fit ended in an unexpected error, one that is not in `pliant.failures.FAILED`."""
     return isinstance(end, Exception) and not isinstance(end, FAILED)
 
 
 def ended(common: tuple[Study, Mapping[str, Experiment], Model], name: str, tell: Tell) -> FitOutcome | Exception:
-    """A fit, or why it could not be computed."""
+    """Compute a fit and return its outcome, or the error in which it ended."""
     study, experiments, model = common
     try:
         return run_fit(study, name, study.fits[name], experiments, model, tell)
     except FAILED as error:
         tell(f"warning: {fit_failure(name, error).sentence}")
         return error
-    except Exception as error:  # noqa: BLE001  raised where all fits have ended
+    except Exception as error:  # noqa: BLE001  raised again when all fits have ended
         return error
 
 
 class Helper(Thread):
-    """A process beside this one, and who hands it one fit after the other."""
+    """A thread that starts a helper process and passes fits to it, one after the other."""
 
     def __init__(self, line: Line, tell: Tell) -> None:
         super().__init__(daemon=True)
@@ -129,14 +129,14 @@ class Helper(Thread):
         self.stopped = False
 
     def run(self) -> None:
-        """Work until no fit waits."""
+        """Start the process after 2 s of processor time, and pass fits to it until the queue is empty."""
         began = process_time()
         while process_time() - began < HEAD_START:
             if self.line.empty.wait(POLL):
                 return
         command = [sys.executable, "-P", "-c", START.format(path=sys.path)]
         try:
-            with subprocess.Popen(  # noqa: S603  ourselves; a group of its own: Ctrl-C is this process' to answer
+            with subprocess.Popen(  # noqa: S603  this interpreter, in a group that Ctrl-C does not reach
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, process_group=0
             ) as self.process:
                 try:
@@ -145,12 +145,12 @@ class Helper(Thread):
                     self.process.kill()
         except (OSError, EOFError, pickle.UnpicklingError) as error:
             if not self.stopped:
-                self.tell(f"a process that made fits beside this one ended ({type(error).__name__}): this one goes on")
+                self.tell(f"a helper process ended early ({type(error).__name__}): the main process goes on")
 
     def serve(self, process: Any) -> None:
-        """Hand out fits, take what they became."""
+        """Send fits to the process and store their outcomes until the queue is empty."""
         send(process.stdin, self.line.common)
-        pickle.load(process.stdout)  # noqa: S301  it has loaded what it needs
+        pickle.load(process.stdout)  # noqa: S301  "ready": its modules are loaded
         while (name := self.line.take()) is not None:
             self.name_of_fit = name
             send(process.stdin, name)
@@ -161,7 +161,7 @@ class Helper(Thread):
             self.name_of_fit = None
 
     def stop(self, *, busy: bool = True) -> None:
-        """End the process, or only one that has no fit."""
+        """End the process; with `busy=False`, only if it has no fit at the moment."""
         if busy or self.name_of_fit is None:
             self.stopped = True
             if self.process is not None:
@@ -169,15 +169,15 @@ class Helper(Thread):
 
 
 def send(pipe: IO[bytes], what: Any) -> None:
-    """Write one pickle."""
+    """Write one pickled object to a pipe and flush it."""
     pickle.dump(what, pipe)
     pipe.flush()
 
 
 def help_out() -> None:
-    """Serve as a helper process: fits by name from standard input, each answered on standard output, until it ends."""
+    """Run as a helper process: read names of fits from standard input and write their outcomes to standard output."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints must not come between the answers
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a library's prints must not mix with the outcomes
     common = pickle.load(sys.stdin.buffer)  # noqa: S301  from the process that started this one
     send(answers, "ready")
     while True:

@@ -1,4 +1,4 @@
-"""A round body whose radius changes along it: the joints' stiffness and the links' mass, and tendons that converge."""
+"""A round body whose radius changes along it: stiffness of the joints, mass of the links, and converging tendons."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ SLICES = 200  # of each segment, for the integrals along it
 
 
 def slices(length: float, joints: int) -> tuple[Array, float]:
-    """Return the middles (joints, SLICES) [m] of thin slices of each joint's segment, and their thickness [m]."""
+    """Return the midpoints (joints, SLICES) [m] of thin slices of each joint's segment, and their thickness [m]."""
     thin = length / (joints * SLICES)
     return (thin * (np.arange(joints * SLICES) + 0.5)).reshape(joints, SLICES), thin
 
 
 def checked_radius(taper: TaperTable, length: float) -> None:
-    """Refuse radii that do not say what the body is like from the base to the tip."""
+    """Raise InputError if the radii are not given for increasing positions from the base to the tip."""
     at = np.array(taper.at)
     if at.size != len(taper.radius) or (np.diff(at) <= 0).any() or at[0] > 0 or at[-1] < length * (1 - 1e-9):
         raise InputError(
-            "[actuator.taper] needs a radius for each place in at, which rise from 0 to the length of the body "
+            "[actuator.taper] needs one radius for each position in at, increasing from 0 to the length of the body "
             f"({length:g} m)"
         )
 
@@ -43,7 +43,7 @@ def tapered_springs(taper: TaperTable, length: float, joints: int) -> Array:
 
 
 def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Array:
-    """Return the mass (n,) of each link [kg]; what lies before the first joint does not move."""
+    """Return the mass (n,) of each link [kg], without the part before the first joint, which does not move."""
     ends = length - np.append(np.cumsum(link_length[::-1])[::-1], 0.0)
     s, thin = slices(length, link_length.size)
     section = taper.density * np.pi * np.interp(s, taper.at, taper.radius).ravel() ** 2
@@ -53,7 +53,7 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
 def tapered_extensions(
     taper: TaperTable, length: float, segments: Sequence[Extension], joints: int,
 ) -> tuple[Extension, ...]:
-    """Return the segments that lengthen with E A of the body there: length / integral of 1 / (E A)."""
+    """Return the extensible segments with the axial stiffness of the tapered body: length / integral of 1 / (E A)."""
     s, thin = slices(length, joints)
     axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
     made = []
@@ -65,9 +65,9 @@ def tapered_extensions(
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
-    """Return the distance (joints,) of a tendon from the axis at each joint, in parts of its lever at the base.
+    """Return the distance (joints,) of a tendon from the axis at each joint, divided by its lever at the base.
 
-    It is the mean over the joint's segment: less where the tendon comes nearer to the axis, or ends.
+    The distance is averaged over the joint's segment, and is 0 beyond the end of the tendon.
     """
     s, _ = slices(length, joints)
     stop = length if entry.stop is None else entry.stop
@@ -75,12 +75,12 @@ def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
 
 
 def stations_of(entries: Sequence[StationTable], length: float, link_length: Array) -> tuple[Station, ...]:
-    """Return the observed points of a body, each on the link that holds its place along the body."""
+    """Return the observed points of a body, each on the link that contains its position along the body."""
     joints = length - np.cumsum(link_length[::-1])[::-1]
     made = []
     for entry in entries:
         if not 0 <= entry.at <= length * (1 + 1e-9):
-            raise InputError(f"station {entry.name}: at is from 0 to the length of the body ({length:g} m)")
+            raise InputError(f"station {entry.name}: at must be between 0 and the length of the body ({length:g} m)")
         link = int(np.searchsorted(joints, entry.at, side="right")) - 1
         before = 0.0 if link < 0 else float(joints[link])
         made.append(Station(entry.name, link, entry.at + entry.along - before, entry.across, entry.aside))
@@ -88,10 +88,13 @@ def stations_of(entries: Sequence[StationTable], length: float, link_length: Arr
 
 
 def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
-    """Stiffness, mass and segments of an actuator whose radius changes along it; the links' own masses come later."""
+    """Return the stiffness, mass and extensible segments of an actuator whose radius changes along it.
+
+    The masses of the single links are set later, by `fitted_out`.
+    """
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
-        raise InputError("[actuator.taper] goes with length and links, in place of stiffness and mass")
+        raise InputError("[actuator.taper] needs length and links, and replaces stiffness and mass: remove those")
     springs = tapered_springs(taper, length, links)
     mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
     return {"stiffness": springs, "mass": mass,
@@ -99,7 +102,7 @@ def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str,
 
 
 def fitted_out(model: Model, actuator: ActuatorEntry) -> Model:
-    """The model with the masses of a body whose radius changes along it, and the stations that its study states."""
+    """Return the model with the link masses of a tapered body, and with the stations that its study states."""
     changes: dict[str, Any] = {}
     if actuator.taper:
         changes["link_mass"] = tapered_masses(actuator.taper, model.length, model.link_length)

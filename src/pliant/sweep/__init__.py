@@ -1,4 +1,4 @@
-"""Sweeps over parameters, on cores or a cluster, that survive a lost worker."""
+"""Parameter sweeps on one process, several cores or a cluster, which continue after a worker is lost."""
 
 from pliant.sweep.sweep import run_sweep
 

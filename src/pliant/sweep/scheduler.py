@@ -1,7 +1,7 @@
-"""Running a campaign: chunks through the concurrent.futures protocol, on this process, its cores, or a cluster.
+"""Execution of a sweep in chunks, by any concurrent.futures executor: this process, its cores, or a cluster.
 
-An executor may break at any time: a worker is killed, a scheduler restarts. What it had not delivered is handed to a
-new one; what was delivered is on disk.
+An executor may fail at any time, when a worker is killed or a scheduler restarts. Chunks that it had not delivered are
+submitted to a new one; delivered chunks are on disk.
 """
 
 from __future__ import annotations
@@ -30,59 +30,59 @@ from pliant.sweep.store import Arrays, Store
 
 Tell = Callable[[str], None]
 Count = Callable[[float], None]
-IN_FLIGHT = 64  # chunks handed out and not yet written: bounds what a crash can cost, and the memory
-PATIENCE = 3  # new executors in a row that deliver nothing, before the sweep gives up
-CONNECT_S = 30.0
+IN_FLIGHT = 64  # chunks submitted and not yet written: limits the loss by a crash, and the memory
+PATIENCE = 3  # consecutive executors without a delivered chunk before the sweep stops
+CONNECT_S = 30.0  # s, to wait for a Dask scheduler
 
 
 class Chunked(Protocol):
-    """Work in chunks that know nothing of each other: `Campaign`, or any class that a worker can unpickle."""
+    """Protocol of work in independent chunks: `Campaign`, or any class that a worker can unpickle."""
 
     @property
     def chunks(self) -> int:
-        """Number of chunks."""
+        """Return the number of chunks."""
 
     def bounds(self, chunk: int) -> tuple[int, int]:
-        """First sample of a chunk, and the one after its last."""
+        """Return the first sample of a chunk, and the one after its last."""
 
     def work(self, chunk: int) -> Arrays:
-        """The arrays of one chunk, samples first."""
+        """Compute one chunk; return its arrays by name, with samples along the first axis."""
 
 
 def work(campaign: Chunked, chunk: int) -> Arrays:
-    """Return the work order of a worker."""
+    """Compute one chunk of a campaign; this function is what an executor runs."""
     return campaign.work(chunk)
 
 
 @dataclass
 class Account:
-    """Counts and times of a campaign, for the summary at its end."""
+    """Counts of chunks and failures of a sweep, for the summary at its end."""
 
     chunks: int
-    found: int = 0  # on disk before, whole
-    made: int = 0
-    restarts: int = 0  # executors that broke
-    repeated: int = 0  # chunks handed out again
+    found: int = 0  # complete on disk before the start
+    made: int = 0  # computed
+    restarts: int = 0  # executors that failed
+    repeated: int = 0  # chunks submitted again
     problems: list[str] = field(default_factory=list)
 
     def sentence(self) -> str:
-        """One line for the end."""
-        parts = [f"{self.chunks} chunks: {self.made} computed, {self.found} found from before"]
+        """Return a one-line summary of the counts."""
+        parts = [f"{self.chunks} chunks: {self.made} computed, {self.found} already on disk"]
         if self.restarts:
             parts.append(
-                f"workers broke {self.restarts} time{'s' * (self.restarts > 1)} and {self.repeated} chunks were handed "
-                "out again"
+                f"workers failed {self.restarts} time{'s' * (self.restarts > 1)} and {self.repeated} chunks were "
+                "submitted again"
             )
-        return "; ".join([*parts, *self.problems]) + "; nothing is missing, nothing is counted twice"
+        return "; ".join([*parts, *self.problems]) + "; every sample is present exactly once"
 
 
 class Local(Executor):
-    """One job after the other, here."""
+    """An executor that runs each job at once in this process."""
 
     in_flight = 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Do it now."""
+        """Run a job at once and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -92,7 +92,7 @@ class Local(Executor):
 
 
 def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]:
-    """A maker of executors: ``local``, ``processes`` or ``tcp://host:port`` of a Dask scheduler.
+    """Return a function that creates executors: ``local``, ``processes``, or ``tcp://host:port`` of a Dask scheduler.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
     if scheduler == "processes":
         return lambda: ProcessPoolExecutor(workers or cores(), mp_context=get_context("spawn"))
     if not scheduler.startswith(("tcp://", "tls://")):
-        raise InputError(f"scheduler is local, processes or tcp://host:port, got {scheduler!r}")
+        raise InputError(f"scheduler must be local, processes or tcp://host:port, got {scheduler!r}")
     try:
         import distributed  # noqa: F401
     except ImportError:
@@ -114,7 +114,7 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Any]:
-    """An executor on a Dask cluster; a scheduler that is just restarting is waited for."""
+    """Yield an executor on the Dask cluster at `address`, after waiting up to 30 s for its scheduler."""
     show_heavy()
     from distributed import Client
 
@@ -125,7 +125,9 @@ def dask_executor(address: str) -> Iterator[Any]:
             break
         except (OSError, TimeoutError) as error:
             if time.monotonic() - began > CONNECT_S:
-                raise PliantError(f"no Dask scheduler answers at {address}: {error}") from None
+                raise PliantError(
+                    f"no Dask scheduler answers at {address}: {error}. Start it, or use scheduler='processes'"
+                ) from None
             time.sleep(0.5)
     pool = client.get_executor(pure=False)
     try:
@@ -136,19 +138,19 @@ def dask_executor(address: str) -> Iterator[Any]:
 
 
 class Watched:
-    """A Dask executor that tells when its scheduler is gone, where its futures would wait for ever."""
+    """A Dask executor that reports when its scheduler is gone, where its futures would otherwise wait for ever."""
 
     def __init__(self, pool: Any, client: Any) -> None:
         self.pool = pool
         self.client = client
 
     def submit(self, *args: Any) -> Any:
-        """As the executor's."""
+        """Submit a job to the executor."""
         return self.pool.submit(*args)
 
     @property
     def gone(self) -> bool:
-        """Whether the connection to the scheduler is lost."""
+        """Return whether the connection to the scheduler is lost."""
         return self.client.status != "running"
 
 
@@ -156,20 +158,21 @@ def run_campaign(
     campaign: Chunked, store: Store, make_executor: Callable[[], Any], tell: Tell = lambda _line: None,
     count: Count | None = None,
 ) -> Account:
-    """Work on every chunk that is not on disk; returns when all are, or raises with all that is done kept.
+    """Compute all chunks that are not on disk yet, and return the counts; finished chunks are kept in any case.
 
-    `tell` takes a line for each mishap and, unless `count` takes the share that is done, for each chunk.
+    `tell` is called with one line of text for each failure of an executor and, without `count`, for each chunk. `count`
+    is called with the fraction of finished chunks.
 
     Raises
     ------
     PliantError
-        When the disk is full, a chunk fails by itself, or executors break again and again.
+        When the disk is full, a chunk raises an error, or executors fail repeatedly.
     """
     account = Account(campaign.chunks)
     todo = {c for c in range(campaign.chunks) if store.load(c, *campaign.bounds(c)) is None}
     account.found = campaign.chunks - len(todo)
     if account.found:
-        tell(f"{account.found} of {campaign.chunks} chunks are there from before")
+        tell(f"{account.found} of {campaign.chunks} chunks are already on disk")
     idle = 0
 
     def written(chunk: int) -> None:
@@ -186,11 +189,11 @@ def run_campaign(
         idle = 0 if len(todo) < before else idle + 1
         account.restarts += 1
         account.repeated += len(todo)
-        tell(f"workers broke ({broke}); {len(todo)} chunks are handed out again")
+        tell(f"workers failed ({broke}); {len(todo)} chunks are submitted again")
         if idle >= PATIENCE:
             raise PliantError(
-                f"workers broke {idle} times without delivering a chunk ({broke}); {campaign.chunks - len(todo)} of "
-                f"{campaign.chunks} chunks are written: start the same sweep again, it goes on where it stopped"
+                f"workers failed {idle} times without delivering a chunk ({broke}); {campaign.chunks - len(todo)} of "
+                f"{campaign.chunks} chunks are written: start the same sweep again to continue where it stopped"
             )
     return account
 
@@ -199,7 +202,7 @@ def one_round(
     campaign: Chunked, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account,
     written: Callable[[int], None],
 ) -> str:
-    """Hand out `todo` to one executor and write what it delivers; returns what broke, if anything."""
+    """Submit the chunks `todo` to one executor and write the results; return the name of its failure."""
     broke = ""
     with make_executor() as pool:
         flow = Flow(campaign, pool, sorted(todo))
@@ -220,11 +223,11 @@ def one_round(
             todo.discard(chunk)
             account.made += 1
             written(chunk)
-    return broke or flow.broke or "the scheduler went away"
+    return broke or flow.broke or "the connection to the scheduler was lost"
 
 
 def is_breakage(error: BaseException) -> bool:
-    """Whether workers or connections broke, and not the work itself: a killed worker, a lost scheduler."""
+    """Return whether an error means that a worker or connection failed, and not the computation itself."""
     if isinstance(error, PliantError):
         return False
     broken = (BrokenExecutor, CancelledError, AsyncCancelledError, ConnectionError, TimeoutError)
@@ -232,7 +235,7 @@ def is_breakage(error: BaseException) -> bool:
 
 
 class Flow:
-    """Chunks handed out a few at a time, and their futures as they are done."""
+    """Iterator that submits chunks a few at a time and yields their finished futures."""
 
     def __init__(self, campaign: Chunked, pool: Any, chunks: list[int]) -> None:
         self.campaign = campaign
@@ -242,7 +245,7 @@ class Flow:
         self.broke = ""
 
     def fill(self) -> None:
-        """Hand out until enough are on their way; a pool that refuses gets no more."""
+        """Submit chunks until enough are running; an executor that refuses one gets no more."""
         while self.waiting and len(self.running) < getattr(self.pool, "in_flight", IN_FLIGHT):
             try:
                 future = self.pool.submit(work, self.campaign, self.waiting[-1])
@@ -253,7 +256,7 @@ class Flow:
             self.running[future] = self.waiting.pop()
 
     def __iter__(self) -> Iterator[tuple[int, Any]]:
-        """(chunk, future) as they are done; ends early where the executor says that it is gone."""
+        """Yield (chunk, future) as they finish; stop early if the executor reports that it is gone."""
         self.fill()
         while self.running:
             done, _ = wait(self.running, timeout=1.0, return_when=FIRST_COMPLETED)
@@ -264,7 +267,7 @@ class Flow:
             self.fill()
 
     def stop(self) -> None:
-        """Let go of what has not begun."""
+        """Cancel all chunks that have not started."""
         self.waiting.clear()
         for future in self.running:
             future.cancel()

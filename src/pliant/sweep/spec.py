@@ -1,4 +1,4 @@
-"""The definition of a campaign: the [sweep] table of a study file, and the values of every sample."""
+"""Definition of a parameter sweep: the [sweep] table of a study file, and the parameter values of every sample."""
 
 from __future__ import annotations
 
@@ -11,47 +11,47 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pliant.errors import InputError
 
 Array = np.ndarray
-PULSE = ("level", "start", "width")  # of the pressure; a sweep may vary them like parameters, NAME.level of a chamber
+PULSE = ("level", "start", "width")  # of the pressure pulse; can vary like parameters, as NAME.level for one chamber
 
 
 class Range(BaseModel):
-    """The values of one parameter: one number, a list, a grid from `low` to `high`, or a distribution; SI."""
+    """The values of one parameter (SI): one number, a list, a grid from `low` to `high`, or a distribution."""
 
     model_config = ConfigDict(extra="forbid")
-    value: float | None = None  # of every sample
+    value: float | None = None  # the same for every sample
     values: list[float] | None = None
     low: float | None = None
     high: float | None = None
-    count: int | None = Field(None, ge=2, le=100_000)  # of a grid; without it low ... high is a uniform distribution
+    count: int | None = Field(None, ge=2, le=100_000)  # points of a grid; without it, uniform from low to high
     mean: float | None = None
     std: float | None = Field(None, gt=0)
 
     @model_validator(mode="before")
     @classmethod
     def number(cls, entry: Any) -> Any:
-        """A bare number is the value of every sample."""
+        """Convert a bare number to {"value": number}, the value of every sample."""
         return {"value": entry} if isinstance(entry, (int, float)) else entry
 
     @model_validator(mode="after")
     def one_kind(self) -> Range:
-        """A list, a grid, or a distribution, and nothing in between."""
+        """Check that exactly one kind of values is given: a number, a list, a grid or a distribution."""
         given = {n for n in ("value", "values", "low", "high", "count", "mean", "std") if getattr(self, n) is not None}
         if given not in ({"value"}, {"values"}, {"low", "high", "count"}, {"low", "high"}, {"mean", "std"}):
-            raise ValueError("give a number, values, or low, high and count, or low and high, or mean and std")
+            raise ValueError("give a number; or values; or low, high and count; or low and high; or mean and std")
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low {self.low} is not below high {self.high}")
         if self.values == []:
-            raise ValueError("values are empty")
+            raise ValueError("values is empty: give at least one")
         return self
 
     def grid(self) -> Array | None:
-        """The values of a list or a grid; None of a distribution."""
+        """Return the values of a list or a grid; None for a distribution or a single number."""
         if self.values is not None:
             return np.array(self.values, dtype=float)
         return np.linspace(self.low or 0.0, self.high or 0.0, self.count) if self.count else None
 
     def draw(self, rng: np.random.Generator) -> float:
-        """One value of the distribution, or of the list."""
+        """Return a random value of the distribution, or of the list or grid."""
         grid = self.grid()
         if grid is not None:
             return float(rng.choice(grid))
@@ -65,24 +65,24 @@ class Sweep(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     kind: Literal["design", "monte_carlo", "bootstrap", "multi_start"]
-    samples: int | None = Field(None, ge=1, le=10_000_000)  # not of a design, whose grid says how many
+    samples: int | None = Field(None, ge=1, le=10_000_000)  # not for a design, whose grid sets the number
     seed: int = Field(0, ge=0)
-    chunk: int | None = Field(None, ge=1)  # samples that are worked on and written together; see `together`
+    chunk: int | None = Field(None, ge=1)  # samples in a chunk; see `together`
     parameters: dict[str, Range] = {}  # of the model, and level, start and width of the pulses; SI
-    fit: str | None = None  # of bootstrap and multi_start: which fit of the study; default the first
+    fit: str | None = None  # for bootstrap and multi_start: name of a fit of the study; default the first
     duration: float = Field(4.0, gt=0)  # s
-    rate: float = Field(75.0, gt=0)  # Hz, of what is kept
-    step: float | None = Field(None, gt=0)  # s; none: what the model needs before its parameters vary, at most 1 ms
-    block: float = Field(0.25, gt=0)  # s, of the blocks in which a bootstrap moves residuals
+    rate: float = Field(75.0, gt=0)  # Hz, output rate
+    step: float | None = Field(None, gt=0)  # s; None: chosen for the given model, at most 1 ms
+    block: float = Field(0.25, gt=0)  # s, length of a bootstrap's residual blocks
 
     @model_validator(mode="after")
     def whole(self) -> Sweep:
-        """A design needs a grid, everything else a number of samples."""
+        """Check that a design has a grid, and every other kind of sweep a number of samples."""
         ranges = self.varied
         if self.kind in ("design", "monte_carlo") and not ranges:
             raise ValueError(f"a {self.kind} sweep needs parameters that vary")
         if self.kind in ("bootstrap", "multi_start") and self.parameters:
-            raise ValueError(f"a {self.kind} sweep takes its parameters from the fit")
+            raise ValueError(f"a {self.kind} sweep takes its parameters from the fit: leave parameters out")
         if self.kind == "design":
             if self.samples is not None:
                 raise ValueError("a design has as many samples as its grid: leave samples out")
@@ -94,19 +94,19 @@ class Sweep(BaseModel):
 
     @property
     def varied(self) -> dict[str, Range]:
-        """The parameters that are not one number."""
+        """Return the parameters that vary between samples, by name."""
         return {name: r for name, r in self.parameters.items() if r.value is None}
 
     @property
     def together(self) -> int:
-        """Samples of a chunk: as asked; else one fit, or enough simulations for a worker to be busy with."""
+        """Return the number of samples in a chunk: `chunk` if given, else one fit, or 128 to 4096 simulations."""
         if self.chunk is not None:
             return self.chunk
         return 1 if self.kind in ("bootstrap", "multi_start") else int(np.clip(self.size // 32, 128, 4096))
 
     @property
     def size(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         if self.samples is not None:
             return self.samples
         grids = [r.grid() for r in self.varied.values()]
@@ -114,12 +114,12 @@ class Sweep(BaseModel):
 
 
 def generator(seed: int, sample: int) -> np.random.Generator:
-    """The random numbers of one sample: child `sample` of the seed, whoever works on it and with which others."""
+    """Return the random generator of one sample, which depends on `seed` and the number of the sample only."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
 
 
 def table(sweep: Sweep, first: int, last: int) -> dict[str, Array]:
-    """Values (last - first,) of every parameter that varies, of the samples first ... last - 1."""
+    """Return the values (last - first,) of every varied parameter for the samples first ... last - 1."""
     varied = sweep.varied
     if sweep.kind == "design":
         grids = [r.grid() for r in varied.values()]
@@ -135,12 +135,12 @@ def table(sweep: Sweep, first: int, last: int) -> dict[str, Array]:
 
 
 def fixed(sweep: Sweep) -> dict[str, float]:
-    """The parameters that every sample shares."""
+    """Return the values of the parameters that are the same in every sample, by name."""
     return {name: r.value for name, r in sweep.parameters.items() if r.value is not None}
 
 
 def sweep_from(content: dict[str, Any]) -> Sweep:
-    """A sweep from the table of a study file; InputError says which entry is wrong."""
+    """Return the `Sweep` that a [sweep] table defines; raise InputError for a wrong entry."""
     from pydantic import ValidationError
 
     from pliant.errors import explain_validation

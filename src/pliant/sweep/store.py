@@ -1,6 +1,6 @@
-"""Chunks on disk: each file whole or absent, named by its place, so that nothing is lost and nothing counted twice.
+"""Storage of chunks on disk: each file is complete or absent, so that no sample is lost or repeated.
 
-A chunk is an .npz, which no library follows out of the file or out of its bounds: campaigns are handed on, too.
+A chunk is an .npz without pickled objects, which is safe to read from others.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from pliant.version import __version__
 
 Array = np.ndarray
 Arrays = dict[str, Array]
-ABOUT, SAMPLE = "campaign", "sample"  # names in a chunk: key and version, and the places of its samples
+ABOUT, SAMPLE = "campaign", "sample"  # names in a chunk: key and version, and the numbers of its samples
 
 
 class DiskError(PliantError):
-    """The disk does not take what was computed; what is written stays good."""
+    """Raised when the disk does not accept a result; everything written before stays valid."""
 
 
 def write_dataset(recording: xr.Dataset, path: Path) -> None:
-    """Write netCDF, whole or not at all, and onto the disk itself: a chunk that is reported survives a power cut.
+    """Write a dataset to `path` as netCDF, completely or not at all, and flush it to the disk.
 
     Raises
     ------
     DiskError
-        When the disk is full or refuses; no draft is left behind.
+        When the disk is full or refuses to write; no partial file is left behind.
     """
     content = BytesIO()  # in memory first: HDF5 that meets a full disk takes the process down with it
     recording.to_netcdf(content, engine="h5netcdf")
@@ -43,7 +43,7 @@ def write_dataset(recording: xr.Dataset, path: Path) -> None:
 
 
 def write_sealed(content: BytesIO, path: Path) -> None:
-    """Write bytes and their checksum behind them; see `write_dataset`."""
+    """Write bytes followed by their checksum, completely or not at all; see `write_dataset`."""
     try:
         with whole(path) as draft, draft.open("wb") as file:
             file.write(content.getbuffer())
@@ -52,19 +52,19 @@ def write_sealed(content: BytesIO, path: Path) -> None:
             os.fsync(file.fileno())
     except InputError as error:
         raise DiskError(
-            f"{error}. All chunks written so far are whole: free space on the disk and start the same sweep again, "
-            "it goes on where it stopped"
+            f"{error}. All chunks written so far are complete: free space on the disk and start the same sweep again "
+            "to continue where it stopped"
         ) from None
 
 
 class Store:
-    """The folder of one campaign.
+    """The folder of one sweep, with its chunks and the file campaign.json.
 
     Parameters
     ----------
     folder : Path
     identity : dict
-        What makes the campaign what it is; a folder that holds another one is refused.
+        All settings of the sweep. A folder that holds a sweep with other settings is rejected.
     """
 
     def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
@@ -83,22 +83,22 @@ class Store:
                 before = None
             if before != self.key:
                 raise InputError(
-                    f"{self.folder} holds another campaign: use another folder, or remove this one to start anew"
+                    f"{self.folder} holds another sweep: use another folder, or remove this one to start anew"
                 )
         else:
             self.note({"key": self.key, "identity": identity})
         self.identity = identity
 
     def note(self, content: dict[str, Any]) -> None:
-        """Write campaign.json."""
+        """Write campaign.json with the given content."""
         write_text(self.folder / "campaign.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
 
     def path(self, chunk: int) -> Path:
-        """The file of a chunk."""
+        """Return the path of a chunk's file."""
         return self.chunks / f"chunk_{chunk:06d}.npz"
 
     def save(self, chunk: int, first: int, arrays: Arrays) -> None:
-        """Write one chunk, whole or not at all.
+        """Write one chunk, completely or not at all; `first` is the number of its first sample.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Store:
         write_sealed(content, self.path(chunk))
 
     def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
-        """A chunk that is there, whole by its checksum, and of this campaign; None otherwise."""
+        """Return a chunk as a dataset if it is on disk, complete by its checksum, and of this sweep; None otherwise."""
         try:
             data = self.path(chunk).read_bytes()
             content, end = data[:-SEAL_BYTES], data[-SEAL_BYTES:]
@@ -133,14 +133,16 @@ class Store:
         )
 
     def combine(self, bounds: list[tuple[int, int]]) -> xr.Dataset:
-        """All chunks as one dataset, every sample once and in order."""
+        """Return all chunks as one dataset, with every sample once and in order."""
         parts = []
         for chunk, (first, last) in enumerate(bounds):
             recording = self.load(chunk, first, last)
             if recording is None:
-                raise PliantError(f"chunk {chunk} (samples {first} to {last - 1}) is missing or damaged: sweep again")
+                raise PliantError(
+                    f"chunk {chunk} (samples {first} to {last - 1}) is missing or damaged: run the sweep again"
+                )
             parts.append(recording)
         whole = xr.concat(parts, dim="sample", data_vars="all", join="exact", combine_attrs="override")
         if not np.array_equal(whole["sample"].values, np.arange(bounds[-1][1])):
-            raise PliantError("the chunks do not make every sample once: remove the folder and sweep again")
+            raise PliantError("the chunks do not hold every sample once: remove the folder and run the sweep again")
         return whole

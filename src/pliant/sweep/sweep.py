@@ -1,4 +1,4 @@
-"""`run_sweep`: a campaign from beginning to end, in a folder that can be taken up again."""
+"""The function `run_sweep`: a whole parameter sweep in a folder, which continues there after an interruption."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Result of a sweep, with its failures and times."""
+    """Result of a sweep: the samples as a dataset, the counts of chunks, and the folder."""
 
     samples: xr.Dataset
     account: Account
     folder: Path
 
     def summary(self) -> dict[str, Any]:
-        """Counts, and median, 95 % interval and unit of every number that each sample has."""
+        """Return counts, and median, 95 % interval and unit of every variable with one number per sample."""
         bad = self.samples["failed"].values.astype(bool)
         numbers = {}
         for name, a in self.samples.data_vars.items():
@@ -53,7 +53,7 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """The workers of `run_sweep`, and their count."""
+    """Keyword options of `run_sweep` for its executor; documented there."""
 
     scheduler: str
     workers: int | None
@@ -75,46 +75,46 @@ def run_sweep(
     progress: Tell | None = None,
     **who: Unpack[Workers],
 ) -> SweepResult:
-    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
+    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue an interrupted one.
 
     Parameters
     ----------
     sweep : mapping or Sweep
         The ``[sweep]`` table of a study file, SI: ``kind`` (design, monte_carlo, bootstrap, multi_start), ``samples``,
-        ``seed``, ``chunk`` (samples worked on together), ``parameters`` (of the model, and ``level`` [Pa], ``start``
-        and ``width`` [s] of the pulse, ``NAME.level`` of one of several chambers, which rest at 0 otherwise: a number,
-        ``values``, ``low``, ``high`` and ``count``, ``low`` and ``high``,
-        or ``mean`` and ``std``), ``duration`` [s], ``rate`` [Hz] of what is kept, ``step`` [s].
+        ``seed``, ``chunk`` (samples computed together), ``parameters``, ``duration`` [s], ``rate`` [Hz] of the output,
+        ``step`` [s]. Parameters are those of the model, and ``level`` [Pa], ``start`` and ``width`` [s] of the pulse.
+        ``NAME.level`` is that of one of several chambers, which otherwise stay at 0. Each is a number, or a table of
+        ``values``; of ``low``, ``high`` and ``count``; of ``low`` and ``high``; or of ``mean`` and ``std``.
     model : Model
     folder : str or Path
-        Takes campaign.json, chunks/ and, in the end, samples.nc; a sweep that stopped goes on from what is there.
+        Folder for campaign.json, chunks/ and, at the end, samples.nc. An interrupted sweep continues from there.
     scheduler : str
         ``local`` (the default), ``processes``, or ``tcp://host:port`` of a Dask scheduler. The result is the same,
         bit for bit.
     workers : int
-        Processes of ``processes``; default: one for each core.
+        Number of processes for ``processes``; default: one for each core.
     experiments, parameters, fit_options
-        Of bootstrap and multi_start: as `pliant.fit` takes them.
+        For bootstrap and multi_start: arguments of `pliant.fit`.
     progress : callable
-        Called with one line for each mishap and, without `count`, for each chunk.
+        Called with one line of text for each failure of a worker and, without `count`, for each chunk.
     count : callable
-        Called with the share of the chunks that is done, 0 to 1.
+        Called with the fraction of finished chunks, 0 to 1.
     make_executor : callable
-        Any other maker of concurrent.futures executors, in place of `scheduler`.
+        Function that returns any other concurrent.futures executor, in place of `scheduler`.
 
     Returns
     -------
     SweepResult
-        ``samples``: of simulations ``tip`` (sample, time, axis) [m], ``final_tip`` (sample, axis) [m],
-        ``largest_deflection`` (sample) [m]; of fits ``rmse`` (sample) [m]; of all ``parameter_NAME`` (sample), SI, and
-        ``failed`` (sample).
+        ``samples`` holds, for simulations, ``tip`` (sample, time, axis) [m], ``final_tip`` (sample, axis) [m] and
+        ``largest_deflection`` (sample) [m]; for fits, ``rmse`` (sample) [m]; for all, ``parameter_NAME`` (sample), SI,
+        and ``failed`` (sample).
 
     Raises
     ------
     InputError
         When the sweep does not fit the model, or the folder holds another campaign.
     PliantError
-        When the disk is full or workers break again and again; what is written stays, and the sweep can go on.
+        When the disk is full or workers fail repeatedly; written chunks are kept, and the sweep can be continued.
     TypeError
         For an unknown keyword.
     """
@@ -152,7 +152,7 @@ def run_sweep(
 
 
 def unit_of(name: str) -> str:
-    """Unit of a variable of the samples."""
+    """Return the unit of a variable of the samples, "1" if unknown."""
     from pliant.identification.parameters import kind_of
 
     own = name.removeprefix("parameter_")
@@ -163,18 +163,20 @@ def unit_of(name: str) -> str:
 
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
-    """Refuse what only a worker would find wrong."""
+    """Raise InputError for parameters that do not fit the model, before any worker starts."""
     from pliant.batch.batch import one_by_one
     from pliant.batch.one_by_one import check_names
     from pliant.batch.samples import repeated
 
     if sweep.kind in ("bootstrap", "multi_start"):
         if not experiments:
-            raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit")
+            raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit: give experiments")
         return
     own = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
     if model.actuation.count > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
-        raise InputError(f"a sweep of several chambers names the level of one: {model.chambers[0].name}.level, in Pa")
+        raise InputError(
+            f"a sweep of several chambers needs the level of at least one: {model.chambers[0].name}.level, in Pa"
+        )
     for name, r in sweep.parameters.items():
         if name in own:
             continue

@@ -1,4 +1,4 @@
-"""The work of a worker on one chunk of samples: arrays in, arrays out, nothing shared, nothing written."""
+"""Computation of one chunk of samples by a worker, as functions of their arguments without side effects."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ Arrays = dict[str, Array]
 
 @dataclass(frozen=True)
 class Campaign:
-    """All that a worker needs: the sweep, and the model or the fit that it starts from."""
+    """Everything that a worker needs to compute chunks: the sweep, the model, and the data of a fit."""
 
     sweep: Sweep
     model: Model
     experiments: tuple[Experiment, ...] = ()
     parameters: tuple[Parameter, ...] = ()
     fit_options: dict[str, Any] | None = None
-    base: FitResult | None = None  # of a bootstrap: the fit whose residuals are moved
-    threads: int | None = 1  # of a batch; where one job is done after the other, all cores
+    base: FitResult | None = None  # for a bootstrap: the fit whose residuals are resampled
+    threads: int | None = 1  # threads of a batch; None: all cores, if one job runs at a time
 
     def bounds(self, chunk: int) -> tuple[int, int]:
-        """First sample of a chunk, and the one after its last."""
+        """Return the first sample of a chunk, and the one after its last."""
         first = chunk * self.sweep.together
         return first, min(first + self.sweep.together, self.sweep.size)
 
     @property
     def chunks(self) -> int:
-        """Number of chunks."""
+        """Return the number of chunks."""
         return -(-self.sweep.size // self.sweep.together)
 
     def work(self, chunk: int) -> Arrays:
-        """The arrays of one chunk, samples first."""
+        """Compute one chunk; return its arrays by name, with samples along the first axis."""
         kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
         return kinds.get(self.sweep.kind, simulated)(self, *self.bounds(chunk))
 
 
 def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
-    """The tip of every sample against time, its highest deflection, and the parameters that made it."""
+    """Simulate samples; return the tip of each against time, its peak displacement, and its parameters."""
     from pliant.batch import simulate_batch
     from pliant.simulation import Pulse
     from pliant.simulation.time_step import shared_step
@@ -80,7 +80,7 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
 
 
 def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
-    """Values of the free parameters after one fit; not a number where it could not be made."""
+    """Return the free parameters and the error of one fit; NaN if the fit fails."""
     free = [p.name for p in start if p.free]
     options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
     try:
@@ -94,15 +94,15 @@ def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment],
 
 
 def stacked(rows: Sequence[Arrays]) -> Arrays:
-    """The samples' arrays as arrays with the samples first."""
+    """Stack the arrays of single samples along a new first axis."""
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Fits to the base fit's own prediction with its residuals moved in blocks, which keep their correlation."""
+    """Fit samples of the base fit's prediction plus its residuals, resampled in blocks that preserve correlation."""
     base = campaign.base
     if base is None:
-        raise ValueError("a bootstrap needs the fit whose residuals it moves")
+        raise ValueError("a bootstrap needs the fit whose residuals it resamples")
     values = base.values
     start = list(base.parameters)
     step = float((campaign.fit_options or {}).get("step", 2e-3))
@@ -119,12 +119,12 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
 
 
 def frames_in(exp: Experiment, seconds: float) -> int:
-    """Frames of a block of some seconds, at least one and at most all of a recording."""
+    """Return the number of frames in a block of some seconds, at least one and at most the whole recording."""
     return int(np.clip(round(seconds / np.median(np.diff(exp.time))), 1, exp.time.size))
 
 
 def multi_start(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Fits from scattered starts, as a fit scatters its own: do they end in one place?"""
+    """Fit the recordings from random starts, to see whether all fits reach the same optimum."""
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)

@@ -1,4 +1,4 @@
-"""Memory of the material: relaxation over a step, and a spectrum of slip thresholds."""
+"""Material with hysteresis: the exact update of Prony branches over a step, and random slip thresholds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 
 def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Exact update of ``xi' = (u - xi) / time`` over `dt` when `u` runs straight from u0 to u1.
+    """Return the coefficients of the exact update of ``xi' = (u - xi) / time`` over a step `dt`.
+
+    The input `u` varies linearly from u0 to u1 over the step.
 
     Parameters
     ----------
@@ -30,10 +32,10 @@ def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
 
 
 def slip_thresholds(vertices: int, elements: int, *, scale: float, shape: float, seed: int) -> NDArray[np.float64]:
-    """Curvature changes at which slip elements yield, 1/m: Weibull quantiles, redrawn at each vertex.
+    """Return the curvature changes [1/m] at which slip elements yield, as Weibull quantiles drawn for each vertex.
 
-    Stratified draws: element j of every vertex lies in the j-th of `elements` equal parts of the distribution, so
-    that the whole body shows a continuous spectrum.
+    The draws are stratified: element j of every vertex lies in the j-th of `elements` equal parts of the distribution.
+    The whole body then shows a continuous spectrum of thresholds.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""The bundled recordings of a body in space: ``python -m pliant.testbed.space_bundle`` makes them anew.
+"""Generate the bundled recordings of a body in space: ``python -m pliant.testbed.space_bundle``.
 
-It needs PyElastica and takes about a minute; the noise is that of seed 1.
+It needs PyElastica and takes about a minute. The noise has the seed 1.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pliant.testbed.bundle import FOLDER, QUANTUM
 from pliant.testbed.space import COMMANDS, fibre_table, marker_recording, simulate_in_space
 
 SEED = 1
-FIBRE = "mixed"  # whose motion the fibre records too
+FIBRE = "mixed"  # the motion that the fibre records too
 
 
 def main() -> None:
-    """Write all of them."""
+    """Write all bundled recordings of a body in space."""
     for number, name in enumerate(COMMANDS):
         motion = simulate_in_space(name)
         seen = marker_recording(motion, SEED + number, name=name)

@@ -1,4 +1,4 @@
-"""Turn results into the axes of their recordings, where these were turned into the base frame."""
+"""Transformation of results from the base frame back to the axes of their recordings."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pliant.validation.outcome import Forecast, RecordOutcome, Shape, StudyOutco
 
 
 def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
-    """Return the outcome with all positions in the axes of the recordings, as tables, figures and files show them.
+    """Return the outcome with all positions in the axes of the recordings, for tables, figures and files.
 
-    Models and their parameters stay in the base frame, where positive angles lead towards -x.
+    Models and their parameters stay in the base frame, where positive angles bend the body towards -x.
 
     Parameters
     ----------
     outcome : StudyOutcome
-        In the base frame.
+        Results with all positions in the base frame.
     like : dict
-        Name of each forecast to the recording that it is like.
+        Name of the template recording of each forecast.
     signs : dict
-        Sign of each recording's x axis in the base frame, see `pliant.preprocessing.side`.
+        Direction (1 or -1) of each recording's x axis in the base frame, see `pliant.preprocessing.side`.
     """
     if all(sign > 0 for sign in signs.values()):
         return outcome
@@ -38,12 +38,12 @@ def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapp
 
 
 def mirrored(position: np.ndarray) -> np.ndarray:
-    """Return positions (..., 2) with x of the other sign."""
+    """Return positions (..., 2) with the sign of x changed."""
     return position * np.array([-1.0, 1.0])
 
 
 def turned_record(record: RecordOutcome) -> RecordOutcome:
-    """Return a record turned by pi about the base tangent."""
+    """Return the outcome of a recording turned by pi about the base tangent."""
     return replace(
         record, experiment=record.experiment.turned(), modelled=mirrored(record.modelled),
         band=None if record.band is None else turned_band(record.band),
@@ -52,7 +52,7 @@ def turned_record(record: RecordOutcome) -> RecordOutcome:
 
 
 def turned_band(band: Band) -> Band:
-    """Return a band turned by pi about the base tangent: its lower limit of x becomes the upper one."""
+    """Return a band turned by pi about the base tangent, so that the limits of x change places."""
     edges = np.stack([mirrored(band.lower), mirrored(band.upper)])
     return replace(band, position=mirrored(band.position), lower=edges.min(axis=0), upper=edges.max(axis=0))
 
@@ -63,7 +63,7 @@ def turned_forecast(forecast: Forecast) -> Forecast:
 
 
 def turned_shape(shape: Shape) -> Shape:
-    """Return a dense shape turned by pi about the base tangent; the chain laid through it too."""
+    """Return a dense shape, with the chain of links placed on it, turned by pi about the base tangent."""
     links = replace(
         shape.links, base=mirrored(shape.links.base), tips=mirrored(shape.links.tips),
         rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,

@@ -1,4 +1,4 @@
-"""Details behind one number of a record: ringing while large and while small, and errors of single joints."""
+"""Detailed metrics of a recording: frequency and damping of large and small swings, and errors of single joints."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from pliant.numerics.joint_rotations import swings_along
 from pliant.numerics.swings import swings
 
 Array = np.ndarray
-SETTLED_S = 0.2  # s at the end of the motion, over which a steady error is a median
+SETTLED_S = 0.2  # s at the end of the motion, whose median is the steady error
 SIZES = ("large", "small")
 DEFINITIONS = {
-    "swing_large_mm": "half of the mean swing of the last station after the release or the pulse, of swings above a "
-    "third of the first one; a swing is the way between two successive turning points, the release being the first",
+    "swing_large_mm": "mean amplitude (half a swing) of the last station after the release or the pulse, over swings "
+    "larger than a third of the first one; a swing is the motion between two successive turning points",
     "frequency_large_hz": "frequency of those large swings, from the time between turning points, Hz",
     "damping_ratio_large": "damping ratio of those large swings, from the decrement of successive ones",
-    "swing_small_mm": "as of the large ones, of swings below a sixth of the first one and clear of the sensor's noise",
+    "swing_small_mm": "mean amplitude over swings smaller than a sixth of the first one and above the sensor's noise",
     "frequency_small_hz": "frequency of the small swings, Hz",
     "damping_ratio_small": "damping ratio of the small swings",
-    "joint_rmse_mrad": "difference of modelled and measured angles between neighbouring chords, from the base on "
-    "through the stations, root mean square over time, mrad: where neighbours err apart, the tip stays where it is",
-    "joint_steady_error_mrad": "the same difference, modelled less measured, at the end of plateau or record",
+    "joint_rmse_mrad": "root mean square over time of the difference between modelled and measured angles between the "
+    "chords that join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip",
+    "joint_steady_error_mrad": "modelled less measured angle between these chords, at the end of plateau or record, "
+    "mrad",
 }
-FORMULAS = {  # in TeX; A_k are the ways between successive turning points, t_k when they begin
+FORMULAS = {  # in TeX; A_k are the swings between successive turning points, t_k their start times
     "swing_large_mm": r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\ge\tfrac13A_1\}",
     "frequency_large_hz": r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\ge\tfrac13A_1\}",
     "damping_ratio_large": r"\delta/\sqrt{\pi^2+\delta^2},\quad\delta=\operatorname{mean}\ln(A_k/A_{k+1})",
@@ -39,9 +40,9 @@ FORMULAS = {  # in TeX; A_k are the ways between successive turning points, t_k 
 
 
 def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Frequency, damping ratio and size of the large and of the small swings of one point, path (T, 2) [m].
+    """Return frequency, damping ratio and amplitude of the large and the small swings of a path (T, 2) [m].
 
-    None of a step, whose first way is the rise and no swing.
+    All values are None for a step, since its first motion is the rise and not a swing.
     """
     unit, factor = exp.shown_in
     late = (exp.time > last_edge(exp)) & np.isfinite(path).all(axis=1) & (exp.excitation != "step")
@@ -58,9 +59,9 @@ def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def turns(position: Array) -> Array:
-    """Angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y.
+    """Return the angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y.
 
-    In space, through (T, S, 3), swings (T, S, 2); the first from +z.
+    In space, with stations (T, S, 3), the result is (T, S, 2): the rotation vector across the chord; the first from +z.
     """
     chords = np.diff(position, axis=1, prepend=0.0)
     if position.shape[2] == 3:
@@ -71,9 +72,9 @@ def turns(position: Array) -> Array:
 
 
 def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, list[float] | None]:
-    """Errors of the angles between chords, in mrad; None for one station, whose chord is no joint.
+    """Return the errors of the angles between chords [mrad]; None for a single station or angles alone.
 
-    `settled` (T,) says which frames are the end of the motion.
+    `settled` (T,) marks the frames at the end of the motion.
     """
     if len(exp.stations) < 2 or exp.without_positions:
         return {"joint_rmse_mrad": None, "joint_steady_error_mrad": None}
@@ -89,7 +90,10 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
 
 
 def details(exp: Experiment, modelled: Array, on: Array | None) -> dict[str, Any]:
-    """Both, of a modelled motion (T, S, 2) [m]; `on` (T,) are the frames of the plateau, where there is one."""
+    """Return the two-amplitude and joint metrics of a modelled motion (T, S, 2) [m].
+
+    `on` (T,) marks the frames of the pressure's plateau; None if there is none.
+    """
     both = {who: two_amplitudes(exp, path) for who, path in (
         ("measured", exp.last_station), ("modelled", modelled[:, -1])
     )}

@@ -1,4 +1,4 @@
-"""Numbers that compare a modelled motion with a measured one, the same definitions for both."""
+"""Metrics that compare a modelled motion with a measured one, with the same definitions for both."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from pliant.validation import details
 from pliant.validation.extension import extension
 
 Array = np.ndarray
-END_S = 0.2  # s before the end of the pulse or of the record that count as its steady state
+END_S = 0.2  # s at the end of the pulse or of the recording that count as steady state
 DEFINITIONS = {
     "rmse_mm": "Euclidean distance between modelled and measured points, root mean square over stations and time, mm",
     "max_mm": "largest Euclidean distance over stations and time, mm",
-    "rmse_percent_of_travel": "rmse_mm in % of the largest displacement of the last station from its rest",
+    "rmse_percent_of_travel": "rmse_mm in % of the peak displacement of the last station from its rest position",
     "rmse_percent_of_length": "rmse_mm in % of the body's length",
     "fit_percent": "100 (1 - |measured - modelled| / |measured - mean of measured|) over stations and time (NRMSE fit)",
-    "within_band_percent": "share of a held-out record's coordinates within the 95 % band of the prediction: what is "
-    "uncertain of the parameters, and residuals as the training records leave them; near 95 where the model holds",
+    "within_band_percent": "percentage of a held-out record's coordinates in the 95 % prediction band, which combines "
+    "the parameters' uncertainty with the residuals of the training records; near 95 if the model is valid",
     "frequency_hz": "frequency of the damped ring-down after the pulse or the release, Hz",
-    "damping_ratio": "damping ratio of the same ring-down",
+    "damping_ratio": "damping ratio of the ring-down after the pulse or the release",
     "overshoot_percent": "first peak above the value at the end of the pulse, in % of that value",
-    "steady_state_mm": "displacement of the last station from its rest at the pulse's end or after the release, mm",
-    "extension_mm": "largest change of the measured body's length from its first frames, by arcs through its stations",
-    "extension_percent": "the same in % of the length at rest",
-    "extension_modelled_mm": "change of the modelled body's length in the same frames, by the same arcs",
-    "extension_modelled_percent": "the same in % of the length at rest",
+    "steady_state_mm": "displacement of the last station from its rest position at the end of the pulse or release, mm",
+    "extension_mm": "largest change of the measured body's length, by arcs through the stations, from rest, mm",
+    "extension_percent": "extension_mm in % of the length in the first frames",
+    "extension_modelled_mm": "change of the modelled body's length in the same frames, likewise, mm",
+    "extension_modelled_percent": "extension_modelled_mm in % of the length in the first frames",
     "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
-    "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
+    "travel_mm": "peak displacement: the largest measured displacement of the last station from its rest position, mm",
     "frames": "frames of the recording that were compared",
-    "points_not_seen": "stations of frames that have no measured place",
+    "points_not_seen": "number of missing measurements, counted over stations and frames",
     "fitted_edges_s": "start and stop of a held-out pulse whose pressure was not measured, fitted to this record, s",
     **details.DEFINITIONS,
 }
-FORMULAS = {  # in TeX; the page of metrics says what the letters mean
+FORMULAS = {  # in TeX; docs/metrics.md defines the symbols
     "rmse_mm": r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
     "max_mm": r"10^3\max_{t,s}|r_{ts}-m_{ts}|",
     "rmse_percent_of_travel": r"100\,e/\max_t|m_{tS}-m_0|",
@@ -62,17 +62,17 @@ FORMULAS = {  # in TeX; the page of metrics says what the letters mean
 ANGLES = {
     "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",
     "max_deg": "largest difference of modelled and measured angles, degrees",
-    "rmse_percent_of_travel": "rmse_deg in % of the largest turn of the last station from its rest",
-    "sensor_step_deg": "the step in which the sensor of the last station counts: its noise is that over the root of 12",
-    "steady_state_deg": "turn of the last station from its rest at the pulse's end or after the release, degrees",
+    "rmse_percent_of_travel": "rmse_deg in % of the largest rotation of the last station from its rest angle",
+    "sensor_step_deg": "resolution of the last station's angle sensor, degrees; its noise is this over the root of 12",
+    "steady_state_deg": "rotation of the last station from its rest angle at the end of the pulse or release, degrees",
     "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
-    "travel_deg": "largest measured turn of the last station from its rest, the median of 5 frames, degrees",
+    "travel_deg": "largest measured rotation of the last station from its rest angle, degrees",
     **{k.replace("_mm", "_deg"): v for k, v in details.DEFINITIONS.items() if k.startswith("swing")},
 }
 
 
 def definitions(*, turns: bool) -> dict[str, str]:
-    """Return the meaning of each metric, for positions or, where a body `turns` before angle sensors, for angles."""
+    """Return the definition of each metric, for positions or, with `turns`, for angles."""
     if not turns:
         return DEFINITIONS
     of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")
@@ -80,13 +80,22 @@ def definitions(*, turns: bool) -> dict[str, str]:
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
-    """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
+    """Return the metrics of a modelled motion (T, S, 2) [m] against an experiment.
 
-    Of angles alone the motion is (T, S, 1) [rad], and names that end in ``_mm`` end in ``_deg``. A measured pressure
-    must be on the clock of the shape: see `Experiment.synchronised`.
+    Parameters
+    ----------
+    exp : Experiment
+        A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
+    modelled : (T, S, 2) or (T, S, 3) array, m
+        For recordings of angles alone (T, S, 1) [rad]; metrics whose names end in ``_mm`` then end in ``_deg``.
+    length : float
+        Length of the body [m].
 
-    Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
-    the motion has no such thing (no ring-down, no overshoot).
+    Returns
+    -------
+    dict
+        Plain numbers. ``frequency_hz`` and other traits are pairs {"measured": ..., "modelled": ...}, with None if the
+        motion does not have this trait (no ring-down, no overshoot).
     """
     unit, factor = exp.shown_in
     distance = np.linalg.norm(modelled - exp.compared, axis=-1)
@@ -94,7 +103,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
     variation = exp.compared - np.nanmean(exp.compared, axis=0)
     spread = float(np.nansum(variation**2))
-    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[seen] ** 2) / spread)) if spread > 0 else None  # of a lone pose
+    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[seen] ** 2) / spread)) if spread > 0 else None  # for a single pose
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
@@ -115,7 +124,9 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
 
 
 def response(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Traits of the motion of one point, path (T, 2) [m] or angle (T, 1) [rad], under the experiment's excitation."""
+    """Return frequency, damping ratio, overshoot and steady state of one point's path (T, 2) [m] or angle
+    (T, 1) [rad].
+    """
     unit, factor = exp.shown_in
     seen = np.isfinite(path).all(axis=1)
     t, p = exp.time[seen], path[seen]
@@ -126,7 +137,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
         direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
         ring = ring_down(t[late], p[late] @ direction)
     on = on_window(exp, t)
-    end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods: no ringing in the mean
+    end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods average the ringing out
     steady = overshoot = None
     if on is not None and on.any():
         end = t[on][-1]
@@ -144,7 +155,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def on_window(exp: Experiment, t: Array) -> Array | None:
-    """Which of the times `t` lie in the pressure's plateau; None when there is none."""
+    """Return which of the times `t` lie in the plateau of the pressure, as booleans; None if there is no plateau."""
     if exp.excitation in ("pulse", "step"):
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))

@@ -1,4 +1,4 @@
-"""The figure of a model selection: errors of each stage on held-out records, and what it costs."""
+"""Figure of a model selection: error of each stage on held-out recordings, and its computation time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pliant.validation.wording import clip, digits
 
 
 def selection_figure(selection: ModelSelection) -> Any:
-    """Draw the errors of every stage on training and held-out records; on a wide page also what the stages cost."""
+    """Draw the errors of every stage on training and held-out recordings; on a wide page also the computation times."""
     steps = [s for s in selection.steps if s.result]
     at = np.arange(len(steps))
     narrow = WIDTH.get() < NARROW
@@ -33,7 +33,9 @@ def selection_figure(selection: ModelSelection) -> Any:
 
 
 def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
-    """Mean error of every stage as a marker on a line, that of each record as a dash; the chosen stage on a band."""
+    """Draw the mean error of every stage as a marker and that of each recording as a dash, and shade the
+    chosen stage.
+    """
     steps = [s for s in selection.steps if s.result]
     for label, colour, marker, errors in (
         ("training", "0.55", "o", [s.train for s in steps]),
@@ -50,5 +52,5 @@ def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
     ax.axhspan(chosen - 0.4, chosen + 0.4, color="0.88", zorder=0, label="chosen")
     ax.set_yticks(at, [clip(s.stage.title, 26) for s in steps])
     ax.invert_yaxis()
-    ax.set(xlabel="error (% of travel)", xlim=(0, None))
+    ax.set(xlabel="error (% of peak displacement)", xlim=(0, None))
     ax.legend()

@@ -1,4 +1,4 @@
-"""Figures of a dense shape: its curvature, its order, and the chain laid through it."""
+"""Figures of a dense shape: its curvature, the errors of each number of segments, and the chain of links."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 def order_figure(shape: Shape) -> Any:
-    """Largest error of the reconstructed shape in time and its spread over the frames, for each number of segments."""
+    """Draw the largest error of the rebuilt shape against time and its spread, for each number of segments."""
     order = shape.order
     errors = dict(zip(order.orders, order.max_error, strict=True))
     with drawing():
@@ -29,7 +29,7 @@ def order_figure(shape: Shape) -> Any:
 
 
 def shape_figure(shape: Shape) -> Any:
-    """Curvature along the body at many instants, and the chain and its spline laid through the shape at a few."""
+    """Draw the curvature along the body at many instants, and the chain of links with its spline at a few."""
     with drawing():
         figure, (left, right) = side_by_side(2, (1, 1), 3.4)
         curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
@@ -40,15 +40,15 @@ def shape_figure(shape: Shape) -> Any:
 
 
 def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
-    """Measured points (F, S, 2), joints (F, n + 1, 2) and splines (F, P, 2) at a few telling frames, m, from the base.
+    """Return measured points (F, S, 2), joints (F, n + 1, 2) and splines (F, P, 2) [m from base] at a few frames.
 
-    The chain was laid through whole frames alone, so they are the ones that are counted here. A body in space is seen
-    from the side from which it moves most.
+    Only complete frames are used, since the chain was fitted to these alone. A body in space is projected onto the
+    vertical plane in which it moves most.
     """
     links = shape.links
     whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
     if len(whole) != len(links.tips):
-        raise InputError(f"shape of {shape.name}: {len(whole)} whole frames, but a chain through {len(links.tips)}")
+        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)}")
     tips = links.tips - links.base
     frames = instants(tips[:, -1])
     upright = np.eye(tips.shape[2])

@@ -1,4 +1,4 @@
-"""`results.nc` beside `metrics.json`: what a study measured and modelled, kept, so that figures can be drawn later."""
+"""Writer of `results.nc`, which stores a study's measured and modelled motion so that figures can be drawn later."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ SPACE = ("time", "station", "axis")
 
 
 def save_results(outcome: StudyOutcome, folder: Path) -> Path:
-    """Write ``results.nc``: a group for each recording with every fit of it, the dense shape and each forecast.
+    """Write ``results.nc`` with a group for each recording and all its fits, the dense shape and each forecast.
 
-    Positions are in m, angles in rad, times in s, inputs in the SI units that stand beside them. The numbers
-    that metrics.json has are not repeated.
+    Positions are in m, angles in rad, times in s, and inputs in the SI units of their attribute. Numbers in
+    metrics.json are not repeated.
     """
     about = {"schema": "pliant-results", "schema_version": 1, "run_id": outcome.run_id}
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs=about)}
@@ -50,19 +50,19 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
 
 
 def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Sequence[str], Array, dict[str, str]]:
-    """A variable with its unit."""
+    """Return a variable of an xarray data set with the unit m and, if given, a long name."""
     return dims, values, {"units": "m", **({"long_name": name} if name else {})}
 
 
 def of_inputs(units: Sequence[str]) -> dict[str, str]:
-    """Attributes of a variable whose columns are inputs: their unit, or the unit of each where they differ."""
+    """Return the attributes of a variable whose columns are inputs: their common unit, or the unit of each."""
     shown = units if len(set(units)) > 1 else units[:1]
     kind = input_words(units)[0].replace("pressure", "gauge pressure")
     return {"units": ", ".join(shown), "long_name": f"measured {kind}"}
 
 
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
-    """Return the measured motion and the inputs of a recording; `unit_of` tells the SI unit of an input."""
+    """Return the measured motion and inputs of a recording; `unit_of` returns the SI unit of an input by name."""
     variables: dict[str, Any] = {}
     if exp.without_positions:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
@@ -85,7 +85,7 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
 
 
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
-    """Return the motion under every fit; NaN where a fit does not use the recording, or gives no band."""
+    """Return the motion under every fit; NaN if a fit does not use the recording or has no band."""
     rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
     found: dict[str, Any] = {"fit": [f.name for f in fits]}
 
@@ -107,7 +107,7 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
 
 
 def shaped(shape: Shape) -> dict[str, xr.Dataset]:
-    """The dense shape, its orders and its links, in a group each."""
+    """Return the dense shape, its orders and its links, each as a group of the file."""
     own = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
            "position": in_metres(("frame", "place", "axis"), shape.position),
            "curvature": (("whole_frame", "place"), shape.curvature, {"units": "1/m"}),
@@ -124,7 +124,7 @@ def shaped(shape: Shape) -> dict[str, xr.Dataset]:
 
 
 def plain(result: Any, but: set[str]) -> str:
-    """The fields of a dataclass that are no arrays, as JSON; tuples of arrays become lists."""
+    """Return the fields of a dataclass that are not arrays, as JSON; tuples of arrays become lists."""
     found: dict[str, Any] = {}
     for f in fields(result):
         value = getattr(result, f.name)
@@ -135,7 +135,7 @@ def plain(result: Any, but: set[str]) -> str:
 
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
-    """A forecast's tip with its half-width."""
+    """Return a forecast's tip motion and its half-width as a data set."""
     units = {"units": "rad" if forecast.tip.shape[1] == 1 else "m"}
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:

@@ -1,4 +1,4 @@
-"""A study's outcome, read back from `metrics.json` and `results.nc`."""
+"""Reader of a study's results from `metrics.json` and `results.nc`."""
 
 from __future__ import annotations
 
@@ -38,23 +38,23 @@ Groups = Mapping[str, xr.Dataset]
 
 
 def load_outcome(folder: str | Path) -> StudyOutcome:
-    """Read the results of `pliant run` from the folder that it wrote: every number, curve and sentence of its report.
+    """Read the results of `pliant run` from its folder: all numbers, curves and sentences of its report.
 
     Parameters
     ----------
     folder : str or Path
-        With metrics.json and results.nc.
+        Folder with metrics.json and results.nc.
 
     Raises
     ------
     InputError
-        When a file is absent, not what `pliant run` writes, or of another schema.
+        When a file is absent, was not written by `pliant run`, or has another schema.
     """
     folder = Path(folder)
     metrics = metrics_of(folder)
     groups = groups_of(folder)
     if str(metrics.get("run_id", "")) != str(groups["/"].attrs.get("run_id", "")):
-        raise InputError(f"{folder}: metrics.json and results.nc are of different runs; run the study again")
+        raise InputError(f"{folder}: metrics.json and results.nc are from different runs; run the study again")
     try:
         return restored(metrics, groups)
     except BROKEN as error:
@@ -64,7 +64,7 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
 
 
 def metrics_of(folder: Path) -> dict[str, Any]:
-    """The content of metrics.json."""
+    """Return the content of metrics.json; InputError if it cannot be read or was not written by `pliant run`."""
     path = folder / "metrics.json"
     try:
         metrics: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -74,25 +74,25 @@ def metrics_of(folder: Path) -> dict[str, Any]:
             cure = "a run was interrupted while it replaced its files: run the study again"
         raise InputError(f"cannot read {path}: {reason}; {cure}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON: {clipped(str(error))}") from None
+        raise InputError(f"{path} is not valid JSON: {clipped(str(error))}; run the study again") from None
     if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":
-        raise InputError(f"{path} is no metrics.json of `pliant run`")
+        raise InputError(f"{path} is not a metrics.json of `pliant run`")
     return metrics
 
 
 def groups_of(folder: Path) -> Groups:
-    """The groups of results.nc, in memory."""
+    """Return the groups of results.nc, read into memory."""
     path = folder / FILE
     if not path.is_file():
         raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
     loaded = read_groups(path)
     if str(loaded["/"].attrs.get("schema")) != "pliant-results":
-        raise InputError(f"{path} holds no results of `pliant run`")
+        raise InputError(f"{path} is not a results.nc of `pliant run`")
     return loaded
 
 
 def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
-    """The outcome from both files' content."""
+    """Return the outcome of a study from the content of both files."""
     recordings = {
         str(recording.attrs["name"]): (experiment_of(recording), recording)
         for name, recording in groups.items()
@@ -115,7 +115,7 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
 
 
 def experiment_of(recording: xr.Dataset) -> Experiment:
-    """A recording as it was fitted."""
+    """Return a recording as the fit used it."""
     trace = None
     drives = {}
     if "driven" in recording:
@@ -148,7 +148,7 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
 def fit_of(
     i: int, name: str, entry: dict[str, Any], recordings: Mapping[str, tuple[Experiment, xr.Dataset]],
 ) -> FitOutcome:
-    """A fit with its records."""
+    """Return the outcome of fit number `i` with its recordings."""
     result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
     records, actuation = [], result.model.actuation
     for record, numbers in entry["records"].items():
@@ -165,12 +165,12 @@ def fit_of(
 
 
 def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
-    """Return what could not be computed of the fits or of the study."""
+    """Return the results that could not be computed, of a fit or of the study."""
     return tuple(NotComputed(**n) for n in entry.get("not_computed", ()))
 
 
 def result_of(entry: dict[str, Any], model: Model) -> FitResult:
-    """Return the result of the optimisation."""
+    """Return the result of the optimisation of a fit."""
     parameters = tuple(
         Parameter(name, p["value"], -np.inf if p["lower"] is None else p["lower"],
                   np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"],
@@ -188,7 +188,7 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
 
 
 def band_of(recording: xr.Dataset, exp: Experiment) -> Band | None:
-    """The band of a prediction, where it has one."""
+    """Return the prediction band of a recording; None if it has none."""
     level = float(recording["band_level"])
     if np.isnan(level):
         return None
@@ -197,7 +197,7 @@ def band_of(recording: xr.Dataset, exp: Experiment) -> Band | None:
 
 
 def shape_of(groups: Groups) -> Shape | None:
-    """The dense shape that decided the chain."""
+    """Return the dense shape that determined the chain; None if there is none."""
     if "/shape" not in groups:
         return None
     own, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
@@ -214,7 +214,10 @@ def shape_of(groups: Groups) -> Shape | None:
 
 
 def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """A model selection as its table and figure need it: that a stage was fitted, not what its fit was."""
+    """Return a model selection with the content that its table and figure need.
+
+    The fit results of single stages are not stored; `result` stands for each.
+    """
     if content is None:
         return None
     steps = [
@@ -235,7 +238,7 @@ def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
 
 
 def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Forecast:
-    """A prediction for a case that was not recorded."""
+    """Return a prediction for a case that was not recorded."""
     apart = {"title", "stated", "half_width_95"}
     return Forecast(
         name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,

@@ -1,4 +1,4 @@
-"""Figures of the running model: state, contact, map and controlled tip against time."""
+"""Figures of a model in use: estimated state, contact, sweep and controlled tip."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def estimate_overview(found: Any) -> Figure:
-    """Joint angles, smoothed rates with two standard deviations, whitened innovations, and strains, against time."""
+    """Draw joint angles, smoothed rates with two standard deviations, whitened innovations and strains against time."""
     time, lengthens = found["time"].values, "axial_strain" in found
     with style():
         figure, axes = new_figure(3 + lengthens, 1, height=5.4 + 1.8 * lengthens, sharex=True)
@@ -47,7 +47,7 @@ def estimate_overview(found: Any) -> Figure:
 
 
 def contact_overview(found: Any) -> Figure:
-    """Test statistic with its threshold, place along the body and force of a contact against time."""
+    """Draw the test statistic with its threshold, and the position and force of a contact, against time."""
     time = found["time"].values
     with style():
         figure, axes = new_figure(3, 1, height=5.0, sharex=True)
@@ -58,7 +58,7 @@ def contact_overview(found: Any) -> Figure:
         low, high = (1e3 * found[name].values for name in ("arc_low", "arc_high"))
         axes[1].fill_between(time, low, high, color="0.8", linewidth=0, label="95 %")
         axes[1].plot(time, 1e3 * found["contact_arc_length"].values, color="black")
-        axes[1].set_ylabel("place along the body (mm)")
+        axes[1].set_ylabel("position along the body (mm)")
         axes[1].legend()
         for name in ("normal", "tangential"):
             axes[2].plot(time, found[f"{name}_force"].values, label=name)
@@ -69,7 +69,7 @@ def contact_overview(found: Any) -> Figure:
 
 
 def sweep_figure(samples: Any) -> Figure:
-    """Draw the results of a sweep: the tip against time, median and 95 %, and how each number is spread."""
+    """Draw the results of a sweep: the tip against time with median and 95 % range, and a histogram of each number."""
     good = samples.isel(sample=np.flatnonzero(~samples["failed"].values.astype(bool)))
     names = [str(n) for n, a in good.data_vars.items() if a.dims == ("sample",) and n != "failed"]
     moving = "tip" in good
@@ -98,14 +98,15 @@ def sweep_figure(samples: Any) -> Figure:
 def control_figure(
     time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",)
 ) -> Figure:
-    """A controlled tip: displacement wanted and reached above, command and measured pressure below.
+    """Draw a controlled tip: wanted and reached displacement above, command and measured pressure below.
 
     Parameters
     ----------
     time : (T,) array, s
-    wanted, reached : (T,) array, m; (T, m) of several outputs called `names`, m or rad
-    command, pressure : (T,) array, Pa; (T, C) of several chambers
+    wanted, reached : (T,) array, m; (T, m) for several outputs, m or rad
+    command, pressure : (T,) array, Pa; (T, C) for several chambers
     names : sequence of str
+        Names of the outputs.
     """
     with style():
         figure, panels = new_figure(2, 1, height=3.4, sharex=True)
@@ -125,6 +126,6 @@ def control_figure(
 
 
 def by_column(values: Any) -> Any:
-    """Columns (m, T) of values (T,) or (T, m)."""
+    """Return the columns (m, T) of values (T,) or (T, m)."""
     made = np.asarray(values)
     return made[None] if made.ndim == 1 else made.T

@@ -1,4 +1,4 @@
-"""Brightness of a film whose camera sets its exposure or white balance by itself: measured, and taken out."""
+"""Compensate changes of brightness in a video whose camera sets exposure or white balance automatically."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pliant.video.reel import Reel
 
 Array = np.ndarray
 SAMPLES = 32  # frames in which brightness is compared
-STEADY = 0.02  # change of brightness, as a fraction, that noise and a moving body explain
+STEADY = 0.02  # relative change of brightness that noise and a moving body explain
 
 
 def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:
-    """Return the film with every frame brought to its usual brightness, colour by colour, and a line for the history.
+    """Return the video with all frames adjusted to its median brightness, per colour, and a history line.
 
-    Brightness is the median ratio of a frame to the median frame, so that what moves has no say while it covers less
-    than half of the picture. A film of steady brightness is returned as it is.
+    Brightness is the median ratio of a frame to the median frame, so that moving objects have no influence while they
+    cover less than half of the picture. A video of steady brightness is returned unchanged.
     """
     parts = np.array([p[:: reel.coarse, :: reel.coarse] for p in reel.pictures(SAMPLES)])
     probe = replace(reel, reference=np.median(parts, axis=0).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Overlays to check the tracking: the found shape over the pictures, as a sheet of a few frames and as a film."""
+"""Draw the tracked shape over the frames, as a sheet of a few frames or as a video, to check the tracking."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pliant.video.movie import movie
 from pliant.video.reel import Reel
 
 Array = np.ndarray
-TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels across of each
-GAPS = 3  # so many of them are shown where they begin, too
-FILM = 1280  # pixels across of the film, at most
+TILES, ACROSS, TILE = 12, 3, 560  # frames on a sheet, frames per row, and width of each in pixels
+GAPS = 3  # number of gaps whose first frame is shown, too
+FILM = 1280  # largest width of the video in pixels
 LINE, EDGE, BASE, TIP, ALARM = (  # blue, green, red
     tuple(bytes.fromhex(colour)[::-1]) for colour in ("ff2828", "ffffff", "00a0ff", "ffc800", "ff963c")
 )
@@ -26,7 +26,10 @@ Draw = Callable[[float, Array, Array | None], None]
 
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
-    """Takes time, picture and points of each frame; the files are there when all went well."""
+    """Open overlay files and yield a function of time, picture and points that adds one frame.
+
+    The files appear only when the block ends without an error.
+    """
     sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in ENDINGS)
     shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
@@ -56,7 +59,7 @@ def _size(reel: Reel, most: int) -> tuple[int, int]:
 
 
 def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, int]) -> Array:
-    """The picture made smaller, with the points (S, 2) of it over it: a line, its ends, and the time."""
+    """Return the picture scaled to `size`, with the points (S, 2) [pixels] as a line, its ends marked, and the time."""
     cv2 = opencv("drawing on a video")
     made = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     share = size[0] / picture.shape[1]

@@ -1,34 +1,37 @@
-"""Frames that a camera lost or repeated: what the times tell, and what the motion betrays."""
+"""Detect frames that a camera lost or repeated, from the frame times and from the motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
 Array = np.ndarray
-MOVES = 0.7  # pixels a frame, from which on a repeated frame is distinguished from rest
-STANDS, LEAPS = 0.2, 1.7  # of the neighbours' steps
-ALIKE = 0.35  # of the neighbours' change of the picture
+MOVES = 0.7  # pixels per frame: a repeated frame is detectable only in faster motion
+STANDS, LEAPS = 0.2, 1.7  # relative to the neighbours' steps: of a repeated frame, and after a lost one
+ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated frame
 
 
 def lost_in_times(time: Array) -> tuple[int, int]:
-    """Return how many frames are missing in the times (T,), and at how many places."""
+    """Return the number of missing frames in the times (T,) [s] and the number of gaps that they form."""
     step = np.diff(time)
     missing = np.rint(step / np.median(step)).astype(int) - 1
     return int(missing[missing > 0].sum()), int((missing > 0).sum())
 
 
 def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array, Array]:
-    """Frames (T,) that repeat the one before, and steps (T,) twice as long as their neighbours, as if one were missing.
+    """Return masks (T,) of frames that repeat the previous one, and of steps twice as long as their neighbours.
+
+    A step that is twice as long suggests a missing frame.
 
     Parameters
     ----------
     points : array (T, S, 2), pixels
-        NaN where nothing was seen.
+        Tracked points; NaN where nothing was seen.
     change : array (T,), levels
-        Mean change of the picture since the frame before.
+        Mean change of the picture since the previous frame, in grey levels.
     time : array (T,), s
 
-    Both are reported where the body moves by `MOVES` or more and keeps its direction: at a turn two frames are alike.
+    Both are reported only where the body moves by `MOVES` or more and keeps its direction, as two frames at a reversal
+    are alike.
     """
     step = np.diff(points, axis=0, prepend=np.nan)
     apart = (step**2).sum(axis=2)

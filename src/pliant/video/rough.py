@@ -1,4 +1,4 @@
-"""A first, rough centreline of the body in one frame, by itself: for the beginning, and after the body was hidden."""
+"""Compute a rough centreline of the body from a single frame, to start tracking or resume after a gap."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pliant.recording.camera import opencv
 from pliant.video.surroundings import Surroundings
 
 Array = np.ndarray
-LEVELS = 24  # of distance from the base
-LEAST_PIXELS = 40  # of the small picture
+LEVELS = 24  # intervals of distance from the base
+LEAST_PIXELS = 40  # least number of pixels of the body in the small picture
 
 
 def mask_of(small: Array, around: Surroundings) -> Array:
-    """Return the pixels of the body, (h, w) of bool, in a small picture (h, w, 3)."""
+    """Return the mask (h, w) of the pixels of the body in a small picture (h, w, 3)."""
     cv2 = opencv("tracking a video")
     light, behind = small.astype(np.float32) @ around.weight, around.small @ around.weight
     share = (light - behind) / np.maximum(around.body - behind, 0.3)
@@ -29,12 +29,12 @@ def mask_of(small: Array, around: Surroundings) -> Array:
 
 
 def rough_line(mask: Array, start: Array | None) -> Array | None:
-    """Points (N, 2) of the small picture along the middle of a mask (h, w), base first; None where there is no body.
+    """Return points (N, 2) along the middle of a mask (h, w), base first; None where the mask is too small.
 
     Parameters
     ----------
     start : array (2,), optional
-        The base. Without it the line begins at one of the two ends that lie farthest apart.
+        Position of the base. Without it the line begins at one of the two ends that are farthest apart.
     """
     place = np.argwhere(mask)[:, ::-1].astype(float)
     if len(place) < LEAST_PIXELS:
@@ -51,7 +51,7 @@ def rough_line(mask: Array, start: Array | None) -> Array | None:
 
 
 def _distances(mask: Array, place: Array, start: Array) -> Array:
-    """Distance (N,) of each pixel of the mask from the one nearest to `start`, within the mask."""
+    """Return the distance (N,) of each pixel of the mask from the pixel nearest to `start`, within the mask."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 

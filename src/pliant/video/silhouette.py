@@ -1,4 +1,4 @@
-"""The middle of the body's silhouette in every frame of a film."""
+"""Track the centreline of the body's silhouette in every frame of a video."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from pliant.video.stillness import Stillness
 from pliant.video.surroundings import Surroundings, surroundings
 
 Array = np.ndarray
-FIRST = 10  # frames that say where the base is
-TRIED = 120  # frames in which it is looked for
+FIRST = 10  # number of frames that determine the base
+TRIED = 120  # most frames that are searched for the base
 
 
 def follow_silhouette(
     reel: Reel, base: tuple[float, float] | None = None
 ) -> Iterator[tuple[float, Array, Array | None]]:
-    """Time [s], picture and points (S, 2) [pixels] from base to tip of each frame; None where the body is hidden.
+    """Yield time [s], picture and centreline (S, 2) [pixels], base to tip, of each frame; None where hidden.
 
     Parameters
     ----------
     reel : Reel
     base : (x, y), pixels, optional
-        Where the body begins. Default: where its colour ends at the end that does not move.
+        Position of the base. Default: the end of the body that does not move.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def follow_silhouette(
 
 
 def base_of(reel: Reel, around: Surroundings) -> Array:
-    """Return where the body begins, (2,) pixels: the median over some frames, since it stands still."""
+    """Return the position of the base (2,) [pixels], the median over the first frames, as the base does not move."""
     follow, found = Follower(around), []
     for tried, (_, picture) in enumerate(reel.frames(), 1):
         ribbon = follow(picture)
@@ -54,8 +54,9 @@ def base_of(reel: Reel, around: Surroundings) -> Array:
             break
     if not found:
         raise InputError(
-            f"{reel.path.name}: no body is seen whole in the first {TRIED} frames: nothing there has two clear edges "
-            "before its background from one end to the other; say where it begins by --base, or put a sheet behind it"
+            f"{reel.path.name}: no whole body was found in the first {TRIED} frames: no object has two clear edges "
+            "against the background from one end to the other; give the position of its base by --base, or put a "
+            "plain sheet behind it"
         )
     return np.asarray(np.median(found, axis=0))
 

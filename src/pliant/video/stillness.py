@@ -1,4 +1,4 @@
-"""Whether the camera stays where it is, frame by frame: by small patches of the background beside the body."""
+"""Check that the camera does not move, by small patches of the background beside the body."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pliant.video.reel import Reel
 from pliant.video.surroundings import Surroundings
 
 Array = np.ndarray
-PATCHES, HALF = 12, 12  # how many, and pixels from the middle of each to its border
-MOST = 1.5  # pixels; less than that is noise, or a desk that trembles
-SHARE = 0.02  # of the frames that may show more, as when a hand covers the patches
+PATCHES, HALF = 12, 12  # number of patches, and pixels from the centre of each to its border
+MOST = 1.5  # pixels; smaller shifts are noise or vibration
+SHARE = 0.02  # fraction of frames that may show larger shifts, as when a hand covers the patches
 
 
 class Stillness:
@@ -35,7 +35,7 @@ class Stillness:
         return where, patch, np.linalg.pinv(slope @ slope.T, rcond=0.02) @ slope
 
     def __call__(self, picture: Array) -> None:
-        """Take the next frame."""
+        """Measure the shift of the next frame."""
         found = []
         for where, patch, solve in self.patches:
             grey = self.cv2.cvtColor(picture[where], self.cv2.COLOR_BGR2GRAY).astype(np.float32)
@@ -44,10 +44,10 @@ class Stillness:
             self.shifts.append(float(np.hypot(*np.median(found, axis=0))))
 
     def refuse(self) -> None:
-        """InputError when the camera moved in more than a few frames."""
+        """Raise InputError where the camera moved in more than 2 % of the frames."""
         shifts = np.array(self.shifts)
         if len(shifts) and (shifts > MOST).mean() > SHARE:
             raise InputError(
-                f"{self.reel.path.name}: the camera moves, by {np.quantile(shifts, 0.98):.1f} pixels or more, in "
+                f"{self.reel.path.name}: the camera moves by {np.quantile(shifts, 0.98):.1f} pixels or more in "
                 f"{int((shifts > MOST).sum())} of {len(shifts)} frames: fix it to a stand and film again"
             )

@@ -1,4 +1,4 @@
-"""Arrays in a page: small integers with a scale each, all in one deflated block of text."""
+"""Packing of arrays into a page: small integers with a scale for each array, all in one compressed text."""
 
 from __future__ import annotations
 
@@ -10,45 +10,46 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-LEVELS = 65_000  # of the integers that an array's range is cut into; -32768 stands for what was not seen
+LEVELS = 65_000  # number of integer levels for an array's range; -32768 marks missing values
 GAP = -32_768
 
 
 @dataclass
 class Pack:
-    """Collects arrays; each becomes a note of where it lies, which the page's own reader understands.
+    """A collection of arrays to be stored in a page; for each, a description says where it lies in the data.
 
-    Values are kept to a 65 000th of their range along the first axis as differences, which deflate well: 3 um of 0.2 m.
+    Values are rounded to 1/65 000 of their range, such as 3 um for 0.2 m, and stored as differences along the first
+    axis, which compress well.
     """
 
     parts: list[bytes] = field(default_factory=list)
     used: int = 0
 
     def add(self, values: Any) -> dict[str, Any]:
-        """Take an array of any shape; its note has the shape, the place and the scale."""
+        """Add an array of any shape and return its description: position in the data, shape and scale."""
         array = np.asarray(values, dtype=float)
         seen = np.isfinite(array)
         low, high = (float(f(array[seen])) if seen.any() else 0.0 for f in (np.min, np.max))
         scale = (high - low) / LEVELS or 1.0
         levels = np.full(array.shape, GAP, dtype=np.int64)
         levels[seen] = np.rint((array[seen] - low) / scale) - LEVELS // 2
-        steps = np.diff(levels, axis=0, prepend=0).astype(np.uint16)  # differences wrap, and wrap back when summed
+        steps = np.diff(levels, axis=0, prepend=0).astype(np.uint16)  # differences may overflow, which their sum undoes
         note = {"at": self.used, "shape": list(array.shape), "low": low, "scale": scale}
         self.put(steps.astype("<u2").tobytes())
         return note
 
     def put(self, content: bytes) -> None:
-        """Take raw bytes, an even number of them."""
+        """Add raw bytes; their number must be even."""
         self.parts.append(content)
         self.used += len(content)
 
     def text(self) -> str:
-        """All arrays as base64 of one deflated block; the same arrays give the same text."""
+        """Return all arrays as one compressed block in base64; the same arrays give the same text."""
         return base64.b64encode(zlib.compress(b"".join(self.parts), 9)).decode()
 
 
 def unpack(text: str, note: dict[str, Any]) -> Array:
-    """The array behind a note, as the page reads it."""
+    """Return the array that a description refers to, as the page's script reads it."""
     content = zlib.decompress(base64.b64decode(text))
     count = int(np.prod(note["shape"]))
     steps = np.frombuffer(content, dtype="<u2", count=count, offset=note["at"]).reshape(note["shape"])

@@ -1,4 +1,4 @@
-"""Contents of the live page: a model file, or the folder of a study with its intervals and recordings."""
+"""Loading of the live page's content: a model file, or the results of a study with intervals and recordings."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from pliant.view.live import Played, sliders_of
 
 
 def played_from(source: Path, log: Path | None = None, touch: float = 0.0) -> Played:
-    """The model in a file, or that of a study's first fit with what may be changed of it and its recordings.
+    """Return the content of the live page for a model file or a results folder.
+
+    For a folder it is the model of the first fit, with sliders for its parameters and its recordings.
 
     Parameters
     ----------
     source : Path
+        Model file, or folder written by `pliant run`.
     log : Path, optional
-        Of a control loop of that body, to be watched.
+        log.csv of a control loop of the same body, to be watched.
     touch : float
-        N m, see `pliant.view.watched.Watched`.
+        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.watched.WatchedLoop`.
 
     Raises
     ------
@@ -37,5 +40,5 @@ def played_from(source: Path, log: Path | None = None, touch: float = 0.0) -> Pl
 
 
 def in_base_frame(experiment: Experiment) -> Experiment:
-    """Return a stored experiment, which is in the axes of its recording, in the base frame, where the model is."""
+    """Return a stored experiment, which is in the axes of its recording, in the base frame of the model."""
     return experiment.turned() if experiment.x_sign < 0 else experiment

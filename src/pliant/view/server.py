@@ -1,4 +1,4 @@
-"""The live page's server: this machine alone, a token in the address, one running model for each page."""
+"""The server of the live page: for this machine only, with a token in the address and one running model per page."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from pliant.view.watched import WatchedLoop
 
 HOST = "127.0.0.1"
 RATE = 60.0  # frames in a second
-BARE_KPA = 200.0  # where nothing was recorded
-LARGEST = 4096  # bytes of a wish
+BARE_KPA = 200.0  # upper end of the sliders without recordings
+LARGEST = 4096  # bytes of a request
 POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
           "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
 def running(played: Played) -> Live | WatchedLoop:
-    """Return the moving body of a page: a model of its own, or the loop that is watched."""
+    """Return the moving body of a page: a running model, or the control loop to watch."""
     return Live(played) if played.log is None else WatchedLoop(played.log, played.model, played.touch)
 
 
 def live_page(played: Played, live: Live | WatchedLoop) -> str:
-    """The page as text."""
+    """Return the HTML text of the live page."""
     m, ends = played.model, ranges(played, live.chambers)
     data = {
         "length": 1e3 * m.length, "links": m.n, "chambers": chamber_names(m, live.chambers),
@@ -50,7 +50,7 @@ def live_page(played: Played, live: Live | WatchedLoop) -> str:
 
 
 def chamber_names(model: Model, count: int) -> list[str]:
-    """Return the page's names of the pressures: those of the model where it names all of them."""
+    """Return the names of the pressures on the page: those of the model if it names all of them."""
     names = [c.name for c in model.chambers]
     if count == 1:
         return ["pressure"] if names == [Chamber.name] else names[:1]
@@ -58,13 +58,15 @@ def chamber_names(model: Model, count: int) -> list[str]:
 
 
 def highest(played: Played) -> float:
-    """Return the upper ends of the pressure sliders, kPa: a quarter above the recorded pressures."""
+    """Return the upper end of the pressure sliders [kPa]: 25 % above the highest recorded pressure."""
     seen = [e.peak for e in played.records.values()]
     return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
 
 
 def ranges(played: Played, count: int) -> dict[str, list[Any]]:
-    """Return unit and ends of the slider of each input: pressures from none to the highest, tendons either way."""
+    """Return the unit and the range of the slider of each input: pressures from 0 up, displacements and angles both
+    ways.
+    """
     model = played.model
     known = [shown_in(unit) for unit in model.actuation.units]
     if len(known) != count or all(unit == "kPa" for _, unit in known):
@@ -76,15 +78,15 @@ def ranges(played: Played, count: int) -> dict[str, list[Any]]:
 
 
 def application(played: Played, token: str, host: str) -> Any:
-    """The page and its socket, as an ASGI application; everything else is not found."""
+    """Return an ASGI application that serves the page and its WebSocket; any other address is not found."""
     try:
         from starlette.applications import Starlette
         from starlette.responses import HTMLResponse, PlainTextResponse
         from starlette.routing import Route, WebSocketRoute
     except ImportError:
         raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
-    live_page(played, running(played))  # refused here, before a browser asks
-    one_build = asyncio.Lock()  # of all pages: one that asks for many models does not hold up the others
+    live_page(played, running(played))  # raises an error now, before a browser connects
+    one_build = asyncio.Lock()  # shared by all pages, so that one with many requests does not block the others
 
     def known(connection: Any) -> bool:
         return connection.headers.get("host") == host and secrets.compare_digest(
@@ -110,7 +112,7 @@ def application(played: Played, token: str, host: str) -> Any:
 
 
 async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> None:
-    """Build on a thread what the page asked for last, one build at a time, while motion and frames go on."""
+    """Build the models that the page requests on a thread, one at a time, while the motion goes on."""
     while True:
         await asked.wait()
         async with one_build:
@@ -120,7 +122,7 @@ async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> No
 
 
 async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -> None:
-    """Send frames at a steady rate and take wishes, until the page is closed."""
+    """Send frames at a steady rate and receive requests, until the page is closed."""
     from starlette.websockets import WebSocketDisconnect
 
     asked = asyncio.Event()
@@ -133,9 +135,9 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
                 return
             text = message.get("text") or ""
             try:
-                live.ask(Wish.model_validate_json(text[:LARGEST]))  # what is longer is no JSON when cut
+                live.ask(Wish.model_validate_json(text[:LARGEST]))  # a longer request, cut, is not valid JSON
             except ValidationError:
-                live.message = "the page asked for something that cannot be"
+                live.message = "the page sent a request that is not valid: reload the page"
             if live.pending:
                 asked.set()
 
@@ -158,18 +160,18 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
 
 
 class Server:
-    """A server that is ready to run; `address` is what to open.
+    """A server for the live page; `address` is the address to open.
 
     Parameters
     ----------
     played : Played
     port : int
-        0: any free one.
+        Port number; 0 for any free one.
 
     Raises
     ------
     InputError
-        When the extra is missing, the port is taken or the model cannot be stepped.
+        When the packages of the extra view are missing, the port is in use, or the model cannot be stepped.
     """
 
     def __init__(self, played: Played, port: int = 0) -> None:
@@ -181,10 +183,10 @@ class Server:
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self.socket.bind((HOST, port))
-            self.socket.listen()  # from here on a browser that follows the address waits, and is not refused
+            self.socket.listen()  # from now on a browser that connects waits instead of being refused
         except OSError as error:
             self.socket.close()
-            raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}") from None
+            raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}; try --port 0") from None
         host = f"{HOST}:{self.socket.getsockname()[1]}"
         token = secrets.token_urlsafe(16)
         self.address = f"http://{host}/{token}/"
@@ -193,12 +195,12 @@ class Server:
         self.server = uvicorn.Server(config)
 
     def run(self) -> None:
-        """Serve until the program is interrupted, or `stop` is called from another thread."""
+        """Serve the page until the program is interrupted, or `stop` is called from another thread."""
         try:
             self.server.run(sockets=[self.socket])
         finally:
             self.socket.close()
 
     def stop(self) -> None:
-        """End `run`."""
+        """Stop the server, so that `run` returns."""
         self.server.should_exit = True

@@ -1,7 +1,7 @@
-"""The film that comes with the package: ``python -m pliant.testbed.camera.bundle`` makes it anew.
+"""Generate the bundled film: ``python -m pliant.testbed.camera.bundle``.
 
-Actuator "a" under three pulses, seen by a camera a little from the side; a log of the pressure with a clock of its own;
-what `pliant track` made of the film.
+It writes a film of actuator "a" under three pulses, seen by a camera slightly from the side; a log of the pressure with
+its own clock; and the track that `pliant track` computes from the film.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ SHUTTER = Shutter(exposure=2e-3, defocus=0.5, noise=2.0)
 
 
 def case() -> Scenario:
-    """The scenario that is filmed."""
+    """Return the scenario of the bundled film: three pulses of pressure."""
     steps = tuple(point for at, level in zip(EDGES, LEVELS, strict=True) for point in ((at, level), (at + WIDTH, 0.0)))
     return Scenario("filmed_pulses", "pulses of 60, 180 and 119 kPa", END, Command("steps", steps))
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write film, log and track."""
+    """Write the film, the pressure log and the track to `folder`."""
     from pliant.recording import append_history, write
     from pliant.video import track_video
 
@@ -52,7 +52,7 @@ def main(folder: Path = FOLDER) -> None:
 
 
 def camera() -> dict[str, Any]:
-    """The ``[camera]`` that a laboratory would write, pixels to a hundredth."""
+    """Return the ``[camera]`` table of a mapping for this film, with pixels rounded to a hundredth."""
     table = VIEW.table()
     table["plane"]["pixels"] = np.round(table["plane"]["pixels"], 2).tolist()
     return {**table, "exposure_ms": 1e3 * SHUTTER.exposure, "readout_ms": 0.0}

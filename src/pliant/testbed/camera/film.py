@@ -1,4 +1,4 @@
-"""A film of a scenario as MP4, the log of its pressure, and the truth aside."""
+"""Film a scenario of the virtual actuator as MP4, with the pressure log and the true motion."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Filmed:
-    """Facts about a film, beside its file.
+    """The pressure log and the true motion that belong to a film file.
 
     Attributes
     ----------
     truth : xarray.Dataset
-        As `pliant.testbed.truth.make_truth`, at the middle of each frame's exposure, lost frames left out.
+        Dataset of `pliant.testbed.truth.make_truth` at the middle of each frame's exposure, without lost frames.
     pressure_time, pressure : arrays (P,), s and Pa
-        What the pressure's sensor logged.
+        Times and readings of the pressure sensor.
     length : float, m
-        Of the body, without the edge that carries the cap.
+        Length of the body, without the edge that carries the cap.
     """
 
     truth: xr.Dataset
@@ -47,7 +47,7 @@ class Filmed:
     length: float
 
     def centreline(self) -> NDArray[np.float64]:
-        """True centrelines (T, N, 2) of the body, m, base at the origin and its tangent +y."""
+        """Return the true centrelines (T, N, 2) [m] of the body, base at the origin with its tangent along +y."""
         inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
         return np.asarray(self.truth["position"].to_numpy()[:, inside])
 
@@ -63,19 +63,19 @@ def film(
     shutter: Shutter | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Filmed:
-    """Film a scenario of the virtual actuator.
+    """Film a scenario of the virtual actuator and return the true motion.
 
     Parameters
     ----------
     case, body : as `pliant.testbed.generate`
     path : Path
-        The film to write, .mp4, whole or not at all.
+        The .mp4 file to write. An interrupted run leaves no partial file.
     seed : int
-        Of the board and of all noise.
+        Seed of the background and of all noise.
     view, look, shutter : optional
-        Where the camera stands, what it sees, how it records.
+        Position of the camera, appearance of the scene, exposure and noise.
     progress : callable, optional
-        Called with the fraction that is done.
+        Called with the completed fraction.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def film(
 def film_motion(
     shape: Shape, duration: float, path: Path, scene: Scene, progress: Callable[[float], None] | None = None
 ) -> NDArray[np.float64]:
-    """Film any motion.
+    """Film a moving centreline given as a function of time.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Times in an MP4 file: what a camera leaves that lost frames, which OpenCV's writer cannot say."""
+"""Edit the frame times in an MP4 file, so that lost frames leave gaps. OpenCV's writer cannot do this."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ DURATION = {b"mvhd": 16, b"tkhd": 20, b"elst": 8, b"mdhd": 16}
 
 
 def tell_gaps(path: Path, steps: list[int]) -> None:
-    """Write into a film of evenly spaced frames by how many frame times each one lies before the next.
+    """Rewrite the frame times of an evenly spaced MP4 file so that lost frames appear as longer frames.
+
+    `steps` gives the time from each frame to the next, as a multiple of the frame period.
 
     Parameters
     ----------
     path : Path
-        MP4 as OpenCV writes it: one track, its index behind the pictures.
+        MP4 file as OpenCV writes it: one track, with the index behind the pictures.
     steps : list of int
-        One less than frames; 1 everywhere leaves the file as it is.
+        One entry fewer than there are frames; if all are 1, the file is unchanged.
     """
     if all(step == 1 for step in steps):
         return
@@ -40,7 +42,7 @@ def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
     while at + 8 <= len(content):
         size, kind = struct.unpack_from(">I4s", content, at)
         if not 8 <= size <= len(content) - at:
-            raise InputError("the film is no MP4 file as OpenCV writes it")
+            raise InputError("the film is not an MP4 file as OpenCV writes it: film it again")
         inner = content[at + 8 : at + size]
         if kind in INSIDE:
             inner = b"".join(_boxes(inner, steps, longer))
@@ -55,7 +57,7 @@ def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
 def _table(inner: bytes, steps: list[int]) -> bytes:
     count, tick = struct.unpack_from(">II", inner, 8)
     if count != len(steps):
-        raise InputError(f"the film has {count} frames, not {len(steps)}")
+        raise InputError(f"the film has {count} frames, expected {len(steps)}")
     rows = [(1, tick * step) for step in steps]
     return inner[:4] + struct.pack(">I", len(rows)) + b"".join(struct.pack(">II", *row) for row in rows)
 

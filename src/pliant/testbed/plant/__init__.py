@@ -1,4 +1,4 @@
-"""The virtual actuator stepped in closed loop: a command in, frames of its sensors out."""
+"""The virtual actuator for closed-loop control: `Plant.advance` takes a command and returns a sensor frame."""
 
 from pliant.testbed.plant.plant import Plant, PlantFrame
 

@@ -1,4 +1,4 @@
-"""A plant for controllers: the rod behind its regulator, seen by its sensors, moved on by one command at a time."""
+"""A simulated plant for controllers: the rod with pressure regulator and sensors, advanced one command at a time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
 
 
 class PlantFrame(NamedTuple):
-    """One reading of both sensors, as it arrives."""
+    """One reading of both sensors, at the time at which it arrives."""
 
     time: float  # s, when the shape was taken
     shape: Array  # (S, 2) m, points of the body in the base frame; NaN where the frame is lost
@@ -35,38 +35,41 @@ class PlantFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensing:
-    """Errors that the plant's sensors add to the truth."""
+    """The plant's sensors, which add errors to the true state."""
 
     fibre: FibreSensor
     transducer: PressureSensor
 
 
 class Plant:
-    """The virtual actuator under a controller: rod, regulator with dead time, fibre sensor and pressure transducer.
+    """The virtual actuator for closed-loop control: rod, regulator with dead time, fibre sensor and pressure
+    transducer.
 
-    The fibre's gain error, wandering bias and noise enter as curvature; its lumen is taken as corrected for, its frame
-    as registered: the points are those of the body in the base frame.
+    The fibre's gain error, wandering bias and noise act on the curvature. The points of a frame are those of the body's
+    centreline in the base frame: the offset of the fibre's lumen and the misalignment of its frame are taken as
+    corrected.
 
     Parameters
     ----------
     body : str, int, Member or RodParameters
         Actuator "a", "b" or "c", a seed of the family with its own valve and sensors, or parameters of your own.
     rate : float
-        Frames of the shape a second, Hz.
+        Frame rate of the shape sensor, Hz.
     step : float
-        Of the rod, s; the period of the frames is a multiple of it.
+        Time step of the rod, s; the frame period must be a multiple of it.
     seed : int
-        Of the sensors.
+        Seed of the sensors' errors.
     perfect : bool
-        Sensors without error, latency and drop-out; the regulator stays.
-    valve : Regulator, optional
+        Use sensors without error, latency and drop-out; the regulator is kept.
+    valve : SupplyRegulator, optional
+        Default: the valve of the family member.
     obstacles : sequence of Circle or Wall
 
     Raises
     ------
     InputError
-        For an unknown actuator, a frame that is no whole number of steps, or a member of the family whose valve is a
-        spool where no `valve` is given: the plant knows regulators alone.
+        For an unknown actuator, a frame period that is no multiple of the step, an actuator with several chambers, or a
+        member of the family whose valve is a spool where no `valve` is given: the plant supports regulators only.
 
     Examples
     --------
@@ -86,13 +89,15 @@ class Plant:
         self.period = 1.0 / rate
         self._substeps = round(self.period / step)
         if self._substeps < 1 or abs(self._substeps * step - self.period) > 1e-9:
-            raise InputError(f"a frame of {self.period:g} s is no whole number of steps of {step:g} s")
+            raise InputError(
+                f"the frame period of {self.period:g} s is no whole number of steps of {step:g} s: change rate or step"
+            )
         self._step = step
         chosen = valve or who.valve
         if isinstance(chosen, tuple) or len(self.parameters.chambers) > 1:
-            raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers, the plant drives one")
+            raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers: Plant supports one")
         if isinstance(chosen, Iso6358):
-            raise InputError(f"actuator {who.name} has a spool for a valve, the plant knows regulators: give `valve`")
+            raise InputError(f"actuator {who.name} has a spool valve: give a regulator as `valve`")
         self._valve = chosen
         self._body = build_body(self.parameters)
         self._rows = obstacle_rows(obstacles)
@@ -110,7 +115,7 @@ class Plant:
         self.reset()
 
     def reset(self) -> None:
-        """Back to rest without pressure, time 0, memory relaxed; the sensors' noise starts anew."""
+        """Return to rest: zero pressure, time 0, relaxed hysteresis states, and sensor noise started again."""
         self._state = type(self._rest)(*(array.copy() for array in self._rest))
         self.time = 0.0
         self._held = np.zeros(2)
@@ -134,18 +139,20 @@ class Plant:
         return self._state.x[self.parameters.elements].copy()
 
     def push(self, x: float, y: float = 0.0) -> None:
-        """Hold a force [N] on the cap from now on, in the base frame."""
+        """Apply a constant force (x, y) [N], in the base frame, to the cap from now on."""
         self._load = np.array([x, y], dtype=float)
 
     def advance(self, command: float | Array) -> PlantFrame:
-        """Hold a commanded gauge pressure [Pa], also as (1,), for a frame's period; the newest frame that has arrived.
+        """Hold a commanded gauge pressure [Pa] for one frame period and return the newest frame that has arrived.
+
+        The command is a number or an array of shape (1,).
 
         Raises
         ------
         InputError
             When the command is not one number, not finite or negative.
         SimulationError
-            When the rod cannot follow.
+            When the simulation does not converge.
         """
         from pliant.compiler.choose import twin
         from pliant.testbed.plant.plant_loops import regulate_on
@@ -153,8 +160,8 @@ class Plant:
 
         if np.size(command) != 1:
             raise InputError(
-                f"the virtual actuator has one chamber, got {np.size(command)} commands: a model of several moves by "
-                "--plant model:FILE"
+                f"the virtual actuator has one chamber, got {np.size(command)} commands: simulate a model with several "
+                "chambers by --plant model:FILE"
             )
         level = float(np.ravel(command)[0])
         if not (np.isfinite(level) and level >= 0.0):
@@ -173,7 +180,9 @@ class Plant:
             loads, Span(0, m, m), self._body, self._rows, self._state, self._clock, self._work, self._out
         )
         if status != 0:
-            raise SimulationError(f"the rod does not converge at {self.time:.4f} s (last update {update:.1e} m)")
+            raise SimulationError(
+                f"the rod does not converge at {self.time:.4f} s (last update {update:.1e} m): use a shorter step"
+            )
         self.time += self.period
         return self._frame()
 
@@ -186,7 +195,7 @@ class Plant:
         return PlantFrame(taken + fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
 
     def _sense(self) -> Array:
-        """Points (S, 2) of the body as the fibre sees them: base, then the end of every element."""
+        """Return the points (S, 2) [m] of the body that the fibre measures: the base and the end of every element."""
         fibre, rng = self._sensing.fibre, self._rng
         keep = np.exp(-self.period / fibre.bias_time)
         self._bias = keep * self._bias + np.sqrt(1.0 - keep**2) * rng.standard_normal(self._bias.size)

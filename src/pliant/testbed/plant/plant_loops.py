@@ -1,4 +1,4 @@
-"""The regulator, continued from one command to the next."""
+"""Compiled loop of the pressure regulator that continues from one command to the next."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import numpy as np
 
 
 def regulate_on(commands, dt, sub, law, held, out):
-    """Equations of `valve.valve_loops.regulate` for commands held over steps of `dt` [s]; pressures at their ends.
+    """Integrate the regulator of `valve.valve_loops.regulate` over held commands and write the pressures to `out` (N,)
+    [Pa].
 
-    `held` (2,) is the pressure [Pa] and its rate, carried on in place; `sub` parts in each step, by the midpoint rule.
+    Each of the `commands` (N,) [Pa] is held for a step of `dt` [s], which has `sub` midpoint substeps. `held` (2,) is
+    the pressure [Pa] and its rate [Pa/s]; it is updated in place.
     """
     p = held[0]
     rate = held[1]

@@ -1,4 +1,4 @@
-"""The rod: parameters of a soft bending actuator, its discretisation, and the forces on its nodes."""
+"""The rod model of a soft bending actuator: parameters, discretisation and nodal forces."""
 
 from pliant.testbed.rod.body import RodBody, build_body, node_position
 from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, ChamberParameters, RodParameters, actuator

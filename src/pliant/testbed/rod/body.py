@@ -1,4 +1,4 @@
-"""From parameters to the arrays of the discrete rod: fields along the body, lumped masses, the cap."""
+"""Convert rod parameters to the arrays of the discrete rod: material fields, lumped masses and the cap."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ CONTACT_LENGTH = 0.005  # m of body over which an obstacle's stiffness is spread
 
 
 class RodBody(NamedTuple):
-    """Arrays of a discrete rod: E edges, B bending vertices, V = E + 1 nodes (SI)."""
+    """Arrays of a discrete rod with E edges, B bending vertices and V = E + 1 nodes (SI units)."""
 
     rest_length: NDArray[np.float64]  # (E,) m
     axial: NDArray[np.float64]  # (E,) N
-    weight: NDArray[np.float64]  # (B,) m of body that a vertex stands for
+    weight: NDArray[np.float64]  # (B,) m, length of body that belongs to a vertex
     stiffness: NDArray[np.float64]  # (B,) N m2
     rest_curvature: NDArray[np.float64]  # (B,) 1/m
     gain: NDArray[np.float64]  # (C, B) N m/Pa, of each chamber
@@ -49,10 +49,9 @@ class RodBody(NamedTuple):
 
 
 def random_field(s: NDArray[np.float64], length: float, scale: float, seed: list[int]) -> NDArray[np.float64]:
-    """Smooth random function of arc length, zero mean and unit standard deviation along the body.
+    """Return a smooth random function at the arc lengths `s` [m], with zero mean and unit standard deviation.
 
-    A sum of cosines, so that it does not depend on the number of elements; `scale` is its
-    correlation length, m.
+    It is a sum of cosines and does not depend on the number of elements. `scale` is its correlation length [m].
     """
     rng = np.random.default_rng(seed)
     wave = rng.standard_normal(FEATURES) / scale
@@ -64,7 +63,7 @@ def random_field(s: NDArray[np.float64], length: float, scale: float, seed: list
 
 
 def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """EI (N m2), moment per pressure (N m/Pa) and rest curvature (1/m) at the arc lengths `s`."""
+    """Return EI [N m2], moment per pressure [N m/Pa] and rest curvature [1/m] at the arc lengths `s` [m], in a dict."""
     ends = p.end_stiffening * (np.exp(-s / p.end_length) + np.exp(-(p.length - s) / p.end_length))
     noise = [random_field(s, p.length, p.correlation_length, [p.seed, k]) for k in range(3)]
     return {
@@ -75,9 +74,10 @@ def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArr
 
 
 def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Moment per pressure (C, B) [N m/Pa] of each chamber: that of the body where the chamber turns it.
+    """Return the bending moment per pressure (C, B) [N m/Pa] of each chamber at each bending vertex.
 
-    A vertex stands for the body half an element to both sides; where a chamber ends within, it turns that share of it.
+    A vertex represents half an element on each side. A chamber that covers only part of this length acts with the
+    covered fraction.
     """
     edge = np.arange(p.elements + 1) / p.elements
     middle = 0.5 * (edge[1:] + edge[:-1])
@@ -86,7 +86,7 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
-    """Axial force per pressure (C, E) [m2] of each chamber on the edges, in the share of them that it lies along."""
+    """Return the axial force per pressure (C, E) [m2] of each chamber on each edge, scaled by the covered fraction."""
     end = np.arange(p.elements + 1) / p.elements
     out = np.zeros((len(p.chambers), edges))
     out[:, : p.elements] = [c.push * p.chamber_area * covered(c, end[:-1], end[1:]) for c in p.chambers]
@@ -96,13 +96,16 @@ def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
 def covered(
     chamber: ChamberParameters, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Share of each part from `low` to `high` (in shares of the length) that the chamber lies along."""
+    """Return the fraction of each interval from `low` to `high` that the chamber covers.
+
+    The interval ends are fractions of the body's length.
+    """
     inside = np.minimum(high, chamber.stop) - np.maximum(low, chamber.start)
     return np.maximum(inside, 0.0) / (high - low)
 
 
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Heights and shares of the section's fibres: Gauss points, scaled to unit initial stiffness."""
+    """Return heights [m] and weights of the section's fibres at Gauss points, scaled to unit initial stiffness."""
     if p.linear:
         return np.empty(0), np.empty(0)
     node, share = np.polynomial.legendre.leggauss(6)
@@ -111,9 +114,10 @@ def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mass matrix (4, 4) and weight (4,) of the rigid curved cap, on the two ends of its edge.
+    """Return mass matrix (4, 4) [kg] and weight (4,) [N] of the rigid curved cap, on the two nodes of its edge.
 
-    A point of the cap is ``x_N + a e + b S e`` with the edge ``e`` and ``S`` a quarter turn: linear in both nodes.
+    A point of the cap is ``x_N + a e + b S e`` with the edge ``e`` and ``S`` a quarter turn, which is linear in both
+    nodes.
     """
     node, share = np.polynomial.legendre.leggauss(12)
     arc = 0.5 * p.cap_length * (1.0 + node)
@@ -130,13 +134,16 @@ def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def node_position(p: RodParameters) -> NDArray[np.float64]:
-    """Arc length of the nodes at rest, m; the far end of the cap's edge comes last when there is a cap."""
+    """Return the arc lengths (V,) [m] of the nodes at rest.
+
+    If there is a cap, the last node is the far end of the cap's edge.
+    """
     s = np.linspace(0.0, p.length, p.elements + 1)
     return np.append(s, p.length + CAP_EDGE) if p.cap_mass > 0 else s
 
 
 def build_body(p: RodParameters) -> RodBody:
-    """Discretise the rod: `p.elements` equal edges, and one more for the cap."""
+    """Discretise the rod into `p.elements` equal edges, plus one edge for the cap if there is one."""
     s = node_position(p)
     capped = p.cap_mass > 0
     step = p.length / p.elements

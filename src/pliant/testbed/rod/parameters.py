@@ -1,4 +1,4 @@
-"""Parameters of the virtual actuator, and the actuators that the test bed offers."""
+"""Parameters of the virtual actuator, and the named actuators of the test bed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs 
 
 @dataclass(frozen=True)
 class ChamberParameters:
-    """One chamber of the body: the part that it turns, `start` to `stop` in shares of the length, and its gain there.
+    """One pressure chamber: the part of the body from `start` to `stop` (fractions of the length) and its gain there.
 
-    The moment per pressure is `gain` times that of `RodParameters`. Below 0 the chamber lies on the other side of the
-    layer that does not stretch and bends the body that way; its lever grows as the body bends that way. The axial force
-    per pressure is `push` times the chamber's area: 0 where the body takes it up, 1 where all of it lengthens its part.
+    The moment per pressure is `gain` times that of `RodParameters`. With a negative gain the chamber lies on the other
+    side of the inextensible layer and bends the body the other way; its lever arm grows as the body bends that way. The
+    axial force per pressure is `push` times the chamber's area: with 0 the body carries it, with 1 all of it lengthens
+    the body.
     """
 
     name: str = "chamber"
@@ -27,9 +28,9 @@ class ChamberParameters:
     push: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no chamber can be."""
+        """Raise InputError for impossible parameters of a chamber."""
         if not 0.0 <= self.start < self.stop <= 1.0:
-            raise InputError(f"chamber {self.name!r} must turn a part of the body, 0 <= start < stop <= 1, "
+            raise InputError(f"chamber {self.name!r} must cover a part of the body, 0 <= start < stop <= 1, "
                              f"got {self.start} to {self.stop}")
         if not np.isfinite(self.gain) or self.gain == 0.0:
             raise InputError(f"the gain of chamber {self.name!r} must be finite and not 0, got {self.gain}")
@@ -47,17 +48,18 @@ CHAMBERS = {
 
 @dataclass(frozen=True)
 class RodParameters:
-    """A planar soft bending actuator: SI units, gauge pressure, positive bending about +z.
+    """Parameters of a planar soft bending actuator: SI units, gauge pressure, positive bending about +z.
 
-    Means are means along the body; `*_variation` is the standard deviation of a smooth random field
-    relative to the mean (absolute, 1/m, for the rest curvature). `seed` draws all fields.
+    Values are means along the body; `*_variation` is the standard deviation of a smooth random field relative to
+    the mean (absolute, in 1/m, for the rest curvature). `seed` determines all random fields.
 
     The section is a stack of fibres from the inextensible base (height 0) to `section_height`, of
     ``mu (lam - lam^-3)`` each (``linear=True`` for ``M = EI kappa``); `locking` > 0 makes it stiffen as
     Gent's law does. The pressure's moment is ``p A d G (1 + gain_slope kappa)``, the derivative of a chamber
-    volume. Memory: Prony branches (`prony_share` of EI, `prony_time`), and per vertex `slip_elements` Maxwell-slip
-    elements (in sum `slip_share` of EI) whose thresholds follow a Weibull law. With `two_sided` the fibres lie on both
-    sides of the layer that does not stretch, from `-section_height` on.
+    volume. Hysteresis comes from Prony branches (fractions `prony_share` of EI, times `prony_time`)
+    and from `slip_elements` Maxwell-slip elements at each vertex (in sum the fraction `slip_share` of EI), whose
+    thresholds follow a Weibull law. With `two_sided` the fibres lie on both sides of the inextensible layer, from
+    `-section_height` on.
     """
 
     seed: int = 0
@@ -98,7 +100,7 @@ class RodParameters:
     chambers: tuple[ChamberParameters, ...] = PLAIN
 
     def __post_init__(self) -> None:
-        """Refuse what no rod can be."""
+        """Raise InputError for impossible parameters of a rod."""
         positive = ("length", "mass", "bending_stiffness", "axial_stiffness", "correlation_length",
                     "end_length", "slip_scale", "slip_shape", "cap_length")  # fmt: skip
         free = {"gravity", "rest_curvature", "gain_slope", "cap_curvature"}
@@ -113,16 +115,16 @@ class RodParameters:
             if field.name not in free and np.any(value < 0):
                 raise InputError(f"rod parameter {field.name} must be >= 0, got {getattr(self, field.name)}")
         if self.pushed_node > self.elements + 1:
-            raise InputError(f"node {self.pushed_node} cannot be pushed: a rod has {self.elements + 1} and its cap's")
+            raise InputError(f"pushed_node must be at most {self.elements + 1}, got {self.pushed_node}")
         if self.elements < 4:
             raise InputError(f"a rod needs at least 4 elements, got {self.elements}")
         if len(self.prony_share) != len(self.prony_time) or min(self.prony_time, default=1.0) <= 0:
-            raise InputError("every Prony branch needs a share and a time > 0")
+            raise InputError("every Prony branch needs a fraction in prony_share and a time > 0 in prony_time")
         if not self.chambers or len({c.name for c in self.chambers}) != len(self.chambers):
-            raise InputError(f"a rod needs one chamber or more, each of its own name, got {self.chambers}")
+            raise InputError(f"a rod needs at least one chamber, with different names, got {self.chambers}")
 
     def uniform(self, **changes: object) -> RodParameters:
-        """A rod without variation, memory, damping or cap: what closed forms describe."""
+        """Return a uniform linear rod without hysteresis, damping and cap, to compare with closed-form solutions."""
         plain = {"stiffness_variation": 0.0, "gain_variation": 0.0, "rest_variation": 0.0, "rest_curvature": 0.0,
                  "end_stiffening": 0.0, "linear": True, "gain_slope": 0.0, "loss_time": 0.0, "prony_share": (),
                  "prony_time": (), "slip_share": 0.0, "slip_elements": 0, "cap_mass": 0.0, "gain": 1.0,
@@ -131,10 +133,11 @@ class RodParameters:
 
 
 def actuator(name: str = "a") -> RodParameters:
-    """One of the three actuators of one chamber, means and fields drawn from the seed of its name, or of those of two.
+    """Return the parameters of a named actuator: "a", "b" or "c" with one chamber, or one with two chambers.
 
-    "two_segment" is actuator "a" with a chamber in each half, "antagonistic" one that is straight at rest, with a
-    chamber along each side of the layer that does not stretch. "lengthening" is that with a middle layer that does.
+    For one chamber, means and random fields are drawn from the seed that belongs to the name. "two_segment" is actuator
+    "a" with a chamber in each half. "antagonistic" is straight at rest, with a chamber along each side of the
+    inextensible layer. "lengthening" is the same with a layer that stretches.
 
     Raises
     ------

@@ -1,14 +1,13 @@
-"""Forces of the virtual actuator: an implicit planar discrete elastic rod in Cartesian nodes.
+"""Forces of the virtual actuator, an implicit planar discrete elastic rod with Cartesian nodes.
 
-Nodes ``x_0 .. x_{V-1}`` in the plane; ``x_0`` is clamped with the tangent +y. Edge ``e`` joins ``x_e`` and
-``x_{e+1}`` and has the direction ``theta_e``; vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which
-is the curvature ``psi_k / weight_k`` (the clamp's vertex and the cap's carry half an element).
+The nodes ``x_0 .. x_{V-1}`` lie in the plane; ``x_0`` is clamped with the tangent +y. Edge ``e`` joins ``x_e`` and
+``x_{e+1}`` and has the direction ``theta_e``. Vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which is the
+curvature ``psi_k / weight_k``. The vertices at the clamp and at the cap carry half an element.
 
 ``load`` holds the pressure of every chamber (C), a force (2) on the pushed node and a couple on the last edge.
-``clock`` is a `stepping.simulate.Clock`: with the second-order backward difference ``h = 2/3 dt``,
-``v = (x - x_s) / h`` and ``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation
-(Kelvin-Voigt, Prony, slip, friction) is the derivative of a convex term of one incremental potential, so its
-Hessian is symmetric.
+``clock`` is a `stepping.simulate.StepClock`: with the second-order backward difference ``h = 2/3 dt``, ``v = (x - x_s)
+/ h`` and ``a = (v - v_s) / h``, where ``y_s = (4 y_n - y_{n-1}) / 3``. All dissipation (Kelvin-Voigt, Prony, slip,
+friction) is the derivative of a convex term of one incremental potential, so that its Hessian is symmetric.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ SOFT = 2e-4  # m, depth over which an obstacle's resistance sets in
 
 
 def section_law(bend, stiffness, height, share, locking):
-    """Moment, its slope and energy density of the section at the curvature change `bend`.
+    """Return moment, tangent stiffness and energy density of the section at the curvature change `bend` [1/m].
 
-    The fibres at `height` above the inextensible base stretch by lam = 1 + bend height at fixed width:
-    W = (lam^2 + lam^-2 - 2) / 2, or Gent's form of it that locks when `locking` > 0.
+    The fibres at `height` above the inextensible base stretch by lam = 1 + bend height at fixed width: W = (lam^2 +
+    lam^-2 - 2) / 2, or Gent's form with locking when `locking` > 0. With an empty `height` the law is linear.
     """
     if height.size == 0:
         return stiffness * bend, stiffness, 0.5 * stiffness * bend * bend
@@ -50,7 +49,9 @@ def section_law(bend, stiffness, height, share, locking):
 
 
 def memory_moment(k, bend, body, state, clock):
-    """Moment and slope of the Prony branches and the slip elements of vertex `k`, at the end of the step."""
+    """Return moment and tangent stiffness of vertex `k` from its Prony branches and slip elements at the end of the
+    step.
+    """
     moment = slope = 0.0
     before = state.curvature[k] - body.rest_curvature[k]
     for j in range(body.prony_share.size):
@@ -73,7 +74,7 @@ def memory_moment(k, bend, body, state, clock):
 
 
 def turning(x, k):
-    """Angle psi_k between the edges that meet at vertex `k`, and the gradients of their directions."""
+    """Return the bending angle psi_k [rad] at vertex `k` and the gradients of the directions of its two edges."""
     bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
     ax, ay = 0.0, 1.0
     if k > 0:
@@ -83,13 +84,16 @@ def turning(x, k):
 
 
 def curvatures(x, body, out):
-    """Curvature of every bending vertex, into `out`."""
+    """Write the curvature [1/m] of every bending vertex to `out`."""
     for k in range(out.size):
         out[k] = turning(x, k)[0] / body.weight[k]
 
 
 def volume(c, kappa, length, body):
-    """Volume of chamber `c` above the straight shape: the gain integrates the curvature, the thrust the stretch."""
+    """Return the volume [m3] of chamber `c` relative to the straight unstretched shape.
+
+    The gain contributes through the curvature `kappa`, the thrust through the edge lengths `length`.
+    """
     total = 0.0
     for k in range(kappa.size):
         total += body.gain[c, k] * body.weight[k] * (kappa[k] + 0.5 * body.gain_slope[c] * kappa[k] * kappa[k])
@@ -99,7 +103,7 @@ def volume(c, kappa, length, body):
 
 
 def pressed(k, kappa, load, body):
-    """Moment of all chambers at vertex `k` under their pressures, and its slope."""
+    """Return moment [N m] and its derivative by curvature at vertex `k`, summed over all chambers under pressure."""
     moment = slope = 0.0
     for c in range(body.gain.shape[0]):
         push = load[c] * body.gain[c, k]
@@ -109,7 +113,7 @@ def pressed(k, kappa, load, body):
 
 
 def add_bending(x, load, body, state, clock, band, torque, g):
-    """Bending of all vertices: stiffness into `band`, net couple on each edge into `torque`."""
+    """Add the bending stiffness of all vertices to `band` and write the net couple on each edge to `torque`."""
     for e in range(torque.size):
         torque[e] = 0.0
     for k in range(body.weight.size):
@@ -136,7 +140,7 @@ def add_bending(x, load, body, state, clock, band, torque, g):
 
 
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
-    """Force +f on the edge's far node and -f on its near one, with the stiffness between them."""
+    """Add the force +f on the far node and -f on the near node of edge `e`, and the stiffness between both nodes."""
     i = 2 * e
     gradient[i] += fx
     gradient[i + 1] += fy
@@ -156,7 +160,7 @@ def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
 
 
 def add_edges(x, body, state, clock, torque, geometric, gradient, band):
-    """Couples and stretch of the edges; `geometric` = 0 leaves out terms that may be indefinite."""
+    """Add forces and stiffness of the stretched edges and of their couples; `geometric` = 0 omits indefinite terms."""
     for e in range(body.rest_length.size):
         dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
         l2 = dx * dx + dy * dy
@@ -178,7 +182,7 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
 
 
 def add_thrust(x, load, body, geometric, gradient, band):
-    """What the chambers push the edges apart with; `geometric` as in `add_edges`."""
+    """Add the chambers' axial thrust on the edges; `geometric` = 0 omits terms that may be indefinite."""
     for e in range(body.rest_length.size):
         push = 0.0
         for c in range(body.thrust.shape[0]):
@@ -193,7 +197,7 @@ def add_thrust(x, load, body, geometric, gradient, band):
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):
-    """Inertia against the drifting state `guess`, weight, and the dead force on the node that is pushed."""
+    """Add inertia relative to the predicted positions `guess`, gravity, and the constant force on the pushed node."""
     last = x.shape[0] - 1
     for v in range(1, last + 1):
         i = 2 * (v - 1)
@@ -214,7 +218,7 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
 
 
 def gap_to(row, px, py):
-    """Distance of a point to an obstacle's surface and the outward normal there."""
+    """Return distance to the obstacle's surface [m], outward normal (x, y) and surface curvature [1/m] at a point."""
     if row[0] == 0.0:
         dx, dy = px - row[1], py - row[2]
         far = np.sqrt(dx * dx + dy * dy)
@@ -223,7 +227,10 @@ def gap_to(row, px, py):
 
 
 def penalty(depth):
-    """Force, slope and energy per stiffness of a penetration, m: quadratic up to SOFT, then linear."""
+    """Return force, slope and energy per unit stiffness for a penetration `depth` [m].
+
+    The force is quadratic up to the depth `SOFT` and linear beyond.
+    """
     if depth <= 0.0:
         return 0.0, 0.0, 0.0
     if depth < SOFT:
@@ -232,7 +239,7 @@ def penalty(depth):
 
 
 def friction(row, grip, nx, ny, x, v, state, clock):
-    """Regularised Coulomb friction along the tangent: force and slope, normal force of the last step."""
+    """Return tangential force and slope of regularised Coulomb friction, with the normal force of the last step."""
     tx, ty = -ny, nx
     vt = (x[v, 0] - (4.0 * state.x[v, 0] - state.x_before[v, 0]) / 3.0) * tx
     vt = (vt + (x[v, 1] - (4.0 * state.x[v, 1] - state.x_before[v, 1]) / 3.0) * ty) / clock.h
@@ -241,7 +248,7 @@ def friction(row, grip, nx, ny, x, v, state, clock):
 
 
 def add_contact(x, obstacles, body, state, clock, gradient, band, force):
-    """Penalty contact and friction of all nodes with all obstacles; the forces on the nodes into `force`."""
+    """Add penalty contact and friction between all nodes and obstacles; write the nodal forces to `force` [N]."""
     for v in range(force.shape[0]):
         force[v, 0] = force[v, 1] = 0.0
     for o in range(obstacles.shape[0]):

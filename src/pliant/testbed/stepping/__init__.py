@@ -1,4 +1,4 @@
-"""The time loop: implicit steps of the rod under pressure, tip loads and contact."""
+"""Time integration of the rod: implicit steps under pressure, tip loads and contact."""
 
 from pliant.testbed.stepping.simulate import RodMotion, settle, simulate
 

@@ -1,4 +1,4 @@
-"""Run the rod through a history of pressure and tip loads."""
+"""Simulate the rod under a history of pressures and tip loads, or find its static equilibrium."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CHUNK = 400  # steps between two calls of the progress callback
 
 
 class RodState(NamedTuple):
-    """State of the rod between two steps; changed in place by the compiled loop."""
+    """State of the rod between two steps; the compiled loop changes it in place."""
 
     x: Array  # (V, 2) m
     x_before: Array
@@ -40,16 +40,16 @@ class RodState(NamedTuple):
 
 
 class StepClock(NamedTuple):
-    """Constants that depend on the length of a step."""
+    """Constants that depend on the length of a time step."""
 
     dt: float  # s
     h: float  # s, of the second-order backward difference
-    per_h2: float  # 1/s2, of the accelerations; 0: from equilibrium to equilibrium
+    per_h2: float  # 1/s2, factor of the accelerations; 0 for quasi-static steps
     decay: Array  # (P, 3) of the Prony branches, see `prony_decay`
 
 
 class Span(NamedTuple):
-    """Which steps the compiled loop takes, and which of them it records."""
+    """Range of steps that the compiled loop takes, and the stride at which it records."""
 
     first: int
     stop: int
@@ -72,7 +72,7 @@ class Work(NamedTuple):
 
 
 class Out(NamedTuple):
-    """Records of the compiled loop, R of them."""
+    """Output arrays of the compiled loop, with R records each."""
 
     position: Array
     velocity: Array
@@ -93,9 +93,9 @@ class RodMotion:
     arc_length : (V,) m, of the nodes at rest
     position, velocity, force : (R, V, 2) m, m/s, N (force of the obstacles on the nodes)
     curvature : (R, B) 1/m, at the first B nodes
-    pressure : (R,) Pa gauge, in the chamber; (R, C) of several
-    volume : (R,) or (R, C) m3, above the straight shape
-    energy : (R, 5) J: kinetic, elastic, stored in memory, weight, contact
+    pressure : (R,) Pa gauge, in the chamber; (R, C) for several chambers
+    volume : (R,) or (R, C) m3, chamber volume minus that of the straight shape
+    energy : (R, 5) J: kinetic, elastic, stored in Prony and slip elements, gravity, contact
     iterations : float, Newton iterations per step
     """
 
@@ -112,7 +112,7 @@ class RodMotion:
 
 
 def rest_state(body: RodBody) -> RodState:
-    """The stress-free shape at standstill."""
+    """Return the rod at standstill in its stress-free shape."""
     turn = body.weight * body.rest_curvature
     angle = np.cumsum(turn)
     edge = body.rest_length[:, None] * np.column_stack([-np.sin(angle), np.cos(angle)])[: body.rest_length.size]
@@ -154,22 +154,23 @@ def settle(
     obstacles: ArrayLike | None = None,
     increments: int = 40,
 ) -> RodState:
-    """Static equilibrium under constant loads, with all Prony branches relaxed.
+    """Compute the static equilibrium under constant loads, with all Prony branches relaxed.
 
     Parameters
     ----------
     p : RodParameters
     loads : (C + 3,) array, optional
-        Pressure of each chamber (Pa), force on the pushed node (N, N; default the last), couple on the last edge (N m).
+        Pressure of each chamber (Pa), force on the pushed node (x and y, N), couple on the last edge (N m).
+        Default: zero loads.
     obstacles : (O, 7) array, optional
-        See `pliant.testbed.contact`.
+        Rows of `pliant.testbed.contact.obstacle_rows`.
     increments : int
-        Equal steps of loads and weight.
+        Number of equal steps in which loads and gravity are applied.
 
     Raises
     ------
     InputError
-        For loads that are not finite or not as many as the rod takes.
+        For loads that are not finite or not of length C + 3.
     SimulationError
         When an increment does not converge.
     """
@@ -229,24 +230,24 @@ def simulate(
     static: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> RodMotion:
-    """Motion of the rod under loads given at the end of every step.
+    """Simulate the motion of the rod under loads given at the end of every step.
 
     Parameters
     ----------
     p : RodParameters
     loads : (S, C + 3) array
-        Per step: regulated pressure of each chamber (Pa gauge), force on the pushed node (N, N; the last by default),
-        couple on the last edge (N m).
+        For each step: regulated pressure of each chamber (Pa gauge), force on the pushed node (x and y, N), couple on
+        the last edge (N m).
     dt : float, s
     stride : int
-        Steps per record.
+        Number of steps between two records.
     obstacles : (O, 7) array, optional
-    start : State, optional
-        Default: static equilibrium without pressure.
+    start : RodState, optional
+        Initial state. Default: static equilibrium without pressure.
     static : bool
-        Pass from equilibrium to equilibrium, without inertia, viscosity and relaxation; times mean nothing.
+        Compute a sequence of equilibria, without inertia, viscosity and relaxation. Time has no meaning then.
     progress : callable, optional
-        Called with the fraction that is done.
+        Called with the completed fraction.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Compiled time loop of the virtual actuator: banded Newton, memory updates, energies."""
+"""Compiled time loop of the virtual actuator: banded Newton steps, update of the hysteresis states, energies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ ITERATIONS = 60
 
 
 def factor(band):
-    """Banded Cholesky factor in place, rows from the diagonal leftwards; False when not positive."""
+    """Compute the banded Cholesky factor of `band` in place; return False when the matrix is not positive definite.
+
+    Row i of `band` holds the entries of row i of the matrix from the diagonal leftwards.
+    """
     for i in range(band.shape[0]):
         for d in range(min(i, BAND), -1, -1):
             j = i - d
@@ -42,7 +45,7 @@ def factor(band):
 
 
 def substitute(band, b):
-    """Solve with the factor of `factor`; the solution replaces `b`."""
+    """Solve the linear system with the Cholesky factor of `factor`; the solution replaces `b`."""
     n = b.size
     for i in range(n):
         for m in range(max(0, i - BAND), i):
@@ -55,7 +58,7 @@ def substitute(band, b):
 
 
 def largest(values):
-    """Largest size of the numbers; NaN where one of them is none."""
+    """Return the largest absolute value of `values`, or NaN when one of them is NaN."""
     found = 0.0
     for i in range(values.size):
         if not abs(values[i]) <= found:
@@ -66,14 +69,14 @@ def largest(values):
 
 
 def copy(values, out):
-    """Write the rows of `values` into `out`."""
+    """Copy the array `values` into `out`."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             out[i, j] = values[i, j]
 
 
 def gather(x, load, body, obstacles, state, clock, geometric, work):
-    """Gradient and Hessian of the incremental potential at `x`; False when a value is not finite."""
+    """Compute gradient and Hessian of the incremental potential at `x` into `work`; return False when not finite."""
     for i in range(work.gradient.size):
         work.gradient[i] = 0.0
         for d in range(BAND + 1):
@@ -90,17 +93,17 @@ def gather(x, load, body, obstacles, state, clock, geometric, work):
 
 
 def move(x, step, scale):
-    """Add `scale` times a step to all free nodes."""
+    """Add `scale` times the Newton step to all free nodes `x` in place."""
     for v in range(1, x.shape[0]):
         x[v, 0] += scale * step[2 * v - 2]
         x[v, 1] += scale * step[2 * v - 1]
 
 
 def newton(x, load, body, obstacles, state, clock, work):
-    """Move `x` to equilibrium at the end of the step; returns status, iterations and last update.
+    """Move `x` in place to equilibrium at the end of the step; return status, iterations and last update [m].
 
-    A step that went too far is shortened by the secant rule until the potential's slope along it is below
-    0.9 of what it was: friction and slip would otherwise make the iteration cycle.
+    A step that overshoots is shortened by the secant rule until the slope of the potential along it is below 0.9 times
+    its initial magnitude. Without this rule friction and slip can make the iteration cycle.
     """
     longest = np.inf
     scale = slope = 0.0
@@ -130,7 +133,7 @@ def newton(x, load, body, obstacles, state, clock, work):
 
 
 def remember(x, body, state, clock, work):
-    """Accept the step: memory, velocities and both histories move on."""
+    """Accept a time step: update slip and Prony states, velocities and the stored previous states in place."""
     curvatures(x, body, work.curvature)
     for k in range(work.curvature.size):
         rest = body.rest_curvature[k]
@@ -159,7 +162,7 @@ def remember(x, body, state, clock, work):
 
 
 def energies(body, obstacles, state, out):
-    """Kinetic, elastic, stored in memory, potential of weight, and of contact, into `out` (5,)."""
+    """Write the kinetic, elastic, hysteresis, gravity and contact energies [J] to `out` (5,)."""
     for i in range(out.size):
         out[i] = 0.0
     last = state.x.shape[0] - 1
@@ -188,9 +191,10 @@ def energies(body, obstacles, state, out):
 
 
 def march(loads, span, body, obstacles, state, clock, work, out):
-    """The steps of a `simulate.Span` of `loads`; every `stride`-th state goes into `out`.
+    """Integrate the rod over the steps of a `simulate.Span` and write every `stride`-th state to `out`.
 
-    Returns the status, the step that failed (or the end of the span), the last Newton update and all iterations.
+    Returns the status, the index of the failed step (or the end of the span), the last Newton update [m] and the total
+    number of iterations. `loads` (S, C + 3) holds the loads of every step.
     """
     total = 0
     x, load = work.x, work.load

@@ -1,4 +1,4 @@
-"""Models of the supply between a commanded and the measured pressure: valve, chamber, sensor."""
+"""Models of the pneumatic supply from commanded to measured pressure: valve, chamber and sensor."""
 
 from pliant.testbed.valve.supply import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 

@@ -1,4 +1,4 @@
-"""Valves with their parameters, and the pressure sensor."""
+"""Pneumatic valves with their parameters, and the pressure sensor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SupplyRegulator:
-    """Digital proportional regulator in closed loop: dead time, second order, slew limits (SI, gauge)."""
+    """A digital proportional pressure regulator with dead time, second-order lag and slew limits (SI, gauge)."""
 
     frequency: float = 9.0  # Hz
     damping: float = 0.75
@@ -30,7 +30,7 @@ class SupplyRegulator:
 
     @property
     def law(self) -> ValveLaw:
-        """Return the kernels' constants of the regulator."""
+        """Constants of the regulator for the compiled kernels."""
         return ValveLaw(
             2.0 * np.pi * self.frequency, self.damping, self.exhaust_slowdown, self.slew_up, self.slew_down,
             self.dead_band,
@@ -39,7 +39,7 @@ class SupplyRegulator:
 
 @dataclass(frozen=True)
 class Iso6358:
-    """Proportional spool that fills and empties a chamber through ISO 6358 restrictions."""
+    """A proportional spool valve that fills and empties a chamber through ISO 6358 restrictions."""
 
     source: float = 5.0e5  # Pa gauge
     ambient: float = 101325.0  # Pa
@@ -56,12 +56,12 @@ class Iso6358:
 
     @property
     def spool(self) -> Spool:
-        """Return the kernels' constants of the spool."""
+        """Constants of the spool for the compiled kernels."""
         return Spool(2.0 * np.pi * self.frequency, self.damping, self.band)
 
     @property
     def gas(self) -> Gas:
-        """Return the kernels' constants of the chamber's gas."""
+        """Constants of the chamber's gas for the compiled kernels."""
         return Gas(
             self.source + self.ambient, self.ambient, self.fill, self.exhaust, self.critical_ratio, self.volume,
             self.polytropic, self.temperature,
@@ -70,7 +70,7 @@ class Iso6358:
 
 @dataclass(frozen=True)
 class PressureSensor:
-    """Pressure transducer on its own clock."""
+    """A pressure transducer with its own clock, noise, bias and resolution."""
 
     rate: float = 750.0  # Hz
     noise: float = 300.0  # Pa, standard deviation
@@ -83,18 +83,18 @@ def supply_pressure(
     time: NDArray[np.float64],
     valve: SupplyRegulator | Iso6358,
 ) -> NDArray[np.float64]:
-    """Gauge pressure that the valve delivers for a command, on an even time grid.
+    """Return the gauge pressure that the valve delivers for a command, on an evenly spaced time grid.
 
     Parameters
     ----------
     command : callable
         Commanded gauge pressure, Pa, at an array of times.
     time : (S,) array, s, evenly spaced
-    valve : Regulator or Iso6358
+    valve : SupplyRegulator or Iso6358
 
     Returns
     -------
-    (S,) array, Pa
+    (S,) array, Pa gauge
 
     Raises
     ------
@@ -105,14 +105,14 @@ def supply_pressure(
 
     asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
     if asked.size < 2 or not np.all(np.isfinite(asked)) or asked.min() < 0.0:
-        raise InputError("the commanded gauge pressure must be finite and >= 0 at two times or more")
+        raise InputError("the commanded gauge pressure must be finite and >= 0 Pa, at two or more times")
     dt = float(time[1] - time[0])
     out = np.zeros(asked.size)
     if isinstance(valve, SupplyRegulator):
         twin(regulate)(asked, dt, valve.law, out)
         return out
     if asked.max() > valve.source:
-        raise InputError(f"the command reaches {asked.max():.0f} Pa, above the source's {valve.source:.0f} Pa")
+        raise InputError(f"the command of {asked.max():.0f} Pa exceeds the supply pressure of {valve.source:.0f} Pa")
     twin(fill_chamber)(asked, dt, 8, valve.spool, valve.gas, out)
     return out
 
@@ -120,9 +120,10 @@ def supply_pressure(
 def read_pressure(
     time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Clock (P,) and readings (P,) of the transducer; its first sample falls anywhere in the first period.
+    """Return sample times (P,) [s] and readings (P,) [Pa] of the transducer.
 
-    Of several chambers (R, C) each has a transducer of its own, all read on one clock: readings (P, C).
+    The first sample falls at a random time within the first period. For several chambers (R, C) each has its own
+    transducer, all sampled at the same times, and the readings are (P, C).
     """
     start = float(rng.uniform(0.0, 1.0 / sensor.rate))
     clock = np.arange(start, float(time[-1]), 1.0 / sensor.rate)

@@ -12,26 +12,26 @@ REFERENCE_TEMPERATURE = 293.15  # K
 
 
 class ValveLaw(NamedTuple):
-    """A regulator of second order with slew limits."""
+    """Constants of a second-order pressure regulator with slew limits."""
 
     natural: float  # rad/s
     damping: float
-    exhaust: float  # by how much it is slower downwards
+    exhaust: float  # factor by which falling pressure is slower
     slew_up: float  # Pa/s
     slew_down: float  # Pa/s
     dead_band: float  # Pa
 
 
 class Spool(NamedTuple):
-    """A proportional spool of second order."""
+    """Constants of a second-order proportional spool."""
 
     natural: float  # rad/s
     damping: float
-    band: float  # Pa, error at which it is fully open
+    band: float  # Pa, pressure error at which the spool is fully open
 
 
 class Gas(NamedTuple):
-    """A chamber of fixed volume between a source and the ambient air, ISO 6358 restrictions before and behind it."""
+    """Constants of a fixed chamber volume between supply and ambient air, with ISO 6358 restrictions on both sides."""
 
     source: float  # Pa, absolute
     ambient: float  # Pa, absolute
@@ -44,9 +44,11 @@ class Gas(NamedTuple):
 
 
 def regulate(command, dt, law, out):
-    """Second-order regulator with slew limits: ``p'' = w^2 (u - p) - 2 z w p'``, slower by `exhaust` downwards.
+    """Integrate a second-order regulator with slew limits and write the pressures to `out` (S,) [Pa].
 
-    `law` is a `Law`. The midpoint rule carries the two states.
+    The equation is ``p'' = w^2 (u - p) - 2 z w p'``, with a natural frequency that is lower by the factor `exhaust` for
+    falling pressure. `command` (S,) [Pa] holds the set points at steps of `dt` [s], and `law` is a `ValveLaw`. The two
+    states are integrated by the midpoint rule.
     """
     p = command[0]
     rate = 0.0
@@ -69,7 +71,10 @@ def regulate(command, dt, law, out):
 
 
 def mass_flow(upstream, downstream, conductance, critical, temperature):
-    """ISO 6358 flow through a restriction, kg/s; absolute pressures, Pa; `conductance` in m3/(s Pa)."""
+    """Return the ISO 6358 mass flow [kg/s] through a restriction between two absolute pressures [Pa].
+
+    `conductance` is the sonic conductance in m3/(s Pa).
+    """
     ratio = downstream / upstream
     if ratio >= 1.0:
         return 0.0
@@ -80,7 +85,7 @@ def mass_flow(upstream, downstream, conductance, critical, temperature):
 
 
 def chamber_rate(p, opening, gas):
-    """Rate of an absolute chamber pressure, Pa/s, for a spool `opening` in -1 (exhaust) .. 1 (fill)."""
+    """Return the rate [Pa/s] of an absolute chamber pressure for a spool `opening` from -1 (exhaust) to 1 (fill)."""
     flow = 0.0
     if opening > 0.0:
         flow = mass_flow(gas.source, p, gas.fill * opening, gas.critical, gas.temperature)
@@ -90,7 +95,10 @@ def chamber_rate(p, opening, gas):
 
 
 def fill_chamber(command, dt, sub, spool, gas, out):
-    """Chamber (a `Gas`) behind a `Spool`; gauge `command` and `out`, Pa."""
+    """Integrate the pressure of a chamber (`Gas`) behind a `Spool` and write it to `out` (S,) [Pa gauge].
+
+    `command` (S,) [Pa gauge] holds the set points at steps of `dt` [s]. Each step has `sub` substeps.
+    """
     p = command[0] + gas.ambient
     place = speed = 0.0
     h = dt / sub
