@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from pliant.errors import InputError, shown
 
@@ -60,6 +63,15 @@ def shown_in(unit: str) -> tuple[float, str]:
     unit).
     """
     return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
+
+
+KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"}  # of an input, by its SI unit
+
+
+def in_words(values: Any, unit: str) -> str:
+    """Return values of inputs in an SI unit as words, in the unit that plots show: "2.5, 3 N", "190 kPa"."""
+    factor, word = shown_in(unit)
+    return ", ".join(f"{factor * value:.4g}" for value in np.ravel(values)) + f" {word}"
 
 
 def metre_per(unit: str) -> float:

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from pliant.control import (
     Limits,
     Lqr,
-    Mpc,
     Task,
     Tuning,
     design_lqr,
@@ -113,7 +112,7 @@ def test_the_rest_of_the_body_at_hand_is_found_from_its_points(rng):
 
 
 def test_steady_inputs_bring_the_tip_where_it_is_wanted():
-    for model, share, unit in ((arm(), 1e5, "0, 100, 0 kPa|kPa"), (pulled(), 4e-3, "m")):
+    for model, share, unit in ((arm(), 1e5, "0, 100, 0 kPa|kPa"), (pulled(), 4e-3, "4, 0, 0 mm")):
         highest = np.full(3, share)
         level = rest_under(model, share * np.array([0.5, 0.2, 0.0]), ACROSS).value
         found = steady_inputs(model, ACROSS, level, highest, np.zeros(3))
@@ -238,10 +237,8 @@ def test_what_does_not_fit_is_refused(tmp_path):
     wanted = read_task(tmp_path / "t.toml")
     assert wanted.task.outputs == ("tip_x", "tip_z")
     assert np.allclose(wanted.task.displacement, [[3e-3, -4e-3]])
-    with pytest.raises(InputError, match=r"a task commands pressures, but input 'r' of .* is not a pressure"):
+    with pytest.raises(InputError, match=r"limits inputs by highest_kpa, and 'r' of .* takes a displacement"):
         run_task(pulled(), None, wanted, tmp_path)
-    with pytest.raises(InputError, match="predictive control supports pressures only, but input 'r' is none"):
-        Mpc(design_outputs(pulled(), ACROSS, np.zeros((1, 2)), Limits(4e-3), PERIOD), Limits(4e-3))
 
 
 def test_a_loop_takes_shapes_of_its_own_space_alone():

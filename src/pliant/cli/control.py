@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pliant.cli.terminal import say
-from pliant.units import quantity
+from pliant.units import KIND_OF, quantity, shown_in
 
 if TYPE_CHECKING:
     from pliant.loop.task import Done
@@ -83,10 +83,10 @@ def control(
                             real_time=real_time, progress=tell)
         write_text(output / "report.md", report(plant, done))
         target, error, command, pressure = (
-            columns(done.log, name) for name in ("target", "error", "command", "pressure"))
+            columns(done.log, name) for name in ("target", "error", "command", KIND_OF[done.unit]))
         figure = control_figure(
             done.log["time_s"], target, target.to_numpy() + error.to_numpy(), command, pressure,
-            [str(name).removeprefix("target_").rpartition("_")[0] for name in target],
+            [str(name).removeprefix("target_").rpartition("_")[0] for name in target], done.unit,
         )
         for ending in (".png", ".svg"):
             write_figure(figure, output / f"control{ending}")
@@ -119,8 +119,10 @@ def reached_by_several(done: Done) -> dict[str, Any]:
             unit, factor = "deg", 57.29577951308232
         numbers[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
         numbers[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
+    factor, shown = shown_in(done.unit)
     for name in columns(done.log, "command"):
-        numbers[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
+        command = str(name).removesuffix(f"_{done.unit.lower()}")
+        numbers[f"highest_{command}_{shown.lower()}"] = factor * float(done.log[name].max())
     return numbers | counters(done)
 
 
@@ -137,15 +139,17 @@ def reached(done: Done) -> dict[str, Any]:
 
     if "target_m" not in done.log:
         return reached_by_several(done)
-    log, settled = done.log, settling(done)
+    log, settled, name = done.log, settling(done), f"command_{done.unit.lower()}"
+    factor, shown = shown_in(done.unit)
     times = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
-    active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", "command_pa")))
+    active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", name)))
     error = 1e3 * log["error_m"]
     last = error.tail(max(len(log) // 5, 1))
     return {
         **({"settling_s": times} if settled else {}), "mean_error_mm": float(last.mean()),
-        "largest_error_mm": float(last.abs().max()), "highest_command_kpa": 1e-3 * float(log["command_pa"].max()),
-        **{f"{name}_kpa": 1e-3 * value for name, value in active.items() if np.isfinite(value)},
+        "largest_error_mm": float(last.abs().max()),
+        f"highest_command_{shown.lower()}": factor * float(log[name].max()),
+        **{f"{what}_{shown.lower()}": factor * value for what, value in active.items() if np.isfinite(value)},
         **counters(done),
     }
 

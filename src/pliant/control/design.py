@@ -15,7 +15,7 @@ import numpy as np
 from pliant.control.equilibria import equilibria
 from pliant.control.gains import Gains, loop_margins, regulator
 from pliant.control.limits import Limits
-from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs
+from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs, written
 from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
@@ -130,8 +130,8 @@ class LqrDesign:
     def __str__(self) -> str:
         rows = []
         for k, each in self.margins.items():
-            kilo = ", ".join(f"{p * 1e-3:.1f}" for p in self.gains[k].rest.pressure)
-            rows += [f"{kilo} kPa, {chamber.name}: {m}" for chamber, m in zip(self.model.chambers, each, strict=True)]
+            level = written(self.model, self.gains[k].rest.pressure)
+            rows += [f"{level}, {chamber.name}: {m}" for chamber, m in zip(self.model.chambers, each, strict=True)]
         return "\n".join(rows)
 
 

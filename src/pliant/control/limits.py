@@ -1,4 +1,4 @@
-"""Limits of a command: the range from 0 to the highest pressure, and the slew rate."""
+"""Limits of a command: the range from 0 to the highest pressure or tension, and the slew rate."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commanded gauge pressure.
+    """Limits of the commands: gauge pressures, or what tendons take, in the SI unit of the input.
 
     Parameters
     ----------
     highest : float
-        Highest pressure [Pa]. The lowest is 0, since there is no vacuum.
+        Highest command: Pa, of tendons N, m or rad. The lowest is 0, since there is no vacuum and no tendon pushes.
     slew : float
-        Fastest change [Pa/s]; unlimited by default.
+        Fastest change: Pa/s, of tendons N/s, m/s or rad/s; unlimited by default.
     chambers : tuple of float
-        Highest pressure [Pa] of each of several chambers; `highest` for all by default.
+        Highest command of each of several inputs; `highest` for all by default.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from pliant.simulation import Stepper
 
 Array = np.ndarray
 POINTS = 41  # points of a shape
+READING = {"Pa": 300.0, "N": 0.05, "m": 2e-5, "rad": 1e-3}  # noise of a reading, by the unit of the input
 
 
 class ModelPlant:
@@ -35,8 +36,8 @@ class ModelPlant:
         Time step of the model [s]. Dead times are rounded to multiples of it.
     noise : float
         Standard deviation of each coordinate of the shape [m].
-    pressure_noise : float
-        Standard deviation of a pressure reading [Pa].
+    pressure_noise : float, optional
+        Standard deviation of a reading of the inputs, in their unit; default: 300 Pa, 0.05 N, 20 um or 1 mrad.
     seed : int
         Seed of the noise.
     supply : tuple of SupplyValve or None, optional
@@ -54,7 +55,7 @@ class ModelPlant:
 
     def __init__(
         self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
-        pressure_noise: float = 300.0, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
+        pressure_noise: float | None = None, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
         arc_length: Array | None = None,
     ) -> None:
         check_followed(model)
@@ -74,7 +75,9 @@ class ModelPlant:
         ]
         self._held = [np.zeros(2) for _ in model.chambers]
         self._waiting = [deque([0.0] * round(c.valve.dead_time / step)) for c in model.chambers]
-        self._rng, self._noise = np.random.default_rng(seed), (noise, pressure_noise)
+        read = np.array([READING[unit] for unit in model.actuation.units])
+        self._rng = np.random.default_rng(seed)
+        self._noise = noise, read if pressure_noise is None else np.full(read.size, float(pressure_noise))
         ends = model.base_length + np.append(0.0, np.cumsum(model.link_length))
         self._ends, self._first = np.unique(np.append(0.0, ends), return_index=True)
         self.arc_length = np.linspace(0.0, ends[-1], POINTS) if arc_length is None else np.asarray(arc_length)
@@ -85,7 +88,7 @@ class ModelPlant:
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
+        """Hold the commands (C,) for one period and return the sensors' readings.
 
         Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
 
@@ -96,7 +99,8 @@ class ModelPlant:
         """
         asked = self._stepper.model.actuation.pressures(command)
         if not (np.isfinite(asked).all() and (asked >= 0.0).all()):
-            raise InputError(f"commanded gauge pressures must be finite and >= 0 Pa, got {command}")
+            units = ", ".join(dict.fromkeys(self._stepper.model.actuation.units))
+            raise InputError(f"commands must be finite and >= 0 ({units}), got {command}")
         for _ in range(self._parts):
             self._stepper.step(np.array([self._behind(c, p) for c, p in enumerate(asked)]))
         self.time += self.period

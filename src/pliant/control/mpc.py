@@ -22,12 +22,12 @@ from pliant.control.lqr import Lqr, Present
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.control.steady_inputs import output_rates, output_values
 from pliant.control.tuning import MpcTuning
-from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
 
 Array = np.ndarray
 MILLI = SQUARE**0.5  # errors are counted in mm, pressures in kPa
+HUNDRED = 100.0  # parts of its highest, in which a command that is no pressure stands in the quadratic program
 
 
 class Mpc(Lqr):
@@ -57,12 +57,10 @@ class Mpc(Lqr):
     Raises
     ------
     InputError
-        When OSQP is not installed, or an input of the model is not a pressure.
+        When OSQP is not installed.
     """
 
     def __init__(self, design: LqrDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
-        if others := [c.name for c in design.model.chambers if c.kind != "pressure"]:
-            raise InputError(f"predictive control supports pressures only, but input {others[0]!r} is none: use Lqr")
         self.tuning = tuning or MpcTuning()
         super().__init__(design, limits)
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))
@@ -71,11 +69,15 @@ class Mpc(Lqr):
             speeds(rows, design.period) if design.path and len(rows) > 2 else 0.0 * rows
             for rows in (design.wanted, design.pressure, design.angle)
         )  # of the outputs, the steady pressures and the angles, per second
+        units = [KILO if unit == "Pa" else most / HUNDRED
+                 for unit, most in zip(design.model.actuation.units, self._highest, strict=True)]  # fmt: skip
+        self._unit = np.array(units)  # (C,) of each command in the quadratic program
+        self._size = np.tile(self._unit, J) / KILO  # (Z,)
         steps = np.kron(np.eye(J) - np.eye(J, k=-1), np.eye(C))  # from the command before to the first node, and on
-        self._steep = np.repeat(self._reach * np.where(np.arange(J), stage, 1), C) / KILO
+        self._steep = np.repeat(self._reach * np.where(np.arange(J), stage, 1), C) / np.tile(self._unit, J)
         if not np.isfinite(self._reach):
             steps, self._steep = steps[:0], self._steep[:0]
-        self.program = QuadraticProgram(np.tile(self._highest, J) / KILO, steps)
+        self.program = QuadraticProgram(np.tile(self._highest / self._unit, J), steps)
 
     def reset(self) -> None:
         """Reset the controller to its initial state, with zero pressure."""
@@ -89,9 +91,10 @@ class Mpc(Lqr):
         last = self._within(self.horizon.later(self.plan, self.age))
         ahead = self.horizon.predict(state, self._parts, self._waiting, last)
         H, g = self._cost(now, state, ahead)
-        start = last.ravel() / KILO
+        H, g = H * np.outer(self._size, self._size), g * self._size
+        start = (last / self._unit).ravel()
         before = np.zeros(len(self._steep))
-        before[: self.chambers] = self.command[: len(before)] / KILO
+        before[: self.chambers] = (self.command / self._unit)[: len(before)]
         found = self.program.solve(H, g - H @ start, before - self._steep, before + self._steep, start)
         if found is None:
             self.failed += 1
@@ -102,7 +105,7 @@ class Mpc(Lqr):
             self._wishes[:] = last[0]
             return
         self.solved, self.fault, self.age = self.solved + 1, "", 0
-        self.plan = self._within(KILO * found.reshape(last.shape))
+        self.plan = self._within(self._unit * found.reshape(last.shape))
         self._wishes[:] = self.plan[0]
 
     def _within(self, plan: Array) -> Array:

@@ -24,6 +24,7 @@ from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.simulation.balance import EnergyWarning
+from pliant.units import in_words
 
 Array = np.ndarray
 LEAST_BAND = 1e-4  # m, least width of the band within which outputs have settled
@@ -81,6 +82,8 @@ class Rehearsal:
     effort, wanted_effort : float
         Effort weight of the rehearsed design, and that of the task.
     limits : Limits
+    unit : str
+        Of the commands, SI.
     """
 
     time: Array
@@ -94,6 +97,7 @@ class Rehearsal:
     effort: float
     wanted_effort: float
     limits: Limits
+    unit: str = "Pa"
 
     @property
     def settles(self) -> bool:
@@ -111,11 +115,10 @@ class Rehearsal:
         }
 
     def __str__(self) -> str:
-        slew = "" if np.isinf(self.limits.slew) else f" and {self.limits.slew * 1e-3:g} kPa/s"
         times = ", ".join("not before the next one" if t is None else f"{t:.3g} s" for t in self.settling)
         back = "not settled again" if self.recovery is None else f"settled again after {self.recovery:.3g} s"
         lines = [
-            f"rehearsed on the model within 0 ... {self.limits.highest * 1e-3:g} kPa{slew}: "
+            f"rehearsed on the model within {range_of(self.limits, self.unit)}: "
             + (f"set-points settle after {times}; " if self.settling else "")
             + f"error {self.final_error * 1e3:.3g} mm at the end; displaced by {self.disturbance * 1e3:.3g} mm: {back}"
         ]
@@ -244,8 +247,14 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
     error = np.array(run.error)
     return Rehearsal(
         np.arange(error.size) * setting.period, error, settling, final, disturbance, recovery, band,
-        pipeline.controller.saturated, task.tuning.effort, task.tuning.effort, limits,
+        pipeline.controller.saturated, task.tuning.effort, task.tuning.effort, limits, setting.body.actuation.units[0],
     )
+
+
+def range_of(limits: Limits, unit: str) -> str:
+    """Return the range of commands in an SI unit, and their fastest change, as words."""
+    slew = "" if np.isinf(limits.slew) else f" and {in_words(limits.slew, unit)}/s"
+    return f"0 ... {in_words(limits.highest, unit)}{slew}"
 
 
 def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tuple[float | None, ...]:
@@ -289,10 +298,10 @@ def limit_aware(
         found = rehearse(make(tuned), setting, tuned, limits, weight)
         if found.settles:
             return tuned, replace(found, wanted_effort=task.tuning.effort)
-    slew = "" if np.isinf(limits.slew) else f" and {limits.slew * 1e-3:g} kPa/s"
+    within = range_of(limits, setting.body.actuation.units[0])
     tried = f"with any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "as it is tuned"
     raise InputError(
-        f"the loop does not settle within 0 ... {limits.highest * 1e-3:g} kPa{slew} {tried}: simulated on its own "
+        f"the loop does not settle within {within} {tried}: simulated on its own "
         f"model it ends {found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow "
         "faster changes of the command, command smaller steps, or fit a model with more damping"
     )

@@ -12,6 +12,7 @@ from pliant.linear.linearisation import LinearModel, linearise
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
+from pliant.units import in_words
 
 Array = np.ndarray
 REACHED = 2e-4  # m, error below which an output counts as reached
@@ -129,10 +130,11 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
 
 
 def written(model: Model, values: Array) -> str:
-    """Return the values (C,) of a model's inputs as text with units; pressures in kPa."""
-    if set(model.actuation.units) == {"Pa"}:
-        return ", ".join(f"{p * 1e-3:.4g}" for p in values) + " kPa"
-    return ", ".join(f"{v:.4g} {unit}" for v, unit in zip(values, model.actuation.units, strict=True))
+    """Return the values (C,) of a model's inputs as text, in the units of plots."""
+    units = model.actuation.units
+    if len(set(units)) == 1:
+        return in_words(values, units[0])
+    return ", ".join(in_words(v, unit) for v, unit in zip(values, units, strict=True))
 
 
 def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:

@@ -22,7 +22,7 @@ from pliant.files import read_entries
 EXAMPLE = """\
 # set-points of the tip, and what may be asked of the valve
 period_ms = 4.0
-highest_kpa = 190.0
+highest_kpa = 190.0    # of tendons highest_n, highest_mm or highest_rad; one number or one for each
 duration_s = 2.0
 feedback = "lqr"       # or "mpc" (extra mpc), "pid"
 planned = true         # changes as fast as the limits allow; false: ramps
@@ -75,6 +75,8 @@ Positive = Annotated[float, BeforeValidator(_positive)]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Pressures = Annotated[float | list[float], BeforeValidator(_pressures)]
 Host = Annotated[str, BeforeValidator(_address)]
+SCALES = {"kpa": ("Pa", 1e3), "n": ("N", 1.0), "mm": ("m", 1e-3), "rad": ("rad", 1.0)}  # of limits, by their names
+LIMITS_IN = {unit: f"highest_{name}" for name, (unit, _) in SCALES.items()}
 LONGEST_MS = 5000.0  # longest hold time of a receiver, whatever its task says
 
 
@@ -185,6 +187,12 @@ class TaskFile(Entry):
         190.0, description="highest command, one number or one for each chamber; the lowest is 0"
     )
     slew_kpa_per_s: Positive = Field(math.inf, description="fastest change of a command")
+    highest_n: Pressures | None = Field(None, description="of tendons, in place of `highest_kpa`: tension, N")
+    highest_mm: Pressures | None = Field(None, description="of tendons driven by a displacement, mm")
+    highest_rad: Pressures | None = Field(None, description="of tendons driven by the angle of a motor, rad")
+    slew_n_per_s: Positive = Field(math.inf, description="fastest change of a tension")
+    slew_mm_per_s: Positive = Field(math.inf, description="of a displacement")
+    slew_rad_per_s: Positive = Field(math.inf, description="of the angle of a motor")
     duration_s: Positive = 2.0
     feedback: str = Field("lqr", description="the controller: lqr, mpc, pid, or an installed one")
     planned: Flag = Field(True, description="changes as fast as the limits allow, planned ahead; false: ramps")
@@ -208,6 +216,11 @@ class TaskFile(Entry):
     def _wants_something(self) -> TaskFile:
         if not self.setpoint and self.path is None:
             raise ValueError("needs at least one [[setpoint]] with time_s and displacement_mm, or a [path]")
+        limits = [name for name in SCALES if f"highest_{name}" in self.model_fields_set]
+        slews = [name for name in SCALES if f"slew_{name}_per_s" in self.model_fields_set]
+        if len({*limits, *slews}) > 1 or (slews and slews[0] != self._scale):
+            given = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
+            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {given}")
         if self.valve and self.valves:
             raise ValueError("may have [valve] for all chambers or [valves.NAME] for each, not both")
         if len({wanted(p) for p in self.setpoint}) > 1:
@@ -220,12 +233,23 @@ class TaskFile(Entry):
         return 1e-3 * self.period_ms
 
     @property
+    def _scale(self) -> str:
+        """Name of the unit of the limits: that of highest_..."""
+        return next((name for name in ("n", "mm", "rad") if getattr(self, f"highest_{name}") is not None), "kpa")
+
+    @property
+    def unit(self) -> str:
+        """Return the SI unit of the commands: "Pa", or "N", "m", "rad" of tendons."""
+        return SCALES[self._scale][0]
+
+    @property
     def limits(self) -> Limits:
-        """Limits of the command."""
-        slew, each = 1e3 * self.slew_kpa_per_s, self.highest_kpa
+        """Limits of the command, in its SI unit."""
+        name, (_, factor) = self._scale, SCALES[self._scale]
+        slew, each = factor * getattr(self, f"slew_{name}_per_s"), getattr(self, f"highest_{name}")
         if isinstance(each, list):
-            return Limits(1e3 * max(each), slew, tuple(1e3 * p for p in each))
-        return Limits(1e3 * each, slew)
+            return Limits(factor * max(each), slew, tuple(factor * p for p in each))
+        return Limits(factor * each, slew)
 
     @property
     def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:

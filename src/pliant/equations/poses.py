@@ -1,4 +1,4 @@
-"""Static poses of a chain in space, computed one after the other, each in equilibrium under the inputs of its row.
+"""Static poses of a chain in space: under one load, or one after the other, each in equilibrium under its inputs.
 
 The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
 coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_points import observe
+from pliant.equations.spatial_points import add_pose_loads, observe
 from pliant.equations.tendon import eliminate, forces_at_rest, slip
 
 STEP = 1e-30  # imaginary part: its square vanishes beside 1
@@ -33,22 +33,27 @@ class Settling(NamedTuple):
     torque: np.ndarray  # (N + R,) inputs between two poses
     push: np.ndarray  # (N,) net force
     move: np.ndarray  # (N,) Newton move
+    load: np.ndarray  # (n + 1, 3, 5) forces on the links, as `add_pose_loads` takes them
 
 
-def forces_after(x, last, torque, body, joints, work, push):
-    """Write the net force at rest at x (N,), reached from `last` (N,), to push (N,) [N m]: zero in equilibrium."""
+def forces_after(x, last, torque, load, body, joints, work, push):
+    """Write the net force at rest at x (N,), reached from `last` (N,), to push (N,) [N m]: zero in equilibrium.
+
+    `load` (n + 1, 3, 5) holds the forces on the links.
+    """
     for i in range(len(x)):
         work.v[i] = x[i] - last[i]
     for r in range(len(body.friction)):
         slip(r, x, work.v, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
+    add_pose_loads(load, body, work, push)
 
 
-def stiffness_at(x, last, torque, body, joints, work, K):
+def stiffness_at(x, last, torque, load, body, joints, work, K):
     """Write the stiffness K (N, N) [N m/rad] at x (N,): minus the derivative of the force of `forces_after` by x."""
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
-        forces_after(x, last, torque, body, joints, work, work.a)
+        forces_after(x, last, torque, load, body, joints, work, work.a)
         x[j] = x[j] - complex(0.0, STEP)
         for i in range(len(x)):
             K[i, j] = -work.a[i].imag / STEP
@@ -86,10 +91,10 @@ def settle(torque, body, joints, work, found, K):
     the residual is halved. Returns 1 where a stable equilibrium is found, else 0.
     """
     x, last, push, move = found.at, found.last, found.push, found.move
-    forces_after(x, last, torque, body, joints, work, push)
+    forces_after(x, last, torque, found.load, body, joints, work, push)
     for _ in range(ROUNDS):
         before = largest_of(push)
-        stiffness_at(x, last, torque, body, joints, work, K)
+        stiffness_at(x, last, torque, found.load, body, joints, work, K)
         stiffest = 0.0
         for i in range(len(x)):
             stiffest = max(stiffest, abs(K[i, i]))
@@ -100,14 +105,14 @@ def settle(torque, body, joints, work, found, K):
         part = min(1.0, FARTHEST / max(far, 1e-300))
         for i in range(len(x)):
             x[i] = x[i] + part * move[i].real
-        forces_after(x, last, torque, body, joints, work, push)
+        forces_after(x, last, torque, found.load, body, joints, work, push)
         if far < SETTLED:
             return 1.0 if shift == 0.0 else 0.0
         while largest_of(push) > before and part > 1e-4:
             part = 0.5 * part
             for i in range(len(x)):
                 x[i] = x[i] - part * move[i].real
-            forces_after(x, last, torque, body, joints, work, push)
+            forces_after(x, last, torque, found.load, body, joints, work, push)
     return 0.0
 
 
@@ -135,7 +140,7 @@ def settle_all(torque, body, joints, work, found):
     size = found.x.shape[1]
     for i in range(size):
         found.last[i] = complex(found.x[0, i], 0.0)
-    stiffness_at(found.last, found.last, torque[0], body, joints, work, found.K[0])
+    stiffness_at(found.last, found.last, torque[0], found.load, body, joints, work, found.K[0])
     for row in range(1, len(found.x)):
         good = 0.0
         for parts in PARTS:
@@ -159,9 +164,9 @@ def show_all(torque, body, joints, work, found, places, seen):
         for i in range(size):
             found.at[i] = complex(found.x[row, i], 0.0)
         if row == 0:
-            forces_after(found.at, found.at, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.at, torque[row], found.load, body, joints, work, found.push)
         else:
-            forces_after(found.at, found.last, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.last, torque[row], found.load, body, joints, work, found.push)
         for i in range(size):
             found.push[i] = complex(0.0, found.push[i].imag)
         solved(found.K[row], 0.0, found.push, work, found.move)

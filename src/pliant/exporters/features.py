@@ -183,11 +183,11 @@ LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
 FEATURES: dict[str, Feature] = {
     "springs": Feature(
         "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
-        ("Model.stiffness", "Model.damping"),
+        ("Model.stiffness", "Model.damping", "Extension.stiffness"),
     ),
     "drive": Feature(
         "torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m,
-        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain"),
+        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain", "Chamber.axial_gain"),
     ),
     "chambers": Feature(
         "several chambers",

@@ -31,6 +31,7 @@ class HingeChain(NamedTuple):
     M: Array  # (N, N)
     D: Array  # (N, N)
     K: Array  # (N, N)
+    late: Array  # (N, N) dampers of D that are not at a joint: Euler takes them at the beginning of a step
 
 
 def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
@@ -46,27 +47,32 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     M, D, K = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     M[:n, :n] = turn.T @ mechanics.inertia(mechanics.coordinates(np.zeros(n))) @ turn
     D[joints, joints] = mechanics.joints.D
-    K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden))
+    remembering = joints < mechanics.remembering
+    K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden) * remembering)
     for tendon, lever in zip(model.chambers, model.actuation.gain, strict=True):
         if isinstance(tendon, Tendon):
             K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
     for b, (share, time, inertia) in enumerate(moving):
-        own, spring = joints + (b + 1) * n, share * stiffness
-        M[own, own], D[own, own], K[own, own] = inertia, spring * time, spring
+        own, spring = joints + (b + 1) * n, share * stiffness * remembering
+        M[own, own], D[own, own], K[own, own] = np.where(remembering, inertia, 1.0), spring * time, spring
         K[own, joints] = K[joints, own] = -spring
-    return HingeChain(M, D, K)
+    late = np.zeros((N, N))
+    late[joints, joints] = np.where(joints < n - len(model.extensions), 0.0, mechanics.joints.D)
+    return HingeChain(M, D, K, late)
 
 
 def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
     """Return a function that checks whether an integrator is stable for all modes of the chain at a step [s].
 
     MuJoCo's Euler and implicit methods evaluate dampers at the end of the step and springs at its beginning: (M + h D)
-    q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. RK4
-    multiplies the mode of eigenvalue s by the fourth-order Taylor polynomial of exp(h s).
+    q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. Dampers
+    at the beginning, which are late, count with the other sign. RK4 multiplies the mode of eigenvalue s by the
+    fourth-order Taylor polynomial of exp(h s).
     """
-    M, D, K = chain
+    M, D, K, late = chain
     if integrator != "RK4":
-        return lambda h: is_definite(4.0 * M + 2.0 * h * D - h**2 * K)
+        end = D - 2.0 * late if integrator == "Euler" else D
+        return lambda h: is_definite(4.0 * M + 2.0 * h * end - h**2 * K)
     inverse = np.linalg.inv(M)
     zero, one = np.zeros_like(M), np.eye(len(M))
     roots = np.linalg.eigvals(np.block([[zero, one], [-inverse @ K, -inverse @ D]]))

@@ -19,6 +19,9 @@ from pliant.model import Model, Station
 
 Array = np.ndarray
 TINY = 1e-12  # kg m^2, inertia of a mass that is a point in pliant
+LIGHT = 1e-9  # kg, mass of a body that has none in pliant
+FIRST = 1e-4  # mass at the first joint, in parts of the first link's, where all mass is at the link tips
+ON = 1e-9  # distance, in parts of the link's length, within which a point is on a body
 BEND = 0.5  # rad, bend of the whole body at which hinges are compared with rotation vectors
 
 
@@ -34,6 +37,16 @@ class Hinge(NamedTuple):
     damping: float  # N m s/rad
 
 
+class Slide(NamedTuple):
+    """A body that slides along a link as it lengthens, a point mass."""
+
+    name: str
+    place: float  # m, from the joint of the link, unstretched
+    step: float  # m, from the body that carries it, unstretched
+    growth: Array  # (S,) m, of the step for a unit of each strain
+    mass: float  # kg
+
+
 class RigidLink(NamedTuple):
     """Position of a link in the frame of the link before, its hinges, and its mass properties in its own frame."""
 
@@ -45,6 +58,7 @@ class RigidLink(NamedTuple):
     across: float  # kg m^2, moment of inertia about the centre of mass, across the link
     along: float | None  # kg m^2, about the link's axis; None in a plane
     length: float  # m
+    slides: tuple[Slide, ...] = ()  # each carries the next, the last one the next link; none where it does not lengthen
 
 
 class RigidChain(NamedTuple):
@@ -55,6 +69,29 @@ class RigidChain(NamedTuple):
     base_length: float  # m
     links: tuple[RigidLink, ...]
     gravity: Array  # (3,) m/s^2
+    base_slides: tuple[Slide, ...] = ()
+
+    @property
+    def slides(self) -> tuple[Slide, ...]:
+        """All slides, base first."""
+        return (*self.base_slides, *(slide for link in self.links for slide in link.slides))
+
+    @property
+    def growth(self) -> Array:
+        """How far each slide moves for a unit of each strain, (K, S), m."""
+        return np.array([slide.growth for slide in self.slides])
+
+    @property
+    def strain_of_slides(self) -> Array:
+        """Strains (S, K) of the displacements of the slides, 1/m: each strain is that of all that it moves together."""
+        growth = self.growth
+        weight = growth.T / growth.sum(axis=1)
+        return np.asarray(np.linalg.solve(weight @ growth, weight))
+
+    def start(self, i: int) -> Array:
+        """Return the place (3,) of joint i in the frame of the body that carries it, m."""
+        slides = self.links[i - 1].slides if i else self.base_slides
+        return np.zeros(3) if slides else self.links[i].place
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
@@ -63,7 +100,7 @@ class RigidChain(NamedTuple):
 
 
 def rigid_chain(model: Model) -> RigidChain:
-    """Return the rigid bodies and hinges of a model whose segments do not lengthen."""
+    """Return the rigid bodies, hinges and slides of a model."""
     turns = rest_turns(model)
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
@@ -77,7 +114,50 @@ def rigid_chain(model: Model) -> RigidChain:
         )
         for i in range(model.n)
     )
-    return RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
+    chain = RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
+    return lengthening(model, chain) if model.extensions else chain
+
+
+def lengthening(model: Model, chain: RigidChain) -> RigidChain:
+    """Return the chain with the masses of those links that lengthen on slides, and a slide at the end of the base."""
+    share, links = model.stretch_share, []
+    for i, link in enumerate(chain.links):
+        rod, cap = float(model.link_mass[i]), model.tip_mass * (i + 1 == model.n)
+        parts = [("middle", 0.5, rod * 2.0 / 3.0), ("end", 0.5, rod / 6.0 + cap)]
+        if model.mass_at == "tip":
+            parts = [("end", 1.0, rod + cap)]
+        slides, place = [], 0.0
+        for name, part, mass in parts if share[i + 1].any() else ():
+            place += part * link.length
+            step = part * link.length
+            slides.append(Slide(f"link_{i + 1}_{name}", place, step, step * share[i + 1], max(mass, LIGHT)))
+        moved = link
+        if slides:
+            at_joint = rod / 6.0 if model.mass_at == "rod" else FIRST * rod if i == 0 else LIGHT
+            across = TINY if link.along is None else max(0.5 * link.along, TINY)
+            moved = link._replace(mass=at_joint, centre=0.0, across=across, slides=tuple(slides))
+        links.append(moved)
+    length = model.base_length
+    base = (Slide("base_end", length, length, length * share[0], LIGHT),) if share[0].any() else ()
+    return chain._replace(links=tuple(links), base_slides=base)
+
+
+def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Array, Slide | None]:
+    """Return the body that carries an observed point, the point's place (3,) in its frame [m], and its slide, if any.
+
+    A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
+    other gets a slide of its own, which the body at the joint carries.
+    """
+    body, place = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
+    slides = chain.base_slides if point.link < 0 else chain.links[point.link].slides
+    aside = place - point.along * chain.tangent
+    if not slides or abs(point.along) <= ON * slides[-1].place:
+        return body, place, None
+    for slide in slides:
+        if abs(point.along - slide.place) <= ON * slide.place:
+            return slide.name, aside, None
+    growth = point.along * model.stretch_share[point.link + 1]
+    return body, aside, Slide(f"point_{point.name}", point.along, point.along, growth, LIGHT)
 
 
 def rest_turns(model: Model) -> Array:

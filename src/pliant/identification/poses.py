@@ -14,6 +14,7 @@ from pliant.identification.drives import check_driven
 from pliant.identification.loop_inputs import Numbers, SetUp
 from pliant.identification.observation_kind import TINY, ObservationKind, in_kind, places_in_space
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.rest import settling
 from pliant.model import Model
 from pliant.simulation.drive import Drive
 
@@ -53,7 +54,7 @@ def settled(made: SetUp) -> Settling:
     """
     chain, numbers = mechanics_of(made.model), in_kind(made.numbers, COMPLEX)
     torque = commands(numbers)
-    found = settling(len(torque) - 1, chain.size, torque.shape[1] - chain.size)
+    found = settling(len(torque) - 1, chain.size, torque.shape[1], chain.no_loads())
     found.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
     lost = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), found)
     if lost >= 0:
@@ -62,13 +63,6 @@ def settled(made: SetUp) -> Settling:
             "lower the inputs"
         )
     return found
-
-
-def settling(poses: int, size: int, tendons: int) -> Settling:
-    """Return zeroed work arrays for `poses` poses of a chain of `size` coordinates and `tendons` tendons."""
-    at, last, push, move = np.zeros((4, size), dtype=complex)
-    torque = np.zeros(size + tendons, dtype=complex)
-    return Settling(np.zeros((poses + 1, size)), np.zeros((poses + 1, size, size)), at, last, torque, push, move)
 
 
 def commands(numbers: Numbers) -> Array:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.control.task import read_task
+from pliant.control.task import LIMITS_IN, read_task
 from pliant.errors import InputError
 from pliant.loop.clock import Clock, SystemClock
 from pliant.loop.keyed import read_key
@@ -46,6 +46,8 @@ def receiver_of(
     entry = task.receiver
     if entry is None:
         raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
+    if task.unit != "Pa":
+        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}")
     listed = entry.highest_kpa or task.highest_kpa
     given = np.ravel(listed)
     chambers = entry.chambers or given.size

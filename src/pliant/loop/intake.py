@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from pliant.loop.sample import Sample
-from pliant.units import METRE, PASCAL
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN
 
 Array = np.ndarray
+OF_INPUT = {"Pa": PASCAL, "N": NEWTON, "m": METRE, "rad": RADIAN}  # units that a reading of an input may have
 
 
 class Stream:
@@ -79,10 +80,10 @@ class Stream:
         return known and len(array) > 0 and self._points in (0, len(array))
 
 
-def streams(skew: int, now: int, axes: int = 2) -> tuple[Stream, Stream]:
-    """Return the streams of shapes and of pressures for a loop that starts at `now` [ns].
+def streams(skew: int, now: int, axes: int = 2, unit: str = "Pa") -> tuple[Stream, Stream]:
+    """Return the streams of shapes and of inputs in `unit` for a loop that starts at `now` [ns].
 
     `axes` is the number of coordinates of a point, and `skew` [ns] the time by which stamps may be ahead.
     """
     shapes = Stream(METRE, shape=True, skew=skew, now=now, axes=axes)
-    return shapes, Stream(PASCAL, shape=False, skew=skew, now=now)
+    return shapes, Stream(OF_INPUT[unit], shape=False, skew=skew, now=now)

@@ -17,6 +17,7 @@ from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
 from pliant.loop.watchdog import Watchdog
 from pliant.text import escaped
+from pliant.units import KIND_OF
 
 Array = np.ndarray
 MOST = 256  # most samples read in one period, so that a flood cannot delay the loop
@@ -27,19 +28,20 @@ COLUMNS = (
 )
 
 
-def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> list[str]:
+def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = (), unit: str = "Pa") -> list[str]:
     """Return the column names of a loop's log for `links` links and `chambers` chambers.
 
     They are `COLUMNS`, with pressure and command for each chamber, and with target and error for each of `outputs`,
     such as tip_x or angle_sum. The angle, the disturbance torque and its standard deviation of each joint follow. The
     disturbance torques are NaN if the estimator does not compute them. In space `links` is the number of joint
-    coordinates, which take the place of the angles.
+    coordinates, which take the place of the angles. `unit` is that of the inputs: those of tendons are named tension,
+    displacement or angle, in N, m or rad.
     """
-    names = list(COLUMNS)
-    if chambers > 1:
-        for name in ("command_pa", "pressure_pa"):
-            k = names.index(name)
-            names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
+    names, ending = list(COLUMNS), unit.lower()
+    for name, word in (("command_pa", "command"), ("pressure_pa", KIND_OF[unit])):
+        k = names.index(name)
+        each_input = [f"_{c + 1}" for c in range(chambers)] if chambers > 1 else [""]
+        names[k : k + 1] = [f"{word}{number}_{ending}" for number in each_input]
     if outputs:
         units = {"angle_sum": "rad"}
         for name in ("target", "error"):
@@ -124,7 +126,7 @@ class ControlLoop:
         self.command = self.pressure = self._vent
         self._began = clock.now()
         self.shapes, self.pressures = streams(
-            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes
+            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes, watchdog.bounds.unit
         )
         self._state: State | None = None
         self._fault_told = False
@@ -175,7 +177,7 @@ class ControlLoop:
             self._write(self.log, now, deadline)
 
     def _send(self, now: int) -> None:
-        self.sink.write(sample(COMMAND, self.command, now, hold=self.hold))
+        self.sink.write(sample(COMMAND, self.command, now, self.watchdog.bounds.unit, self.hold))
 
     def _look_at_log(self, now: int) -> None:
         """Report once that the log cannot be written, and vent if the log is needed."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.control.model_plant import ModelPlant
 from pliant.control.preparation import Prepared, prepare_control
-from pliant.control.task import TaskFile
+from pliant.control.task import LIMITS_IN, TaskFile
 from pliant.errors import InputError
 from pliant.loop.clock import SystemClock, VirtualClock
 from pliant.loop.log import LoopLog, read_log
@@ -34,6 +34,7 @@ class Done(NamedTuple):
     summary: dict[str, float | str]  # counters of the loop, and its fault
     log: pd.DataFrame
     setpoints: tuple[tuple[float, float], ...] = ()  # s, m; empty for a path
+    unit: str = "Pa"  # of the commands
 
 
 def make_plant(name: str) -> Any:
@@ -76,6 +77,20 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     )
 
 
+def check_units(model: Model, wanted: TaskFile) -> None:
+    """Raise InputError where a task's limits are not in the unit of the model's inputs."""
+    if others := [c for c in model.chambers if c.unit != wanted.unit]:
+        several = len(set(model.actuation.units)) > 1
+        remedy = (
+            "make a controller by design_outputs and Lqr or Mpc, its limits in the unit of each input" if several
+            else f"give {LIMITS_IN[others[0].unit]} in place of {LIMITS_IN[wanted.unit]}"
+        )
+        raise InputError(
+            f"the task limits inputs by {LIMITS_IN[wanted.unit]}, and {others[0].name!r} of {model.name!r} takes a "
+            f"{others[0].kind} ({others[0].unit}): {remedy}"
+        )
+
+
 def run_task(
     model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
     progress: Callable[[str], None] = lambda _line: None,
@@ -100,21 +115,19 @@ def run_task(
     InputError
         When task, model and plant do not fit together.
     """
-    if others := [c.name for c in model.chambers if c.kind != "pressure"]:
-        raise InputError(
-            f"a task commands pressures, but input {others[0]!r} of model {model.name!r} is not a pressure: construct "
-            "a controller with design_outputs and Lqr, with limits in the unit of each input"
-        )
+    check_units(model, wanted)
     progress(f"measuring the rest shape of the body over {AT_REST} frames, designing estimator and controller")
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
     turns = model.size - len(model.extensions)
-    log = LoopLog(path, log_columns(turns, ready.control.chambers, wanted.task.outputs))
+    log = LoopLog(path, log_columns(turns, ready.control.chambers, wanted.task.outputs, wanted.unit))
     log.remark(f"design: {ready.summary}")
     clock = SystemClock() if real_time else VirtualClock()
-    arm = VirtualActuator(plant, clock)
-    watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
+    arm = VirtualActuator(plant, clock, wanted.unit)
+    highest = wanted.limits.highest
+    lowest = Bounds.lowest_pressure if wanted.unit == "Pa" else (1.0 - ABOVE) * highest
+    watchdog = Watchdog(Bounds(ABOVE * highest, lowest_pressure=lowest, unit=wanted.unit))
     progress(f"running the loop for {wanted.duration_s:g} s" + (" by the clock" if real_time else ""))
     loop = ControlLoop([arm], arm, ready.pipeline, watchdog, wanted.period, clock, log)
     try:
@@ -124,4 +137,5 @@ def run_task(
     rehearsed = ready.rehearsal.summary if ready.rehearsal else {}
     summary = loop.summary() | rehearsed | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
     return Done(ready, {**summary, "commands_at_a_limit": ready.control.saturated}, read_log(path),
-                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None))
+                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None),
+                wanted.unit)

@@ -38,6 +38,8 @@ class VirtualActuator:
     plant : PlantLike
         Plant to simulate, e.g. `pliant.testbed.plant.Plant`.
     clock : Clock
+    unit : str
+        SI unit of the plant's inputs: "Pa", of tendons "N", "m" or "rad".
 
     Attributes
     ----------
@@ -45,8 +47,8 @@ class VirtualActuator:
         Number of periods that were skipped because the plant was slower than the clock.
     """
 
-    def __init__(self, plant: PlantLike, clock: Clock) -> None:
-        self.plant, self._clock = plant, clock
+    def __init__(self, plant: PlantLike, clock: Clock, unit: str = "Pa") -> None:
+        self.plant, self._clock, self._unit = plant, clock, unit
         self._queue: deque[Sample] = deque()
         self._period = nanoseconds(plant.period)
         self._done = self._start = clock.now()
@@ -67,7 +69,7 @@ class VirtualActuator:
             if self._until is not None and self._done > self._until:
                 self._command, self._until = 0.0 * self._command, None  # no command has arrived since
             taken, shape, pressure = self.plant.advance(self._command)
-            self._queue.append(sample(PRESSURE, pressure, self._done))
+            self._queue.append(sample(PRESSURE, pressure, self._done, self._unit))
             self._queue.append(sample(SHAPE, shape, self._start + nanoseconds(taken - self._begin)))
         return self._queue.popleft() if self._queue else None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.estimation.contract import State
+from pliant.units import KIND_OF, shown_in
 
 Array = np.ndarray
 
@@ -36,6 +37,8 @@ class Bounds:
         sensors whose resolution is coarser than their noise.
     controller_faults : int
         Largest number of consecutive periods in which the controller reports a fault, e.g. continues an earlier plan.
+    unit : str
+        SI unit of the inputs, and so of `highest_pressure` and `lowest_pressure`: "Pa", of tendons "N", "m" or "rad".
     """
 
     highest_pressure: float
@@ -48,6 +51,7 @@ class Bounds:
     shape_repeats: int = 25
     pressure_repeats: int = 250
     controller_faults: int = 25
+    unit: str = "Pa"
 
     def __post_init__(self) -> None:
         for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate"):
@@ -56,6 +60,8 @@ class Bounds:
         for name in ("clock_skew", "shape_repeats", "pressure_repeats", "controller_faults"):
             if not getattr(self, name) >= 0:
                 raise InputError(f"watchdog bound {name} must not be negative, got {getattr(self, name)}")
+        if self.unit not in KIND_OF:
+            raise InputError(f"watchdog bound unit is one of {', '.join(KIND_OF)}, got {self.unit!r}")
 
 
 class Watchdog:
@@ -100,7 +106,8 @@ class Watchdog:
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
         """Report a fault if the last complete shape or pressure [ns] is too old, or a pressure [Pa] out of limits."""
         b = self.bounds
-        for what, seen, limit in (("shape", shape_time, b.shape_age), ("pressure", pressure_time, b.pressure_age)):
+        kind = KIND_OF[b.unit]
+        for what, seen, limit in (("shape", shape_time, b.shape_age), (kind, pressure_time, b.pressure_age)):
             age = (now - seen) * 1e-9
             if age > limit:
                 self.trip(f"stale {what}: last complete reading {age * 1e3:.1f} ms ago, {limit * 1e3:.1f} allowed", now)
@@ -110,7 +117,7 @@ class Watchdog:
         """Report a fault if too many consecutive readings of a sensor are identical."""
         b = self.bounds
         for what, count, most in (
-            ("shape", shape_repeats, b.shape_repeats), ("pressure", pressure_repeats, b.pressure_repeats),
+            ("shape", shape_repeats, b.shape_repeats), (KIND_OF[b.unit], pressure_repeats, b.pressure_repeats),
         ):
             if 0 < most < count:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
@@ -120,10 +127,11 @@ class Watchdog:
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):
-                self.trip(f"the pressure reading is {p}", now)
+                self.trip(f"the {KIND_OF[b.unit]} reading is {p}", now)
             elif not b.lowest_pressure <= p <= b.highest_pressure:
-                self.trip(f"the pressure of {p * 1e-3:.1f} kPa is outside {b.lowest_pressure * 1e-3:.1f} ... "
-                          f"{b.highest_pressure * 1e-3:.1f} kPa", now)
+                factor, unit = shown_in(b.unit)
+                self.trip(f"the {KIND_OF[b.unit]} of {factor * p:.1f} {unit} is outside "
+                          f"{factor * b.lowest_pressure:.1f} ... {factor * b.highest_pressure:.1f} {unit}", now)
 
     def estimate(self, now: int, state: State) -> None:
         """Report a fault if the estimated state is not finite, out of limits or inconsistent."""
@@ -156,8 +164,9 @@ class Watchdog:
             if not math.isfinite(p):
                 self.trip(f"the command is {p}", now)
             elif not 0.0 <= p <= self.bounds.highest_pressure:
-                most = self.bounds.highest_pressure
-                self.trip(f"the command of {p * 1e-3:.1f} kPa is outside 0 ... {most * 1e-3:.1f} kPa", now)
+                factor, unit = shown_in(self.bounds.unit)
+                most = factor * self.bounds.highest_pressure
+                self.trip(f"the command of {factor * p:.1f} {unit} is outside 0 ... {most:.1f} {unit}", now)
         if not self.fault:
             return command
         return np.zeros(command.size)

@@ -1,4 +1,4 @@
-"""Equilibrium of a chain under a load, by Newton's method."""
+"""Equilibrium of a chain under a load, by Newton's method: in a plane here, in space by `equations.poses`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pliant.equations.poses import Settling
 from pliant.errors import SimulationError
 
 Array = np.ndarray
+GROWING = (0.25, 0.5, 0.75, 1.0)  # parts in which a load grows, so that a large motion stays on its branch
+BUCKLES = "the chain buckles under its load and has no stable equilibrium: raise the stiffness or lower the load"
 NEAR = 1e-6  # rad and strains: tolerance of the equilibria under a part of the load
 
 
@@ -22,7 +25,7 @@ def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Arra
     SimulationError
         When no stable equilibrium is found, because the load buckles the chain.
     """
-    for share in (0.25, 0.5, 0.75, 1.0):  # in parts, so that a large motion stays on its branch
+    for share in GROWING:
         for _ in range(50):
             r, K = residual(q, share)
             move = np.linalg.lstsq(K, r)[0]  # K is singular at the buckling load
@@ -32,7 +35,15 @@ def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Arra
                 break
     r, K = residual(q, 1.0)
     if not np.isfinite(q).all() or np.abs(r).max() > 1e-9 * stiffest or np.linalg.eigvalsh(K).min() <= 0:
-        raise SimulationError(
-            "the chain buckles under its load and has no stable equilibrium: raise the stiffness or lower the load"
-        )
+        raise SimulationError(BUCKLES)
     return q
+
+
+def settling(poses: int, size: int, inputs: int, load: Array) -> Settling:
+    """Return arrays for so many poses of a chain in space of `size` coordinates, at rest in its unloaded shape first.
+
+    `inputs` counts the torques of coordinates and the commands of tendons; `load` is that of forces on the links.
+    """
+    at, last, push, move = np.zeros((4, size), dtype=complex)
+    K = np.zeros((poses + 1, size, size))
+    return Settling(np.zeros((poses + 1, size)), K, at, last, np.zeros(inputs, complex), push, move, load + 0.0j)

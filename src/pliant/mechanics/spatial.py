@@ -14,12 +14,13 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
+from pliant.equations.poses import settle
 from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialSlopes, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
-from pliant.mechanics.rest import loaded_rest
+from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
 
 Array = np.ndarray
@@ -306,15 +307,17 @@ class SpatialChain(Mechanics):
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
         load = self.no_loads() if link_load is None else np.array(link_load)
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
-        light = self.with_constants(self.body, self.joints)
-
-        def residual(q: Array, share: float) -> tuple[Array, Array]:
-            body = self.body
-            light.body = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
-            push = light.static_forces(q, share * torque) + light.load_forces(q, share * load)
-            return push, -light.static_slope(q, share * load if load.any() else None, share * torque)
-
-        q = loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
+        found = settling(0, self.size, torque.size, load)
+        body, joints = (of_kind(record, complex) for record in (self.body, self.joints))
+        body = body._replace(friction=0.0 * body.friction)  # nothing has moved that could rub
+        work, stable = self.workspace(complex), 0.0
+        for share in GROWING:
+            found.load[:] = share * load
+            part = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
+            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, found, found.K[0])
+        q = found.at.real.copy()
+        if not stable > 0.0:
+            raise SimulationError(BUCKLES)
         if (self.stretches(q) <= LEAST_STRETCH).any():
             raise SimulationError("a segment is compressed to nothing: raise its axial stiffness, or lower the load")
         return q

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.plotting import REST_COLOUR, new_figure, style
 from pliant.simulation.result import ENDINGS
+from pliant.units import KIND_OF, shown_in
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,7 +97,7 @@ def sweep_figure(samples: Any) -> Figure:
 
 
 def control_figure(
-    time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",)
+    time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",), unit: str = "Pa"
 ) -> Figure:
     """Draw a controlled tip: wanted and reached displacement above, command and measured pressure below.
 
@@ -107,7 +108,10 @@ def control_figure(
     command, pressure : (T,) array, Pa; (T, C) for several chambers
     names : sequence of str
         Names of the outputs.
+    unit : str
+        SI unit of command and pressure: of tendons "N", "m" or "rad".
     """
+    factor, word = shown_in(unit)
     with style():
         figure, panels = new_figure(2, 1, height=3.4, sharex=True)
         for name, seen, asked in zip(names, by_column(reached), by_column(wanted), strict=True):
@@ -116,9 +120,10 @@ def control_figure(
         panels[0].set_ylabel("tip displacement (mm)" if len(names) == 1 else "change of outputs (mm, mrad)")
         for c, (asked, read) in enumerate(zip(by_column(command), by_column(pressure), strict=True)):
             own = f" {c + 1}" if np.ndim(command) > 1 else ""
-            panels[1].step(time, asked * 1e-3, where="post", label=f"command{own}")
-            panels[1].plot(time, read * 1e-3, label=f"measured{own}", linewidth=0.7)
-        panels[1].set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
+            panels[1].step(time, asked * factor, where="post", label=f"command{own}")
+            panels[1].plot(time, read * factor, label=f"measured{own}", linewidth=0.7)
+        kind = "gauge pressure" if unit == "Pa" else KIND_OF[unit]
+        panels[1].set(xlabel="time (s)", ylabel=f"{kind} ({word})")
         for panel in panels:
             panel.legend(loc="best")
         figure.align_ylabels()
