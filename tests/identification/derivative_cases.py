@@ -60,6 +60,8 @@ VALUES: dict[str, float] = {
     "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6,
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04, "inflation_jm": 3.0,
     "body_stiffness": 0.85, "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
+    "axial_creep_share_1": 0.3, "axial_creep_time_1": 0.2, "axial_slip_share_1": 0.4, "axial_slip_strain_1": 0.003,
+    "axial_stiffening": -15.0, "axial_cubic_stiffening": 800.0, "axial_stiffening_bound": 0.1,
     "elastic_wall_lever": 5e-7, "elastic_wall_compliance": 1.1e-6,
     **{f"{law.name}_{name}": value for law in LAWS for name, value in law.start(LEVELS, TORQUES).items()},
 }  # fmt: skip

@@ -37,7 +37,8 @@ def test_zero_is_a_size_of_all_but_what_divides():
     for name in set(LIMITS) - refused:
         check_limit("model", name, 0.0)
     assert refused == {"link_length", "stiffness", "axial_stiffness", "swell_time", "inflation_time", "settle_time",
-                       "creep_time", "slip_angle", "slip_rate", "boucwen_exponent"}  # fmt: skip
+                       "creep_time", "slip_angle", "axial_creep_time", "axial_slip_strain", "slip_rate",
+                       "boucwen_exponent"}  # fmt: skip
     with pytest.raises(InputError, match=r"1 to 1e\+12 Pa, or be 0, got 0\.5: check"):
         check_limit("model", "inflation_limit", 0.5)
     with pytest.raises(InputError, match=r"size of 0 to 1e\+06, got 2e\+06"):

@@ -20,6 +20,7 @@ from pliant.equations import (
     energy,
     extension,
     extension_linearised,
+    extension_memory,
     linearised,
     memory,
     motion,
@@ -63,23 +64,31 @@ SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
+AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments have hysteresis too
+    memory.step_with_memory: extension_memory.step_with_axial_memory, memory.relax: extension_memory.relax_all,
+    memory.follow_change: extension_memory.follow_all,
+}
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
 SOURCES = (  # source files of a compiled kernel with replaced steps
-    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
+    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, extension_memory.__file__,
+    spatial.__file__,
     spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__,
     spatial_observation.__file__, spatial_points.__file__, spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
-def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def twin(
+    kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """Return the compiled form of a plain Python `kernel`, with the same arguments, optimised for a chain of the given
     size.
 
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
     (`turns`), the steps are those of `equations.spatial`, with the number of `tendons`.
+    `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`: laws of segments beyond linear springs and dampers.
     """
-    return made(kernel, links, segments, turns, tendons)
+    return made(kernel, links, segments, turns, tendons, axial)
 
 
 @cache
@@ -98,7 +107,8 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 @cache
 def straight(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> Any:
     """Return a plain kernel compiled as straight-line code, without loops, for a chain of n links, with the same
     arguments as the kernel.
@@ -108,22 +118,23 @@ def straight(
     """
     from pliant.compiler.llvm import compiled
 
-    size = size_tag(n, segments, turns, tendons) + "_fused" * (kernel in FUSED) + "_memory" * remembers
+    size = size_tag(n, segments, turns, tendons, axial) + "_fused" * (kernel in FUSED) + "_memory" * remembers
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, remembers=remembers)
+    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, axial, remembers=remembers)
     return compiled(name, recorded, fused=kernel in FUSED)
 
 
-def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
+def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
     """Return the part of a compiled kernel's name that states the chain size: links, extensible segments, joint angles,
-    tendons.
+    tendons, and which laws the segments have.
     """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
-    return "_".join(map(str, [links or "n", *behind]))
+    return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
 
 
 def substitutes(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    loops: bool = False,
 ) -> dict[Any, Any]:
     """Return {plain kernel: compiled replacement} for all functions called by `kernel` that have a faster form for this
     chain size.
@@ -136,7 +147,7 @@ def substitutes(
         sizes = links, segments, turns, tendons
         return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
-        made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
+        made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
     if linearised.step_jacobian in found:
         jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
@@ -144,6 +155,14 @@ def substitutes(
             made[jacobian] = twin(extension_linearised.step_jacobian)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
+    if axial & trace.REMEMBERS:
+        steps: dict[Any, Any] = {extension.step: extensible_step(links, segments, axial)}
+        for plain, own in AXIAL.items():
+            if plain in found:
+                made[plain] = compiled_twin(
+                    own, size_tag(links, segments, axial=axial), lambda callee: steps.get(callee) or twin(callee),
+                    SOURCES, replaced=steps,
+                )
     if segments and contact.add_link_loads in found:
         made[contact.add_link_loads] = twin(extension.add_link_loads)
     return made
@@ -197,10 +216,10 @@ def fast_step(links: int) -> Any:
     return twin(articulated.step_articulated)
 
 
-def extensible_step(links: int, segments: int) -> Any:
+def extensible_step(links: int, segments: int, axial: int = 0) -> Any:
     """Return the compiled time step of a planar chain of `links` links with `segments` extensible segments."""
     if links + segments <= MOST_LINKS:
-        return straight(extension.step, links, segments)
+        return straight(extension.step, links, segments, axial=axial)
     return twin(extension.step)
 
 

@@ -91,7 +91,9 @@ def _run(*arguments):
 
 
 @cache
-def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def dual_twin(
+    kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """Return a kernel compiled for dual numbers: it takes arrays of floats (..., SLOTS), each row a value with its
     derivatives.
 
@@ -99,7 +101,7 @@ def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns:
 
     Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
     """
-    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons)  # loops fit any size
+    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)  # loops fit any size
     inner = _inner(kernel, *sizes)
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__

@@ -202,13 +202,15 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 
 @cache
-def lane_twin(kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
+def lane_twin(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
     """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
     lock.
 
     The sizes are those of `choose.twin`.
     """
-    sizes = links, segments, turns, tendons
+    sizes = links, segments, turns, tendons, axial
     fast = choose.substitutes(kernel, *sizes)
     if kernel in fast:
         return fast[kernel]

@@ -17,6 +17,7 @@ from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
+    ExtensibleJoints,
     ExtensibleWorkspace,
     Joints,
     Slopes,
@@ -29,6 +30,9 @@ from pliant.equations.symbols import (
 # Scratch arrays which a kernel leaves as results for its caller; for kernels not listed, only work.a.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
 KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("work.B",)}
+
+
+CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
 
 
 class Tape:
@@ -167,13 +171,14 @@ def example_arguments(n: int) -> dict[str, Any]:
     }
 
 
-def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
+def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of an extensible planar chain of n links
     may have.
 
     These are the kernels of `equations.extension`, for `segments` segments.
     """
     size = n + segments
+    curved, moved = n + segments * bool(axial & CURVED), segments * bool(axial & REMEMBERS)
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -183,7 +188,9 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, n), zeros(n)),
+        "joints": ExtensibleJoints(
+            0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, curved), zeros(n), zeros(moved),
+        ),
         "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
     }
 
@@ -240,10 +247,13 @@ def spatial_arguments(
 
 
 def recording(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> KernelProgram:
     """Return the recorded operations of a kernel for a chain of n links with the given numbers of segments, angles and
     tendons.
+
+    `axial`: laws of the segments, as in `choose.twin`.
 
     `segments` is the number of segments that lengthen.
 
@@ -252,7 +262,7 @@ def recording(
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)
     else:
-        examples = extensible_arguments(n, segments) if segments else example_arguments(n)
+        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     kept = KEPT.get(kernel.__name__, ("work.a",))
     return record(kernel, {name: examples[name] for name in names}, kept=kept)

@@ -164,6 +164,9 @@ def follows(phi, w, h, joints):
     for i in range(len(joints.theta0), len(phi)):
         if not (abs((w[i] * h).real) <= 1.0 and phi[i].real > LEAST_STRETCH - 1.0):
             return False
+    for i in range(len(joints.theta0), joints.hardening.shape[1]):
+        if not spring_slope(i, joints, phi[i]).real > 0.0:
+            return False
     return True
 
 

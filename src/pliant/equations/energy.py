@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pliant.equations.elastic import bending_energy
+from pliant.equations.elastic import bending_energy, spring_energy
 
 
 def kinetic_energy(c, s, w, body):
@@ -24,7 +24,9 @@ def elastic_energy(phi, joints):
     `phi` holds the absolute angles (n,), and behind them the strains (S,) of segments that lengthen.
     """
     value = bending_energy(phi, joints)
-    for i in range(len(joints.theta0), len(phi)):
+    for i in range(len(joints.theta0), joints.hardening.shape[1]):
+        value = value + spring_energy(i, joints, phi[i], phi[i])
+    for i in range(joints.hardening.shape[1], len(phi)):
         value = value + 0.5 * joints.K[i] * phi[i] * phi[i]
     return value
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.elastic import joint_tangents, joint_torques
+from pliant.equations.elastic import joint_tangents, joint_torques, spring_slope, spring_torque
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
@@ -151,11 +151,28 @@ def acceleration(x, v, torque, body, joints, work, a):
     inertial_forces(v, body, work, work.f)
     for k in range(n):
         a[k] = t[k] - t[k + 1] - work.f[k]
+    axial_forces(x, v, joints, torque, 0.0, a)
     for i in range(n, len(x)):
-        a[i] = torque[i] - joints.K[i] * x[i] - joints.D[i] * v[i] - work.f[i]
+        a[i] = a[i] - work.f[i]
     inertia(body, work, work.A)
     ldl_factor(work.A)
     ldl_solve(work.A, a)
+
+
+def axial_forces(x, v, joints, torque, ahead, f):
+    """Net forces of drive, spring and damper along each strain, times its length, behind the n entries of f; N m.
+
+    The law of the springs is that of the joints, with the strain in the place of the angle: EA e (1 + s e + a e^2) with
+    bounded softening, see `elastic.spring_torque`. `ahead` [s] looks ahead along the rates v.
+    """
+    n = len(joints.theta0)
+    for i in range(n, joints.hardening.shape[1]):
+        e = x[i] + ahead * v[i]
+        f[i] = torque[i] - spring_torque(i, joints, e, e) - joints.D[i] * v[i]
+    for i in range(joints.hardening.shape[1], len(x)):
+        f[i] = torque[i] - joints.K[i] * (x[i] + ahead * v[i]) - joints.D[i] * v[i]
+    for i in range(len(joints.rest)):
+        f[n + i] = f[n + i] + joints.K[n + i] * joints.rest[i]
 
 
 def step(x, v, h, torque, body, joints, work):
@@ -180,10 +197,13 @@ def step(x, v, h, torque, body, joints, work):
     joint_torques(x, v, joints, torque, half, t)
     for k in range(n):
         r[k] = h * (t[k] - t[k + 1])
+    axial_forces(x, v, joints, torque, half, r)
     for i in range(n, len(x)):
-        r[i] = h * (torque[i] - joints.K[i] * (x[i] + half * v[i]) - joints.D[i] * v[i])
+        r[i] = h * r[i]
     inertia(body, work, A)
     joint_tangents(x, v, joints, half, a)
+    for i in range(n, joints.hardening.shape[1]):
+        a[i] = spring_slope(i, joints, x[i] + half * v[i])
     implicit_terms(half, body, joints, work, A)
     ldl_factor(A)
     inertial_forces(v, body, work, work.f)
@@ -224,7 +244,9 @@ def implicit_terms(half, body, joints, work, A):
         weight = quarter * body.h[k + 1] * (body.gx * c + body.gy * s)
         for i in range(n, A.shape[0]):
             A[i, k] = A[i, k] + body.share[k + 1, i - n] * weight
-    for i in range(n, A.shape[0]):
+    for i in range(n, joints.hardening.shape[1]):
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * work.a[i]
+    for i in range(joints.hardening.shape[1], A.shape[0]):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
 
 

@@ -10,6 +10,7 @@ its own two directions and, through b, the forces of all other links.
 
 from __future__ import annotations
 
+from pliant.equations.elastic import spring_slope_between
 from pliant.equations.extension import along_strain, carried, inertial_forces, step
 from pliant.equations.linearised import finish, tridiagonal_terms
 from pliant.numerics.ldl import ldl_solve
@@ -42,7 +43,7 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
         for u in range(2 * N):
             J[N + k, u] = 0.5 * h * J[k, u]  # the rates move the middle by half a step
     tridiagonal_terms(x, v, h, joints, work, J)
-    axial_terms(h, joints, J)
+    axial_terms(x, v, h, joints, work, J)
     for i in range(N):
         work.v[i] = v[i] - work.a[i]
     for k in range(N):
@@ -191,13 +192,21 @@ def seen(body, work, row):
         row[n + s] = row[n + s] - along_strain(s, body, work)
 
 
-def axial_terms(h, joints, J):
-    """Add the derivatives of the segments' axial springs, dampers and torques to the step's Jacobian J (3N, 2N)."""
+def axial_terms(x, v, h, joints, work, J):
+    """Add the derivatives of the segments' axial springs, dampers and torques to the step's Jacobian J (3N, 2N).
+
+    x and v are those after the step, as in `linearised.tridiagonal_terms`.
+    """
     N = len(joints.K)
     for i in range(len(joints.theta0), N):
         spring = h * joints.K[i]
         for stage in range(2):
             o = stage * N + i
+            if i < joints.hardening.shape[1]:
+                change = work.r[i]
+                if stage == 1:
+                    change = work.a[i]
+                spring = h * spring_slope_between(i, joints, x[i] - 0.5 * h * v[i], 0.5 * h * change)
             J[i, o] = J[i, o] - spring
             J[N + i, o] = J[N + i, o] - h * (0.5 * spring + joints.D[i])
             J[2 * N + i, o] = J[2 * N + i, o] + h

@@ -307,29 +307,33 @@ def agreement(w, h, past, work, calm):
     Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
     failed.
     """
-    memory = past.memory
-    state = past.state
     held = past.held
     worst = 0.0
     rate = 0.0 * w[0]
-    P = len(memory.creep_share)
-    S = len(memory.slip_share)
-    for i in range(len(held.q)):
+    for i in range(len(held.theta0)):
         mean = w[i] - 0.5 * work.a[i]
         turn = h * (mean - rate)
         rate = mean
-        middle = held.q[i] + 0.5 * turn
-        apart = (held.slope[i] - held.creep_slope[i]) * middle + (held.offset[i] - held.creep_offset[i])
-        for j in range(S):
-            e = state[i, P + j]
-            limit = memory.slip_angle[j]
-            apart = apart - 0.5 * memory.slip_share[j] * (e + stretched(e, turn, limit))
-        if memory.boucwen_share.real > 0.0:
-            z = state[i, P + S]
-            apart = apart - memory.boucwen_share * (z + 0.5 * turn) / (1.0 + boucwen_decay(z, turn, memory))
-        if not size(apart).real <= worst:
-            worst = size(apart).real
-        if calm and size(apart).real > AGREE:
+        apart = size(apart_by(i, turn, past.memory, past.state, held)).real
+        if not apart <= worst:
+            worst = apart
+        if calm and apart > AGREE:
             turn = 0.5 * (turn + held.dq[i])
         held.dq[i] = turn
     return worst
+
+
+def apart_by(i, turn, memory, state, held):
+    """Difference [rad] between r of row i as the step took it and as it comes out of the `turn` made."""
+    P = len(memory.creep_share)
+    S = len(memory.slip_share)
+    middle = held.q[i] + 0.5 * turn
+    apart = (held.slope[i] - held.creep_slope[i]) * middle + (held.offset[i] - held.creep_offset[i])
+    for j in range(S):
+        e = state[i, P + j]
+        limit = memory.slip_angle[j]
+        apart = apart - 0.5 * memory.slip_share[j] * (e + stretched(e, turn, limit))
+    if memory.boucwen_share.real > 0.0:
+        z = state[i, P + S]
+        apart = apart - memory.boucwen_share * (z + 0.5 * turn) / (1.0 + boucwen_decay(z, turn, memory))
+    return apart

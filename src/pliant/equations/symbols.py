@@ -85,12 +85,7 @@ class Links(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Springs and dampers of the joints of a planar chain, and the direction of the base tangent.
-
-    For a body that lengthens, K and D (n + S,) hold the values of the joints and then of the segments: EA L [N m] and
-    the damping times L [N m s].
-
-    """
+    """Springs and dampers of the joints of a planar chain, and the direction of the base tangent."""
 
     base_angle: float  # rad, the base tangent from +y
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
@@ -98,6 +93,22 @@ class Joints(NamedTuple):
     D: np.ndarray  # (n,) N m s/rad
     hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
     unloaded: np.ndarray  # (n,) rad, theta0 without the shift by hysteresis; K2, K3 ... act on the angle from here
+
+
+class ExtensibleJoints(NamedTuple):
+    """As `Joints`, of a body that lengthens, with S axial springs and dampers behind those of the joints.
+
+    Where no segment softens or stiffens, `hardening` has the columns of the joints alone; where no segment has
+    hysteresis, `rest` is empty.
+    """
+
+    base_angle: float  # rad
+    theta0: np.ndarray  # (n,) rad
+    K: np.ndarray  # (n + S,) N m/rad; EA L [N m] of the segments
+    D: np.ndarray  # (n + S,) N m s/rad; axial damping times L [N m s]
+    hardening: np.ndarray  # (terms + 1, n) or (terms + 1, n + S); of the segments EA L times s and a, and R
+    unloaded: np.ndarray  # (n,) rad
+    rest: np.ndarray  # (S,) strains at which the linear axial springs hold nothing, which hysteresis moves; or (0,)
 
 
 class SpatialJoints(NamedTuple):
@@ -140,6 +151,23 @@ class MemoryLaw(NamedTuple):
     boucwen_beta: float  # 1/rad^n
     boucwen_gamma: float  # 1/rad^n, at most beta in size
     boucwen_exponent: float  # n, at least 1
+
+
+class AxialMemoryLaw(NamedTuple):
+    """As `MemoryLaw`, with creep branches and slip elements of segments that lengthen, in parts of their EA."""
+
+    creep_share: np.ndarray  # (P,)
+    creep_time: np.ndarray  # (P,) s
+    slip_share: np.ndarray  # (S,)
+    slip_angle: np.ndarray  # (S,) rad
+    boucwen_share: float
+    boucwen_beta: float  # 1/rad^n
+    boucwen_gamma: float  # 1/rad^n
+    boucwen_exponent: float
+    axial_creep_share: np.ndarray  # (Q,)
+    axial_creep_time: np.ndarray  # (Q,) s
+    axial_slip_share: np.ndarray  # (R,)
+    axial_slip_strain: np.ndarray  # (R,)
 
 
 class ChamberConstants(NamedTuple):
@@ -216,6 +244,23 @@ class Held(NamedTuple):
     springs: Joints
 
 
+class ExtensibleHeld(NamedTuple):
+    """As `Held`, of a body whose N = n + S coordinates all have hysteresis: joints, and segments that lengthen."""
+
+    phi: np.ndarray  # (N,) at the start
+    w: np.ndarray  # (N,) at the start
+    q: np.ndarray  # (N,) joint angles and strains at the start
+    dq: np.ndarray  # (N,) their changes over the step
+    creep_slope: np.ndarray  # (N,)
+    creep_offset: np.ndarray  # (N,)
+    slope: np.ndarray  # (N,)
+    offset: np.ndarray  # (N,)
+    K: np.ndarray  # (N,) that of `springs`
+    theta0: np.ndarray  # (n,) that of `springs`
+    rest: np.ndarray  # (S,) that of `springs`
+    springs: ExtensibleJoints
+
+
 class SpatialHeld(NamedTuple):
     """Scratch arrays of one time step with hysteresis of a chain in space, in which m of the N coordinates have
     hysteresis states.
@@ -231,9 +276,9 @@ class SpatialHeld(NamedTuple):
 class Past(NamedTuple):
     """Hysteresis law of a chain, the present hysteresis states of its joints, and scratch arrays of a step."""
 
-    memory: MemoryLaw
-    state: np.ndarray  # (n, branches) rad; in space (m, branches)
-    held: Held | SpatialHeld
+    memory: MemoryLaw | AxialMemoryLaw
+    state: np.ndarray  # (n, branches) rad; (n + S, branches) where segments remember; in space (m, branches)
+    held: Held | ExtensibleHeld | SpatialHeld
 
 
 class Workspace(NamedTuple):

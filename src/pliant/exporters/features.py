@@ -12,6 +12,7 @@ from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Memory, Model, Space, Tendon
+from pliant.model.extension import CURVES
 from pliant.model.model import DEFAULTS
 from pliant.model.spring import SPRING_TERMS
 from pliant.simulation.state import equilibrium, first_alone, typical_pressure
@@ -169,6 +170,18 @@ def longer(model: Model) -> tuple[str, ...]:
     return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
 
 
+def linear_segments(model: Model) -> Model:
+    """The model with linear axial springs."""
+    straight: dict[str, Any] = dict.fromkeys(CURVES)
+    return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
+
+
+def without_segments(model: Model) -> Model:
+    """The model with no segment that lengthens, and no hysteresis of one."""
+    return of_memory(**dict.fromkeys(AXIAL_BRANCHES, ()))(model).with_(extensions=())
+
+
+AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain"))
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
@@ -190,12 +203,21 @@ FEATURES: dict[str, Feature] = {
         ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
     ),
     "lengthening": Feature(
-        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), lambda m: m.with_(extensions=()),
+        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), without_segments,
         LENGTHENING,
     ),
     "space_lengthening": Feature(
-        "a body in space that lengthens", lambda m: longer(m) if m.space else (), lambda m: m.with_(extensions=()),
+        "a body in space that lengthens", lambda m: longer(m) if m.space else (), without_segments,
         LENGTHENING,
+    ),
+    "curved_segments": Feature(
+        "axial springs that soften or stiffen",
+        lambda m: tuple(f"axial spring of segment {e.name} that softens or stiffens" for e in m.extensions if e.curved),
+        linear_segments, tuple(f"Extension.{name}" for name in CURVES),
+    ),
+    "axial_memory": Feature(
+        "hysteresis of segments that lengthen", when("hysteresis of segments", lambda m: m.memory.has_axial),
+        of_memory(**dict.fromkeys(AXIAL_BRANCHES, ())), tuple(f"Memory.{name}" for name in AXIAL_BRANCHES),
     ),
     "gravity": Feature(
         "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),
@@ -320,6 +342,7 @@ KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.val
 ALL = frozenset(FEATURES)
 LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # later terms of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
+AXIAL = frozenset({"curved_segments", "axial_memory"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.features import ALL, LATER_TERMS, RUBBER
+from pliant.exporters.features import ALL, AXIAL, LATER_TERMS, RUBBER
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -42,7 +42,7 @@ from pliant.simulation.state import equilibrium, typical_pressure
 from pliant.text import identifiers
 
 Array = np.ndarray
-CAN = ALL - RUBBER - LATER_TERMS - {
+CAN = ALL - AXIAL - RUBBER - LATER_TERMS - {
     "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
     "opening", "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
 }

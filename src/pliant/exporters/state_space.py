@@ -29,7 +29,7 @@ from pliant.model import Model
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
 CAN = ALL - RUBBER - {"points", "two_lags", "rates", "opening", "settling", "dead_band", "slip", "boucwen",
-                      "space_memory", "tendon_friction"}  # fmt: skip
+                      "axial_memory", "space_memory", "tendon_friction"}  # fmt: skip
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:

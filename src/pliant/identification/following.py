@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import spatial_memory
-from pliant.equations.symbols import MemoryLaw, Past
+from pliant.equations.symbols import ExtensibleHeld, MemoryLaw, Past
 from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
@@ -80,7 +80,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     start = numbers.phi, kind.of(np.zeros(chain.size))
     if model.memory:
         states, held = initial_hysteresis(forward, numbers, kind), hysteresis_workspace(forward, numbers.joints, kind)
-        past = Past(MemoryLaw(*numbers.memory), states, held)
+        past = Past(numbers.memory, states, held)
         failed = kind.twin(follow_loops.follow_with_memory, n if any(more) else None, *more)(
             *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
         )
@@ -137,4 +137,7 @@ def hysteresis_workspace(forward: ForwardProblem, joints: Any, kind: NumberKind)
         turned_rest = kind.of(np.zeros(forward.model.size))
         return type(workspace)(springs=joints._replace(theta0=turned_rest, line=rows["line"]), **rows)
     rows["K"][:] = joints.K  # with axial ones: the step writes those of the joints alone
-    return type(workspace)(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+    springs = joints._replace(theta0=rows["theta0"], K=rows["K"])
+    if isinstance(workspace, ExtensibleHeld):
+        springs = springs._replace(rest=rows["rest"])
+    return type(workspace)(springs=springs, **rows)

@@ -12,11 +12,14 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
+    ExtensibleHeld,
+    ExtensibleJoints,
     ExtensibleWorkspace,
     Held,
     Joints,
@@ -81,13 +84,25 @@ class PlanarChain(Mechanics):
         return ExtensibleBody(B, self.length, h, self.stretch_share, gx, gy)
 
     @cached_property
-    def joints(self) -> Joints:
+    def joints(self) -> Joints | ExtensibleJoints:
         model = self.model
         axial = np.reshape([(e.stiffness, e.damping) for e in model.extensions], (-1, 2)).T * model.segment_length
         K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
         hardening = springs.springs_of(model).hardening
         # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
-        return Joints(model.base_angle, np.array(model.rest_angle), K, D, hardening, np.array(model.rest_angle))
+        given = model.base_angle, np.array(model.rest_angle), K, D
+        if not self.segments:
+            return Joints(*given, hardening, np.array(model.rest_angle))
+        if self.axial_laws & CURVED:
+            hardening = np.concatenate([hardening, springs.axial_springs_of(model).hardening], axis=1)
+        moved = np.zeros(self.segments if self.axial_laws & REMEMBERS else 0)
+        return ExtensibleJoints(*given, hardening, np.array(model.rest_angle), moved)
+
+    @cached_property
+    def axial_laws(self) -> int:
+        """Laws of the segments beyond linear springs, for which kernels are compiled: `compiler.choose.twin`."""
+        curved = any(e.curved for e in self.model.extensions)
+        return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
@@ -108,7 +123,8 @@ class PlanarChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, self.segments
+        laws = (1, 0, self.axial_laws) if self.axial_laws else ()
+        return self.n, self.segments, *laws
 
     # coordinates
 
@@ -170,19 +186,25 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def stuck_stiffness(self) -> Array:
-        K, n = self.joints.K, self.n
-        return np.append(K[:n] * self.model.memory.instantaneous, 0.0 * K[n:])
+        K, n, memory = self.joints.K, self.n, self.model.memory
+        return np.append(K[:n] * memory.instantaneous, K[n:] * memory.axial.instantaneous)
 
     @property
     def remembering(self) -> int:
-        return self.n
+        return self.size if self.model.memory.has_axial else self.n
 
-    def held(self) -> Held:
+    def held(self) -> Held | ExtensibleHeld:
         joints = self.joints
+        if isinstance(joints, ExtensibleJoints) and joints.rest.size:
+            shapes = {"theta0": self.n, "rest": self.segments}
+            own = {f: np.zeros(shapes.get(f, self.size)) for f in ExtensibleHeld._fields if f != "springs"}
+            seen = joints._replace(theta0=own["theta0"], K=own["K"], rest=own["rest"])
+            return ExtensibleHeld(springs=seen, **own)
         size = {name: self.size if name in ("phi", "w") else self.n for name in Held._fields if name != "springs"}
         rows = {name: np.zeros(length) for name, length in size.items()}
         rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
-        return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+        plain: Any = joints  # of a body that lengthens, with its `rest` empty
+        return Held(springs=plain._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
 
     # positions
 
@@ -341,7 +363,7 @@ class PlanarChain(Mechanics):
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
         n, joints, T = self.n, self.joints, self.from_joints
         q = springs.angle_under(self.model, torque[:n])
-        q = np.append(q, torque[n:] / joints.K[n:]) if self.segments else q
+        q = np.append(q, springs.strain_under(self.model, torque[n:])) if self.segments else q
         load = self.weight() if link_load is None else self.weight() + link_load
         load[:, :2] += np.outer(self.length[-len(load) :], tip_force)
         if load.any():
@@ -362,9 +384,10 @@ class PlanarChain(Mechanics):
 
     def _springs(self, q: Array) -> tuple[Array, Array]:
         """Return torques and slopes (N,) of all springs in joint coordinates."""
-        n, joints, bent = self.n, self.joints, q[: self.n]
-        held, slope = spring_torque(slice(0, n), joints, bent, bent), spring_slope(slice(0, n), joints, bent)
-        return np.append(held, joints.K[n:] * q[n:]), np.append(slope, joints.K[n:])
+        joints, curved = self.joints, self.joints.hardening.shape[1]
+        bent, own = q[:curved], slice(0, curved)
+        held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
+        return np.append(held, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
         x, T = self.coordinates(q), self.from_joints

@@ -155,6 +155,35 @@ def angle_under(model: Model, torque: Array) -> Array:
     return q
 
 
+def axial_springs_of(model: Model) -> Springs:
+    """Return the axial springs of the segments that lengthen, K = EA L [N m] by strain."""
+    segments = model.extensions
+    terms = np.reshape([[getattr(e, name) or 0.0 for e in segments] for name in SPRING_TERMS], (TERMS, len(segments)))
+    stiffness = np.array([e.stiffness for e in segments]) * model.segment_length
+    return Springs(stiffness, terms, np.array([e.stiffening_bound or 0.0 for e in segments]))
+
+
+def strain_under(model: Model, force: Array) -> Array:
+    """Return the strains (S,) at which axial springs alone hold `force` (S,), axial force times length [N m].
+
+    Raises
+    ------
+    SimulationError
+        When a softening spring cannot hold it.
+    """
+    axial = axial_springs_of(model)
+    strain = axial.bend(force)
+    if not np.isfinite(strain).all():
+        s = int(np.argmin(np.isfinite(strain)))
+        length = model.segment_length[s]
+        raise SimulationError(
+            f"the axial spring of segment {model.extensions[s].name!r}, which softens with its strain, holds at most "
+            f"{axial.most(force)[s] / length:.4g} N, but {abs(force[s]) / length:.4g} N stretch it: lower the pressure "
+            "or the size of the stiffening, or bound it (stiffening_bound)"
+        )
+    return strain
+
+
 def softened(model: Model, q: Array, least: float = 0.0) -> str:
     """Return a message on the first spring whose stiffness at the angles q (n,) [rad] is at most `least` times K, or ''
     if there is none.
@@ -168,4 +197,18 @@ def softened(model: Model, q: Array, least: float = 0.0) -> str:
     return (
         f"the spring of joint {i + 1} has lost its stiffness at {q[i]:.4g} rad, beyond the range of the stiffening of "
         f"{described}: lower the pressure, or use a stiffening closer to 0"
+    )
+
+
+def softened_segment(model: Model, strain: Array, least: float = 0.0) -> str:
+    """Return a sentence on the first axial spring whose slope at `strain` (S,) falls to `least` of EA, or ''."""
+    axial = axial_springs_of(model)
+    lost = np.flatnonzero(axial.slope(strain) <= least * axial.K)
+    if not lost.size:
+        return ""
+    segment = model.extensions[int(lost[0])]
+    return (
+        f"the axial spring of segment {segment.name!r} has softened to nothing at a strain of "
+        f"{strain[int(lost[0])]:.4g}, beyond what its stiffening describes: lower the pressure or the size of the "
+        "stiffening"
     )

@@ -73,6 +73,7 @@ def check_extensions(model: ModelParameters) -> None:
     """Raise InputError if a model's extensible segments overlap, share a name or a mass, contain no link, or do not fit
     its chambers.
     """
+    check_laws(model)
     if not (names := [e.name for e in model.extensions]):
         return
     if len(set(names)) < len(names):
@@ -96,3 +97,21 @@ def check_extensions(model: ModelParameters) -> None:
                 f"chamber {chamber.name!r}: axial_gain must be one number or {len(names)} (one for each segment), got "
                 f"{chamber.axial_gain.size}"
             )
+
+
+def check_laws(model: ModelParameters) -> None:
+    """Raise InputError where hysteresis or curved springs of segments have no segment, or one in space."""
+    if model.memory.has_axial and len(model.extensions) == 0:
+        raise InputError(
+            f"memory axial_*: {model.name!r} has no segment that lengthens: leave these branches out, or give it "
+            "extensions"
+        )
+    if model.memory.has_axial and model.space:
+        raise InputError(
+            f"memory axial_*: {model.name!r} is in space, where segments have no hysteresis: leave these branches out"
+        )
+    if model.space and (curved := [e.name for e in model.extensions if e.curved]):
+        raise InputError(
+            f"extension {curved[0]!r} softens or stiffens, which is for a body in a plane: leave out its stiffening "
+            "and cubic_stiffening"
+        )

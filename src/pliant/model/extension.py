@@ -11,8 +11,10 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.checks import one_number
 from pliant.model.limits import check_limit
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 Array = np.ndarray
+CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring soften or stiffen, as those of a joint
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,11 @@ class Extension:
         Start and end of the segment along the unstretched chain from the origin, m; default: the whole body. The parts
         of links within it, and of the part before the first joint, lengthen.
     name : str
+    stiffening, cubic_stiffening : float, optional
+        s and a of an axial spring EA e (1 + s e + a e^2) of the strain e: the law of the joints' springs, which softens
+        with s < 0 and stiffens again with a > 0. None of both: a linear spring, which takes less time.
+    stiffening_bound : float, optional
+        f, by which s changes the slope at most: it stays within EA (1 - f) and EA (1 + f). Below 1; 0: no bound.
 
     Raises
     ------
@@ -47,6 +54,9 @@ class Extension:
     start: float = 0.0
     stop: float | None = None
     name: str = "body"
+    stiffening: float | None = None
+    cubic_stiffening: float | None = None
+    stiffening_bound: float | None = None
 
     def __post_init__(self) -> None:
         for field in ("stiffness", "damping", "start", *(() if self.stop is None else ("stop",))):
@@ -59,8 +69,23 @@ class Extension:
                 )
         check_limit(f"extension {self.name!r}:", "axial_stiffness", self.stiffness)
         check_limit(f"extension {self.name!r}:", "axial_damping", self.damping)
+        for field in (name for name in CURVES if getattr(self, name) is not None):
+            value = one_number(f"extension {self.name!r}: {field}", getattr(self, field))
+            object.__setattr__(self, field, value)
+            if not np.isfinite(value):
+                raise InputError(f"extension {self.name!r}: {field} must be finite, got {value}")
+            check_limit(f"extension {self.name!r}:", field, value)
+        if not 0 <= (self.stiffening_bound or 0.0) < 1:
+            raise InputError(
+                f"extension {self.name!r}: {SPRING_BOUND} must be from 0 to below 1, got {self.stiffening_bound}"
+            )
         if self.stop is not None and not self.stop > self.start:
             raise InputError(f"extension {self.name!r} must stop after its start at {self.start} m, got {self.stop}")
+
+    @property
+    def curved(self) -> bool:
+        """Whether the axial spring may soften or stiffen: a fit can begin where it does neither yet."""
+        return any(getattr(self, name) is not None for name in SPRING_TERMS)
 
     def end(self, length: float) -> float:
         """Return the position [m] of the segment's end along an actuator of the given `length` [m]."""

@@ -124,10 +124,13 @@ class ExtensionEntry(BaseModel):
     damping: float = 0.0
     start: float = 0.0
     stop: float | None = None
+    stiffening: float | None = None
+    cubic_stiffening: float | None = None
+    stiffening_bound: float | None = None
 
 
 class MemoryEntry(BaseModel):
-    """Table of the joints' hysteresis parameters in a model file."""
+    """Table of the hysteresis parameters of joints and segments in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     creep_share: list[float] = []
@@ -138,6 +141,10 @@ class MemoryEntry(BaseModel):
     boucwen_beta: float = 50.0
     boucwen_gamma: float = 50.0
     boucwen_exponent: float = 1.0
+    axial_creep_share: list[float] = []
+    axial_creep_time: list[float] = []
+    axial_slip_share: list[float] = []
+    axial_slip_strain: list[float] = []
 
 
 class ModelFile(BaseModel):

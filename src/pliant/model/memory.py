@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from pliant.model.limits import MOST_TERMS, check_limit
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve
-PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
+PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"),
+         ("axial_creep_share", "axial_creep_time"), ("axial_slip_share", "axial_slip_strain"))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Memory:
-    """Hysteresis of every joint: creep, friction and Bouc-Wen branches in parallel with its spring, with stiffnesses as
-    fractions of K.
+    """Hysteresis of joints and extensible segments: creep, friction and Bouc-Wen branches in parallel with each spring,
+    with stiffnesses as fractions of its K or EA.
 
     Parameters
     ----------
@@ -36,6 +37,10 @@ class Memory:
     boucwen_beta, boucwen_gamma, boucwen_exponent : float
         ``dz = dq - (beta |dq| |z|^{n-1} z + gamma dq |z|^n)``, A = 1; beta and gamma in 1/rad^n, n the exponent. The
         size of z stays below ``(beta + gamma)^{-1/n}``.
+    axial_creep_share, axial_creep_time : tuple of float
+        Prony branches beside the axial spring of every segment that lengthens, in parts of its EA, and times, s.
+    axial_slip_share, axial_slip_strain : tuple of float
+        Maxwell-slip elements of the same, which slip where they are stretched by more than this strain.
 
     Raises
     ------
@@ -52,13 +57,17 @@ class Memory:
     boucwen_beta: float = 50.0
     boucwen_gamma: float = 50.0
     boucwen_exponent: float = 1.0
+    axial_creep_share: tuple[float, ...] = ()
+    axial_creep_time: tuple[float, ...] = ()
+    axial_slip_share: tuple[float, ...] = ()
+    axial_slip_strain: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             row = field.type.startswith("tuple")
             object.__setattr__(self, field.name, checked(field.name, value, row))
-        if (most := max(len(self.creep_share), len(self.slip_share))) > MOST_TERMS:
+        if (most := max(len(getattr(self, shares)) for shares, _ in PAIRS)) > MOST_TERMS:
             raise InputError(
                 f"memory (hysteresis) has at most {MOST_TERMS} branches of a kind, got {most}: use fewer creep or slip "
                 "branches"
@@ -86,7 +95,17 @@ class Memory:
 
     def __bool__(self) -> bool:
         """Return whether there is any branch."""
-        return bool(self.creep_share or self.slip_share or self.boucwen_share)
+        return bool(self.creep_share or self.slip_share or self.boucwen_share or self.has_axial)
+
+    @property
+    def has_axial(self) -> bool:
+        """Return whether the segments that lengthen have any branch."""
+        return bool(self.axial_creep_share or self.axial_slip_share)
+
+    @property
+    def axial(self) -> Memory:
+        """Return the branches of the segments in the form of those of a joint, with strains in place of angles."""
+        return Memory(self.axial_creep_share, self.axial_creep_time, self.axial_slip_share, self.axial_slip_strain)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -101,12 +120,15 @@ class Memory:
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
     def law(self) -> symbols.MemoryLaw:
-        """Return the hysteresis parameters as a record of arrays for the compiled kernels."""
-        return symbols.MemoryLaw(
+        """Return the hysteresis parameters as arrays for the kernels, an `AxialMemoryLaw` if segments have branches."""
+        joints = symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
             boucwen_exponent=self.boucwen_exponent,
         )
+        if not self.has_axial:
+            return joints
+        return cast("symbols.MemoryLaw", symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4]))
 
 
 class Springpot(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 
 from pliant.display import Card
 from pliant.drawing import body_svg
+from pliant.model.extension import Extension
 from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.model.spring import SPRING_TERMS, in_words
@@ -36,6 +37,15 @@ def chain(model: ModelParameters, turn: float) -> np.ndarray:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
+def curve(segment: Extension) -> str:
+    """Return by how much an axial spring softens or stiffens; "" for a linear one."""
+    if not segment.curved:
+        return ""
+    sizes = ", ".join(f"{term.letter} = {getattr(segment, name) or 0.0:.3g}" for name, term in SPRING_TERMS.items())
+    bound = f", slope by s at most {100 * segment.stiffening_bound:.3g} %" if segment.stiffening_bound else ""
+    return f", softens or stiffens with the strain ({sizes}{bound})"
+
+
 def sentences(model: ModelParameters) -> list[str]:
     """Return the sentences of a model's summary: chambers, stiffness, hysteresis, masses, gravity
     and observed points.
@@ -55,9 +65,11 @@ def sentences(model: ModelParameters) -> list[str]:
         said.insert(1, springs)
     for e, length in zip(model.extensions, model.segment_length, strict=True):
         damper = f", {e.damping:.4g} N s" if e.damping else ""
-        said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}")
-    if model.memory:
+        said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}{curve(e)}")
+    if model.memory.labels:
         said.append(f"hysteresis: {', '.join(model.memory.labels)}")
+    if model.memory.has_axial:
+        said.append(f"hysteresis of the segments: {', '.join(model.memory.axial.labels)}")
     if model.tip_mass:
         said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
     if model.mass_at == "tip":

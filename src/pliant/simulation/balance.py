@@ -16,6 +16,7 @@ from pliant.equations.memory import memory_stored
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation.accuracy import LIMIT, AccuracyWarning
+from pliant.simulation.memory import laws_of
 
 Array = np.ndarray
 MOST_MISSING = 0.01  # of the exchanged energy, see `energy_defects`
@@ -109,8 +110,9 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
     """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, law = chain.joint_coordinates(x), chain.joints.K, model.memory.law()
-    held = [K[i] * memory_stored(i, q[i], states, law) for i in range(len(states))] if model.memory else [0.0]
+    q, K, held = chain.joint_coordinates(x), chain.joints.K, [0.0]
+    if model.memory:
+        held = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
     return np.array([kinetic, elastic, weight, sum(held)], dtype=float)
 
 

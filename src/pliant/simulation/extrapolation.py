@@ -47,7 +47,7 @@ def extrapolated(coarse: Marched, fine: Marched) -> Marched:
 def smooth(problem: InitialValueProblem) -> bool:
     """Return whether the error of a simulation is a series in the square of its step."""
     memory = problem.model.memory
-    return not (memory.slip_share or memory.boucwen_share or problem.forces)
+    return not (memory.slip_share or memory.boucwen_share or memory.axial_slip_share or problem.forces)
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:

@@ -19,7 +19,9 @@ from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 from pliant.equations.symbols import (
     ActuationConstants,
+    AxialMemoryLaw,
     Body,
+    ExtensibleHeld,
     Held,
     Joints,
     Lag,
@@ -219,13 +221,16 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 
 @cache
-def of_records(kernel, body, joints, workspace):
-    """Return a kernel that uses other record types in place of `Body`, `Joints` and `Workspace`."""
+def of_records(kernel, body, joints, workspace, law=MemoryLaw):
+    """Return a kernel that uses other record types in place of `Body`, `Joints`, `Workspace` and `MemoryLaw`."""
     if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
-    scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace}
+    scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}
     if joints is SpatialJoints:
         scope["Held"] = SpatialHeld
-    copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_{body.__name__}")
+    if law is AxialMemoryLaw:
+        scope["Held"] = ExtensibleHeld
+    name = f"{kernel.__name__}_{body.__name__}{'_axial' * (law is AxialMemoryLaw)}"
+    copy = FunctionType(kernel.__code__, scope, name)
     copy.__doc__, copy.__module__ = f"`{kernel.__name__}` for records of the type {body.__name__}.", kernel.__module__
     return copy

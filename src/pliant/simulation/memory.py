@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
-from pliant.equations.symbols import Past
+from pliant.equations.symbols import MemoryLaw, Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -48,24 +48,35 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
     rest = state.relaxed(model, q0)
     if given is None:
         return rest
-    shape = (len(rest), len(model.memory.labels))
+    shape = (len(rest), max(len(model.memory.labels), len(model.memory.axial.labels)))
     states = np.asarray(given, dtype=float)
     if states.shape != shape or not np.isfinite(states).all():
-        raise InputError(f"initial_memory must be finite angles of shape (joint, memory) = {shape}, got {states.shape}")
+        rows = "joint and segment" if model.memory.has_axial else "joint"
+        raise InputError(
+            f"initial_memory must be finite angles of shape ({rows}, memory) = {shape}, got {states.shape}"
+        )
     rest[:, : shape[1]] = states
     return rest
+
+
+def laws_of(model: Model) -> list[MemoryLaw]:
+    """Return the branches of each coordinate with hysteresis states: those of joints, behind them those of segments."""
+    joints, axial, segments = model.memory.law(), model.memory.axial.law(), len(model.extensions)
+    rows = mechanics_of(model).remembering
+    return [axial if i >= model.size - segments else joints for i in range(rows)]
 
 
 def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
     """Return states, torque, stored and dissipated energy of hysteresis as dataset variables; {} if there is none."""
     if not model.memory:
         return {}
-    chain, law = mechanics_of(model), model.memory.law()
+    chain = mechanics_of(model)
     rows = chain.remembering
     q, K = chain.joint_coordinates(x)[:, :rows], chain.joints.K[:rows]
     moved = np.moveaxis(states, 0, -1)  # (rows, branches, T), as the kernels index
-    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, law) for i in range(rows)], axis=1)
-    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, law) for i in range(rows)], axis=1)
+    laws = laws_of(model)
+    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
+    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
     values: dict[str, Entry] = {}
     for kind in chain.kinds:
         if kind.over == "joint":
@@ -74,4 +85,8 @@ def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Ent
                 ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
             )
             values["memory_torque" + axis] = (("time", "joint"), (K * angle)[:, kind.rows])
+        elif model.memory.has_axial:
+            labels = model.memory.axial.labels
+            values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
+            values["axial_memory_force"] = (("time", "segment"), (K * angle)[:, kind.rows] / model.segment_length)
     return values | {"memory_energy": (("time",), stored @ K), "memory_dissipation": (("time",), loss)}

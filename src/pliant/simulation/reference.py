@@ -48,14 +48,7 @@ def solve_reference(
     """
     from scipy.integrate import solve_ivp  # slow import, not needed by the default method
 
-    if model.memory.slip_share or model.memory.boucwen_share:
-        raise InputError(f"{method} does not support slip or Bouc-Wen, only creep: use method='midpoint'")
-    if any(c.valve.settle_share for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with settle_share: use method='midpoint'")
-    if any(c.valve.dead_band for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with a dead_band: use method='midpoint'")
-    if any(c.valve.opening_time for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with an opening_time: use method='midpoint'")
+    refuse_unfollowed(model, method)
     at, inputs = layout(model), inputs_of(model, pressure)
     bends = [p.breakpoints + c.valve.dead_time for p, c in zip(inputs, model.chambers, strict=True)]
     corners = merge(times[[0, -1]], np.concatenate(bends), 1e-9 * (times[-1] - times[0]))
@@ -86,6 +79,20 @@ def solve_reference(
     work[:, : 2 + at.remembers] = out[:, at.work : at.size]
     stretch = np.stack([out[:, c.stretch].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
     return out[:, at.phi], out[:, at.w], work, kept, stretch
+
+
+def refuse_unfollowed(model: Model, method: str) -> None:
+    """Raise InputError where a model has laws that a variable-step `method` does not follow."""
+    if model.memory.has_axial:
+        raise InputError(f"{method} does not follow hysteresis of segments that lengthen: use method='midpoint'")
+    if model.memory.slip_share or model.memory.boucwen_share:
+        raise InputError(f"{method} does not support slip or Bouc-Wen, only creep: use method='midpoint'")
+    if any(c.valve.settle_share for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with settle_share: use method='midpoint'")
+    if any(c.valve.dead_band for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with a dead_band: use method='midpoint'")
+    if any(c.valve.opening_time for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with an opening_time: use method='midpoint'")
 
 
 def first(model: Model, at: StateLayout, start: Start) -> Array:

@@ -39,6 +39,8 @@ LABELS = {
     "memory_torque": ("N m", "torque of creep, slip and Bouc-Wen against the bend"),
     **{f"memory_state_{axis}": ("rad", f"the same, of {name}") for axis, name in AXES.items()},
     **{f"memory_torque_{axis}": ("N m", f"the same, along {name}") for axis, name in AXES.items()},
+    "axial_memory_state": ("1", "relaxed strain of the segments' creep branches, stretch of their slip elements"),
+    "axial_memory_force": ("N", "axial force of the segments' creep and slip against the strain"),
     "memory_energy": ("J", "energy held by creep, slip and Bouc-Wen"),
     "memory_dissipation": ("J", "energy dissipated by creep, slip and Bouc-Wen since the start"),
 }
@@ -75,6 +77,8 @@ def trajectory(
         **memory,
     }
     labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
+    if model.memory.has_axial:
+        labels["axial_memory"] = list(model.memory.axial.labels)
     labels["input"] = list(model.actuation.names)
     return xr.Dataset(
         {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},

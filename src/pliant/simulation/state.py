@@ -25,9 +25,10 @@ def relaxed(model: Model, q: Array) -> Array:
     They are (n, branches), in space (m, branches) with m joint coordinates.
     """
     memory, rows = model.memory, mechanics_of(model).remembering
-    creep = len(memory.creep_share)
-    states = np.zeros((rows, creep + len(memory.slip_share) + 1))
-    states[:, :creep] = q[:rows, None]
+    first = model.size - len(model.extensions)  # of the strains
+    states = np.zeros((rows, max(len(memory.labels), len(memory.axial.labels)) + (not memory.boucwen_share)))
+    for law, own in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
+        states[own, : len(law.creep_share)] = q[own, None]
     return states
 
 
@@ -97,7 +98,9 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
             "the iteration for the tensions of the tendons does not converge within a step: use a shorter step, or a "
             "larger slip_rate where tendons have friction"
         )
-    return springs.softened(model, mechanics_of(model).joint_angles(phi), least)
+    if lost := springs.softened(model, mechanics_of(model).joint_angles(phi), least):
+        return lost
+    return springs.softened_segment(model, phi[phi.size - len(model.extensions) :], least)
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
@@ -106,7 +109,11 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     `phi` is (T, n), `times` (T,) [s].
     """
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
-    lost = np.flatnonzero((slopes <= 0).any(axis=1))
+    gone = (slopes <= 0).any(axis=1)
+    if any(e.curved for e in model.extensions):
+        strain = phi[:, phi.shape[1] - len(model.extensions) :]
+        gone = gone | (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
+    lost = np.flatnonzero(gone)
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 

@@ -105,7 +105,7 @@ class Stepper:
         self._body, self._joints, self._work = mechanics_of(model).parts()
         self._law, self._held = model.memory.law(), mechanics_of(model).held()
         loop = march_loops.hold_with_memory if model.memory else march_loops.hold
-        records: Any = type(self._body), type(self._joints), type(self._work)
+        records: Any = type(self._body), type(self._joints), type(self._work), type(self._law)
         self._advance = twin(march_loops.of_records(loop, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here

@@ -67,6 +67,9 @@ class ExtensionTable(StudyEntry):
     stop: float | None = None  # m; default: the tip
     stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
     damping: float = Field(0.0, ge=0)  # N s
+    stiffening: float | None = None  # s of an axial spring EA e (1 + s e + a e^2); default: a linear one
+    cubic_stiffening: float | None = None  # a of the same
+    stiffening_bound: float | None = Field(None, ge=0, lt=1)  # f: what s does to the slope at most, in parts of EA
 
 
 class TaperTable(StudyEntry):
