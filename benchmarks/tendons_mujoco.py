@@ -1,24 +1,27 @@
 """Compare tendons in space with the spatial tendons of MuJoCo, and count how often intervals contain the true values.
 
-MuJoCo computes everything here: an arm of rods on ball joints with its own springs and dampers, and `spatial` tendons
-through sites on the rods. An actuator on each tendon pulls with a known tension T, or with
-T = max(0, k (u - change of length) + T_0) at a known displacement u. Only the levels of the inputs come from Python, at
-every stage of a Runge-Kutta step.
+MuJoCo computes the body and the tendons: rods on ball joints with MuJoCo's springs and dampers, and `spatial` tendons
+through sites on the rods. An actuator on each tendon pulls with a known tension T, or, at a known displacement u, with
+T = max(0, k (u + change of length) + T_0). Python only sets the inputs, at every stage of a Runge-Kutta step.
 
-A tendon of pliant shortens by g . x, as along an arc. A tendon of MuJoCo is straight between two guides, at a distance
-e before and behind a joint and r from the axis. If the joint swings by theta towards the tendon, the distance of the
-guides is 2 e cos(theta/2) - 2 r sin(theta/2) instead of 2 e - r theta, and the lever r cos(theta/2) + e sin(theta/2)
-instead of r. A twist c lengthens the chord by about (r c)^2 / 4 e, which an arc in pliant does not feel. The chord's
-excess vanishes with e and theta. `check` prints the difference of the two motions for several arms, and how much of it
-remains if the same chord's excess is added to the equations of pliant.
+In pliant, a tendon shortens by g . x, as along an arc. In MuJoCo, a tendon is straight between two guides, at a
+distance e before and behind a joint and r from the axis. If the joint swings by theta towards the tendon, the guides
+are 2 e cos(theta/2) - 2 r sin(theta/2) apart instead of 2 e - r theta, and the lever is
+r cos(theta/2) + e sin(theta/2) instead of r. To first order, a chord therefore acts as a spring of stiffness -e T / 2
+at each joint. A twist c lengthens the chord by about (r c)^2 / (4 e). At theta = 2 arctan(e / r) the two guides meet.
 
-In a count, each seed draws the body's stiffness and damping, the distance and azimuth of both tendons, and, with known
-displacements, their line stiffness and pretension. Two records show three stations, one of them beside the axis, with
+`check` prints how far the motions of MuJoCo and pliant are apart, and how far if the same chords are added to pliant's
+equations. The rest is due to the springs and dampers of a ball joint, which act on one rotation vector and on the
+angular velocity, and not on swing, twist and their rates.
+
+In a count, each seed draws stiffness and damping of the body, and distance and azimuth of both tendons; with known
+displacements, also line stiffness and pretension. Two records show three stations, one of them beside the axis, with
 noise of 1 mm. Percentages are as in intervals_in_space.py. The bias is the mean error of a parameter, in % of its value
-and in standard errors of one fit.
+and in standard errors of one fit. With a gap of 0, pliant simulates the records, with tendons along arcs. What is
+left of the bias then comes from fitting fewer links than the body has.
 
 Usage: python benchmarks/tendons_mujoco.py check
-       python benchmarks/tendons_mujoco.py tension|displacement [seeds] [first seed] [links,links] [rods] [gap in mm]
+       python benchmarks/tendons_mujoco.py tension|displacement [seeds] [first] [links,links] [rods] [gap in mm]
 """
 
 from __future__ import annotations
@@ -239,10 +242,21 @@ def drawn(driven_by: str, links: int, rng: np.random.Generator | None = None) ->
 
 @cache
 def seen(driven_by: str, seed: int, rods: int, coarse: int, gap: float) -> dict[str, np.ndarray]:
-    """Return the motions (T, S, 3) [m] of one body of so many rods; `coarse` places the stations as in `arm`."""
+    """Return the motions (T, S, 3) [m] of one body of so many rods; `coarse` places the stations as in `arm`.
+
+    With a gap of 0, pliant simulates the body, with tendons along arcs.
+    """
     truth = drawn(driven_by, rods, np.random.default_rng([seed, 5]))
     body = apply(arm(driven_by, rods, coarse), truth)
-    return {name: moved(body, levels, gap) for name, levels in RECORDS[driven_by].items()}
+    if gap:
+        return {name: moved(body, levels, gap) for name, levels in RECORDS[driven_by].items()}
+    return {name: of_pliant(body, levels) for name, levels in RECORDS[driven_by].items()}
+
+
+def of_pliant(model: Model, levels: dict[str, tuple[float, ...]]) -> np.ndarray:
+    """Return positions (T, S, 3) of the stations, m: pliant's motion from rest in small steps."""
+    still = np.zeros((TIMES.size, len(model.stations), 3))
+    return np.asarray(predict(model, record("levels", still, levels, np.random.default_rng(0)), {}, 2.5e-4)["position"])
 
 
 def check() -> None:
@@ -253,16 +267,19 @@ def check() -> None:
 
     print("rms distance of the stations, mm")
     print("driven by     rods  gap (mm)  pliant   pliant with chords")
-    for driven_by in RECORDS:
-        levels = RECORDS[driven_by]["first"]
-        for rods, part in ((5, 2), (5, 20), (10, 2), (10, 20)):
-            model, gap = arm(driven_by, rods), LENGTH / rods / part
-            true = moved(model, levels, gap)
-            one = record("first", true, levels, np.random.default_rng(0))
-            plain = np.asarray(predict(model, one, {}, 2.5e-4)["position"])
-            chords = motion_with_chords(model, levels, gap)
-            off = rms(plain - true), rms(chords - true)
-            print(f"{driven_by:12} {rods:4} {1e3 * gap:9.3g} {off[0]:8.4f} {off[1]:12.4f}", flush=True)
+    cases = [(kind, rods, part, False) for kind in RECORDS for rods in (5, 10) for part in (2, 20)]
+    for driven_by, rods, part, alone in [*cases, ("tension", 5, 20, True)]:
+        levels = dict(RECORDS[driven_by]["first"])
+        if alone:
+            levels["green"] = (0.0,) * KNOTS.size  # the arm stays in a plane
+        model, gap = arm(driven_by, rods), LENGTH / rods / part
+        true = moved(model, levels, gap)
+        off = rms(of_pliant(model, levels) - true), rms(motion_with_chords(model, levels, gap) - true)
+        print(
+            f"{driven_by:12} {rods:4} {1e3 * gap:9.3g} {off[0]:8.4f} {off[1]:12.2g}",
+            *["one tendon"] * alone,
+            flush=True,
+        )
 
 
 def main(driven_by: str, seeds: range, links: int, rods: int, coarse: int, gap: float) -> None:
@@ -296,7 +313,7 @@ if __name__ == "__main__":
     else:
         kind, *words = sys.argv[1:] or ["tension"]
         given = dict(zip(("seeds", "first", "links", "rods", "gap"), words, strict=False))
-        chains = [int(n) for n in given.get("links", "5,10").split(",")]
+        chains = [int(n) for n in given.get("links", "10,5").split(",")]
         first, number = int(given.get("first", 0)), int(given.get("seeds", 20))
         for n in chains:
             main(kind, range(first, first + number), n, int(given.get("rods", 10)), min(chains),
