@@ -1,4 +1,4 @@
-"""Detection of the time at which a hand that held a body let go, from the disturbance torques of `estimate`."""
+"""Detection of the time at which a hand let go of a body, from the disturbance torques of `estimate`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REST = 50  # frames at the end of the recording
 
 
 class Release(NamedTuple):
-    """The times at which the pull of a hand ended, and its torques.
+    """Times between which the pull of a hand on a body ended, and the joint torques while the hand held it.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Release(NamedTuple):
 
 
 def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
-    """Return when the pull that held a body at the start of a recording ended.
+    """Return when a hand let go of a body that it held at the start, from the result of `estimate` as `found`.
 
     The pull is the median torque of `frames` frames after the first `start` frames, in which the filter converges.
     Later torques are projected onto it. A slow release appears as a long time from `begin` to `gone`.
