@@ -1,4 +1,4 @@
-"""Measurement rows of an aligned recording: coordinates and angles of stations, or joint angles of a dense curve."""
+"""Conversion of a recording to filter measurements: positions and angles of stations, or angles of a body curve."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above whic
 
 
 class Measurement(NamedTuple):
-    """A measurement over time: rows (m, 4) of (kind, link, along, across), values (T, m), variances (m,)."""
+    """What the filter compares with the model over T frames: m measured quantities, values and variances.
+    Each row (m, 4) describes a quantity: kind, link, and its distances along and across the link [m].
+    """
 
     time: Array  # (T,) s, as stamped
     rows: Array  # in space (m, 5), followed by aside
@@ -38,7 +40,8 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Return measurement rows (m, 4) for x and y, and optionally the angle, of stations in the model's base frame.
+    """Return rows (m, 4) that define the measured quantities: x, y and optionally the angle of stations.
+    Each row holds the kind, the link, and the distances along and across the link [m].
 
     Each row is (kind, link, along, across). In space, rows (m, 5) for x, y and z, with aside as the last entry. With
     `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
@@ -62,12 +65,14 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
 
 
 def row_width(model: Model) -> int:
-    """Return the number of entries of a measurement row: 4 (kind, link, along, across), in space 5 (aside too)."""
+    """Return the number of columns that define a measured quantity: 4 (kind, link, along, across), 5 in space (also
+    aside).
+    """
     return 4 if model.space is None else 5
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
-    """Raise InputError if rows, values and variances of a frame differ in number, or an orientation is incomplete.
+    """Raise InputError if rows, values and variances of a measured frame differ in number or lack a component.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
-    """Return the number of orientations in `values` (..., m) that the filter rejected as flipped markers.
+    """Return how many orientations in `values` (..., m) the filter rejected because a marker appeared flipped.
 
     These are the orientations that were given but are NaN in `seen` (..., m).
     """
@@ -101,7 +106,7 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
-    """Return the measurement of a model by an aligned recording: rows, values and variances over time.
+    """Return the filter's measurement from an aligned recording: quantities, values (T, m) and variances (m,).
 
     Positions of the model's stations are used, with their angles where recorded. A dense curve, base first, without any
     of these stations is compressed to the angles between links that divide the curve's length as the model's do. In
@@ -140,7 +145,7 @@ def measurement_of(
 
 
 def bends_away(recording: xr.Dataset, model: Model) -> bool:
-    """Return whether the measured pressure of the only chamber bends the body to the other side than the model."""
+    """Return whether the recorded pressure bends the body to the opposite side of what the model predicts."""
     if "pressure" not in recording or "position" not in recording or model.actuation.count > 1:
         return False
     pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
@@ -154,7 +159,7 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
-    """Return the measurement of named stations: coordinates, and angles or, in space, orientations where recorded."""
+    """Return the filter's measurement of named stations: positions, and recorded angles or orientations."""
     names = [s.name for s in stations]
     angled = "angle" in recording and model.space is None
     axes = recording["axis"].values
@@ -209,7 +214,8 @@ def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:
-    """Return the measurement of a dense curve: angles between links laid through it; incomplete frames are NaN.
+    """Return the filter's measurement from a dense body curve: the angle between each link and the one before.
+    Incomplete frames are NaN.
 
     The curvature of a sensor fibre has independent errors from point to point. Angles between neighbouring links
     therefore have independent errors too, whereas the tips, which are sums of them, have not.

@@ -1,4 +1,4 @@
-"""Assignment of measured inputs to a model's chambers, and checks that chambers were driven separately."""
+"""Assignment of recorded inputs to a model's chambers, and checks that each chamber was driven independently."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ALIKE = 0.2  # sine as for TOGETHER, below which two pressures count as nearly e
 
 
 def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
-    """Return the recorded input that drives each input of a model, by the names of the model's inputs.
+    """Return for each input name in `wanted` the recorded input, such as a pressure, that drives it.
 
     `wanted` maps each input of the model to the name, or index from 0, of an input of the recording. Pressures are
     counted first, then inputs of other kinds.
@@ -54,13 +54,13 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
-    """Return the measured time series that drives each input of a model, by the names of its inputs; see `driving`."""
+    """Return for each input name in `wanted` the measured time series that drives it, as a `Trace`."""
     driven = driving(name, recording, wanted)
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """Return the recorded samples (P,) [Pa] that drive each chamber of a model; zeros for a chamber without input.
+    """Return one array of samples (P,) for each chamber of a model: the recorded input that drives it, or zeros.
 
     `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
     """
@@ -88,7 +88,7 @@ def one_chamber(name: str, pressure: xr.DataArray) -> Array:
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
-    """Return whether one chamber alone was driven: no other pressure changes by more than 10 % of its change."""
+    """Return whether only one chamber was driven: other pressures vary by at most 10 % of its variation."""
     if not exp.drives or leading(exp.drives) != chamber:
         return False
     moves = float(np.ptp(exp.drives[chamber].pressure))
@@ -113,7 +113,7 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
 
 
 def check_kinds(model: Model, exp: Experiment) -> None:
-    """Raise InputError if a recorded input is of another kind (pressure, tension, ...) than the input it drives."""
+    """Raise InputError if a recorded input differs in kind (pressure, tension, ...) from the model input it drives."""
     for to, kind in exp.input_kinds.items():
         k = model.actuation.names.index(to) if to else 0
         wanted = model.actuation.kinds[k]
@@ -126,7 +126,8 @@ def check_kinds(model: Model, exp: Experiment) -> None:
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """Return each chamber's input function: measured, delayed by `start` [s], or a pulse from `start` to `stop`.
+    """Return one input function per chamber: the measured pressure delayed by `start` [s], or a pulse of nominal
+    pressure from `start` to `stop`.
 
     Chambers without a recorded input stay at 0.
     """
@@ -139,7 +140,7 @@ def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple
 
 
 def at_rest(model: Model, exp: Experiment) -> str:
-    """Return a sentence that names the model inputs which an experiment does not drive; '' if it drives all."""
+    """Return a sentence that names the model inputs which an experiment leaves undriven; '' if it drives all."""
     if not exp.drives:
         return ""
     inputs = model.actuation
@@ -154,7 +155,7 @@ def at_rest(model: Model, exp: Experiment) -> str:
 
 
 def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
-    """Return the pressures (N, C) [Pa] of all chambers at the frames of all experiments, one after another."""
+    """Return the pressures (N, C) [Pa] of all C chambers at the N frames of all experiments in sequence."""
     rows = [
         np.stack([e.drives[c.name](e.time) if c.name in e.drives else np.zeros(e.time.size) for c in model.chambers], 1)
         for e in experiments
@@ -163,7 +164,7 @@ def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
 
 
 def shared(a: Array, b: Array) -> float:
-    """Return the sine of the angle between two pressure series (N,) taken as vectors; 0 if they are proportional."""
+    """Return how independent two pressure series (N,) are: the sine of the angle between them, 0 if proportional."""
     p, q = a / np.linalg.norm(a), b / np.linalg.norm(b)
     return float(np.linalg.norm(p - q * (p @ q)))
 
@@ -174,7 +175,9 @@ def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
 
 
 def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> list[str]:
-    """Return warnings about chambers whose pressure hardly changed, or hardly differed from another chamber's."""
+    """Return warnings about chambers of the parameters `names` whose pressure hardly varied, or only in step with
+    another.
+    """
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return []
@@ -197,7 +200,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 
 
 def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
-    """Return the kind and names of some model inputs as text, such as "tendon m2"; `first` capitalises it."""
+    """Return the kind and names of the model inputs at the indices `places` as text, such as "tendon m2"."""
     inputs = [model.chambers[k] for k in places]
     kinds = {"tendon" if isinstance(one, Tendon) else "chamber" for one in inputs}
     what = kinds.pop() if len(kinds) == 1 else "input"
@@ -218,7 +221,7 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
 
 
 def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
-    """Return why the parameters `names` cannot be separated, if chambers were not driven (separately); else ''."""
+    """Return why the parameters `names` cannot be separated, if chambers were never driven (separately); else ''."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""
