@@ -134,7 +134,7 @@ def unit(v: Array) -> Array:
 
 def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
     """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations.
-    Both orientations count from the first frame.
+    Both orientations are rotations since the first frame.
 
     `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
     measured body.

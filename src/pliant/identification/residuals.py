@@ -71,7 +71,9 @@ class Observations:
         return self.weight[self.station, self.channel]
 
     def residual(self, rows: Array) -> Array:
-        """Return the weighted differences (N,) between modelled `rows` (T, S, 3) and the observations."""
+        """Return the weighted differences (N,) between modelled positions and angles (T, S, 3) and the N observed
+        values.
+        """
         off: Array = self.modelled(rows)[self.seen] - self.data[self.seen]
         turn = (self.channel == 2) & self.planar
         off[turn] = (off[turn] + np.pi) % (2 * np.pi) - np.pi
@@ -96,7 +98,9 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Return modelled rows with angles relative to the same reference as the observed ones."""
+        """Return modelled positions and angles in the form of the observed ones: angles and orientations from the same
+        reference.
+        """
         if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
             off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
@@ -184,9 +188,7 @@ def autocorrelations(observed: Observations, residual: Array) -> list[float]:
 
 
 def falling_correlations(r: Array, least: float) -> list[float]:
-    """Return the autocorrelation of time series (T, C) of zero mean at lags of 1, 2, ... frames,
-    while above `least`.
-    """
+    """Return the autocorrelation of zero-mean time series (T, C) at lags of 1, 2, ... frames, while above `least`."""
     power = float(np.sum(r * r))
     found: list[float] = []
     if power <= 0 or r.shape[0] < 8:

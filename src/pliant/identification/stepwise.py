@@ -1,4 +1,4 @@
-"""Stepwise model selection: each stage frees more parameters, and held-out recordings choose among the stages."""
+"""Stepwise model selection: each stage frees more parameters, and the errors on held-out recordings choose one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SELECTION_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 
 @dataclass(frozen=True, repr=False)
 class ModelSelection(Shown):
-    """Result of `select_model`: all stages, the name of the chosen one, and the reason for the choice."""
+    """Result of `select_model`: all stages, the name of the chosen stage, and the reason for the choice."""
 
     steps: tuple[Step, ...]
     chosen: str
@@ -54,7 +54,7 @@ class ModelSelection(Shown):
         return Card("Model selection; * chosen", (self.reason, *refused), head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the selection as a dictionary of plain numbers and strings that JSON can hold."""
+        """Return the model selection as a dictionary of plain numbers and strings for JSON."""
         return {
             "chosen": self.chosen, "reason": self.reason,
             "stages": {
@@ -130,7 +130,8 @@ def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
 ) -> list[Step]:
-    """Fit all stages in order; if `late`, fit again at the end those passed over that refine other parameters.
+    """Fit all stages of a model selection in order.
+    With `late`, skipped stages that only refine other parameters are fitted again at the end.
 
     Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """
@@ -158,7 +159,7 @@ def fit_stages(
 
 
 def pays(step: Step, below: Step) -> bool:
-    """Return whether a stage has a lower BIC than the stage on which it builds."""
+    """Return whether a stage of a model selection has a lower BIC than the stage below, to which it adds parameters."""
     if below.follows is None or step.follows is None:
         return True
     mine, theirs = shared_bic([step.follows, below.follows])
@@ -199,13 +200,13 @@ def chosen(steps: Sequence[Step]) -> ModelSelection:
 
 
 def most_predicted(steps: Sequence[Step]) -> list[Step]:
-    """Return the stages that predict the largest set of held-out recordings."""
+    """Return those stages of a model selection that predict the largest set of held-out recordings."""
     most = max(steps, key=lambda s: len(s.held_out or ()))
     return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
 def refusal(step: Step, chosen: Step) -> str:
-    """Return why a fitted stage was not chosen; '' for the chosen one."""
+    """Return the reason why a fitted stage was not chosen, as text; '' for the chosen stage."""
     if step.stage.name == chosen.stage.name or not step.result:
         return ""
     if step.open:
@@ -223,7 +224,7 @@ def refusal(step: Step, chosen: Step) -> str:
 
 
 def as_good(step: Step, best: Step) -> str:
-    """Return in which sense a stage is as good as the best one on held-out recordings; '' if it is not."""
+    """Return as text in which sense a stage is as good as the best on held-out recordings; '' if it is worse."""
     if step is best:
         return "no other stage has a lower error"
     gap, error = lead(step.missed or {}, best.missed or {})
@@ -234,5 +235,5 @@ def as_good(step: Step, best: Step) -> str:
 
 
 def shown(errors: dict[str, float] | None) -> str:
-    """Return the mean of the errors as text with three digits; "-" without errors."""
+    """Return the mean of the errors [%] as text with three digits; "-" if there are none."""
     return f"{np.mean(list(errors.values())):.3g}" if errors else "-"

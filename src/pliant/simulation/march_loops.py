@@ -228,7 +228,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 @cache
 def of_records(kernel, body, joints, workspace, law=MemoryLaw):
-    """Return a compiled loop as `kernel`, for other argument types than `Body`, `Joints`, `Workspace`, `MemoryLaw`."""
+    """Return a copy of the loop `kernel` for other argument types than `Body`, `Joints`, `Workspace`, `MemoryLaw`."""
     if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
     scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}
