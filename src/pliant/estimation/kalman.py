@@ -30,7 +30,7 @@ LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that mod
 
 
 class FilterEvent(NamedTuple):
-    """A pressure sample or a frame that the filter received, with its time."""
+    """A pressure sample or a measured frame, with its time, as the filter received it."""
 
     time: float  # s
     pressure: Array | None  # (C,) Pa, held from here on; None for a frame
@@ -40,7 +40,9 @@ class FilterEvent(NamedTuple):
 
 
 class FilterSnapshot(NamedTuple):
-    """The filter before an event; `state` holds angles, rates, disturbance, covariance and hysteresis in one vector."""
+    """Saved state of the filter before an event: angles, rates, disturbance, covariance and
+    hysteresis as one vector.
+    """
 
     time: float
     pressure: Array  # (C,) Pa
@@ -50,7 +52,7 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """Numbers of frames by how the filter used them."""
+    """Numbers of frames that the filter used, rejected or ignored."""
 
     used: int = 0
     skipped: int = 0  # without any value
@@ -61,7 +63,7 @@ class Counts:
 
 
 class KalmanFilter:
-    """Extended Kalman filter that runs during an experiment, on pressures and frames of the shape.
+    """Extended Kalman filter for use during an experiment: it takes pressures and measured frames as they arrive.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ class KalmanFilter:
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure sample [Pa] at `time` [s], (C,) for several chambers; it holds until the next one.
+        """Take pressures (C,) [Pa] of C chambers at `time` [s]. They count as constant until the next sample.
 
         Raises
         ------
@@ -157,7 +159,7 @@ class KalmanFilter:
         self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a frame of the shape at `time` [s]: `rows` (m, 4) from `rows_of`, with values (m,) and variances (m,).
+        """Take a measured frame at `time` [s]: values (m,), their variances (m,), and `rows` (m, 4) that define them.
 
         Positions and angles are in the model's base frame; NaN values are skipped. In space, rows are (m, 5), and an
         orientation is a rotation vector in three rows. One that differs from the model's by more than 90 degrees is
@@ -178,7 +180,7 @@ class KalmanFilter:
         self._take(FilterEvent(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s], or at the newest event if that is later."""
+        """Return the estimated state at `time` [s], or at the newest event if that is later."""
         self.advance(time)
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
@@ -209,7 +211,7 @@ class KalmanFilter:
         return np.asarray((shift + left * strain - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
-        """Predict to `time` [s] under the current pressure; a time in the past changes nothing."""
+        """Predict the state to `time` [s] under the current pressure. An earlier time changes nothing."""
         span = time - self.time
         if not span > 1e-12 or math.isinf(span):
             return

@@ -158,7 +158,9 @@ class Problem:
 
     @property
     def all_known(self) -> tuple[Array, Array]:
-        """Return the residuals of priors and held values, which are linear in x: rows (R, P) and targets (R,)."""
+        """Return rows (R, P) and targets (R,) of the residuals of priors and of values held at their start, linear in
+        x.
+        """
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
     def learn_sizes(self, x: Array) -> None:
@@ -211,8 +213,8 @@ def with_held_mean(
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
-    """Return the residuals of priors and of joint values against their mean, linear in x: rows (R,
-    P) and targets (R,).
+    """Return rows (R, P) and targets (R,) of the residuals that priors, and joint values against their mean, add to a
+    fit.
     """
     rows, aims = [], []
     for i, p in enumerate(free):

@@ -154,7 +154,7 @@ def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -
 
 def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, float], name: str) -> Slope | None:
     """Return the derivative of a simulation's inputs by an edge time of a nominal pressure.
-    None for any other parameter, or if the edge lies at a time step's end.
+    None for any other parameter, or if the derivative does not exist at this time.
     """
     kind, layout = name.removeprefix(f"{exp.name}."), forward.drive.layout if forward.drive else None
     if layout is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
