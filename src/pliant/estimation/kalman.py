@@ -52,7 +52,7 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """Numbers of frames that the filter used, rejected or ignored."""
+    """Numbers of frames by what the filter did with them: used, without values, late, too late, flipped."""
 
     used: int = 0
     skipped: int = 0  # without any value

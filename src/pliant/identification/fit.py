@@ -255,7 +255,9 @@ def check_choices(loss: str, weighting: str) -> None:
 
 
 def prior_mean(start: Parameter) -> float | None:
-    """Return the mean of a parameter's prior: its start value if only `prior_std` is given, else None."""
+    """Return the mean of a parameter's prior: the given `prior` or, if only `prior_std` is given, the start value.
+    None without a prior.
+    """
     return start.value if start.prior is None and start.prior_std else start.prior
 
 

@@ -92,8 +92,8 @@ def rate_limited_interval(h, u0, u1, valve, p):
 
 
 def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
-    """Return the pressure [Pa] after t [s], and its integral, that first changes at a constant `rate`, then lags the
-    command. The rate is constant for the time `limited` [s].
+    """Return the pressure [Pa] after t [s], and its integral, behind a valve that is limited to `rate` for a time
+    `limited` [s]. Afterwards the pressure follows the command with a first-order lag.
 
     It starts at p [Pa].
     """
