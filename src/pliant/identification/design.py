@@ -134,8 +134,8 @@ def design(
 
 
 def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default pressure inputs to rank for each chamber: pulses up to `limit` [Pa], and chirps if pressure is
-    measured.
+    """Return the default pressure inputs to rank, for each chamber alone and all together: pulses and chirps up to
+    `limit` [Pa].
     """
     names = [c.name for c in model.chambers]
     if len(names) > 1:

@@ -24,7 +24,9 @@ BEFORE_LAW = OF_A_VALVE + 8  # number of entries before those of the torque law,
 
 
 class ValveConstants(NamedTuple):
-    """Constants of a valve for the compiled loops: lags, rate limits and others, as floats or dual numbers."""
+    """Constants of a valve for the compiled loops: lag, dead band, initial pressure and others, as floats or dual
+    numbers.
+    """
 
     lag: Lag
     settle_share: Any
