@@ -1,4 +1,4 @@
-"""Construction of an `Experiment` from an aligned recording."""
+"""Construction of an `Experiment` for a fit from an aligned recording."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def experiment(
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
-    """Return a recording of a single row that holds the median of the recorded positions, for a body at rest."""
+    """Return the recording of a body at rest as a single row, the median of the recorded positions."""
     first = recording.isel(time=slice(0, 1))
     return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))
 
@@ -119,7 +119,9 @@ def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
 
 
 def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
-    """Return the angles and their reference, or the orientations in space, as arguments of `Experiment`."""
+    """Return the recorded angles with their reference, or orientations in space, as keyword
+    arguments of `Experiment`.
+    """
     if not wanted:
         return {}
     if recording.attrs.get("frame") == "spatial":
@@ -134,7 +136,7 @@ def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...],
 
 
 def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
-    """Return the arc lengths (S,) [m] of the stations, or None unless the recording has them in rising order."""
+    """Return the arc lengths (S,) [m] of the stations if recorded in rising order; None otherwise."""
     if "arc_length" not in recording.coords or len(stations) < 2:
         return None
     s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
@@ -142,7 +144,9 @@ def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array 
 
 
 def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
-    """Return the times [s] and samples (P,) of the recording's only measured input, or raise InputError."""
+    """Return the times (P,) [s] and samples (P,) of the recording's only measured input; raise
+    InputError if not one.
+    """
     if "pressure" in recording and "actuation" not in recording:
         return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
     inputs = recorded_inputs(recording)
@@ -154,7 +158,7 @@ def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
 
 
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """Return the excitation that the recording's inputs imply: "trace" if measured, "pulse" for a nominal pressure."""
+    """Return the kind of excitation that a recording implies: "trace" if its input was measured, "pulse" if nominal."""
     if {"pressure", "actuation"} & set(recording):
         return "trace"
     if "nominal_pressure" in recording.attrs:

@@ -61,7 +61,9 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
 
 
 def laws_of(model: Model) -> list[MemoryLaw]:
-    """Return the hysteresis branches of each coordinate that has any: first of the joints, then of the segments."""
+    """Return the hysteresis law of every coordinate that has hysteresis, first of the joints, then of the extensible
+    segments.
+    """
     joints, axial, segments = model.memory.law(), model.memory.axial.law(), len(model.extensions)
     rows = mechanics_of(model).remembering
     return [axial if i >= model.size - segments else joints for i in range(rows)]
