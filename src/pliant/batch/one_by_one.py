@@ -91,11 +91,11 @@ def samples_alone(
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
-            raise InputError(f"batch parameter {wrong[0]!r} must have one number for each sample for these models")
+            raise InputError(f"batch parameter {wrong[0]!r} must be an array of one number per sample")
         check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
-            raise InputError("all parameters of a batch need the same number of samples")
+            raise InputError("all parameters of a batch need the same number of samples: use arrays of equal length")
         sample_models = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
@@ -111,7 +111,7 @@ def samples_alone(
     }
     for name, of in shared.items():
         if any(of(m) != of(sample_models[0]) for m in sample_models):
-            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     sets = sets * len(sample_models) if len(sets) == 1 else sets
     for model, inputs in zip(sample_models, sets, strict=True):
         inputs_of(model, inputs)

@@ -125,7 +125,7 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
     template = models[0]
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1:
-            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     values: dict[str, Array] = {}
     longest = max(m.torque.size for m in models)
     for name in (*PER_LINK, *SCALARS, "gravity"):
@@ -193,6 +193,9 @@ def check_extremes(samples: Samples) -> None:
     for name, a in samples.values.items():
         bad = int((~np.isfinite(np.atleast_2d(a)).all(axis=0)).sum())
         if bad:
-            raise InputError(f"batch parameter {name} must be finite: in {bad} of {samples.size} samples it is not")
+            raise InputError(
+                f"batch parameter {name} must be finite: in {bad} of {samples.size} samples it is not; correct or "
+                "remove these samples"
+            )
     for extreme in (np.min, np.max):
         samples.template.with_(**{name: extreme(a, axis=-1) for name, a in samples.values.items()})

@@ -52,9 +52,9 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
     Stepper(first, step, np.zeros(first.actuation.count))  # what it refuses is refused
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
-            raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     if len({m.actuation.count for m in models}) > 1:
-        raise InputError("the models of a batch must have equally many chambers: step others in a batch of their own")
+        raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, step, "midpoint")
     return OneByOne(models, size, step) if first.memory else OnLanes(models, size, step)

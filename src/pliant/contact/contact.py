@@ -133,7 +133,10 @@ def free_motion(
     arguments are those of `find_contact`.
     """
     if not recordings:
-        raise InputError("free_motion needs at least one recording without contact: it sets the threshold")
+        raise InputError(
+            "free_motion needs at least one recording without contact, which sets the threshold: record some seconds "
+            "of free motion"
+        )
     settings = noise or default_noise(model, disturbance=True)
     return free_motion_for_rate(filtered_free_motion(recordings, model, settings, **options), false_alarms_per_hour)
 
@@ -196,7 +199,8 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
     """Return a recording's estimated external torques, and the regressors of the model error without contact."""
     if not noise.random_walk > 0:
         raise InputError(
-            "noise.random_walk must be positive: contact is detected in disturbance torques, modelled as a random walk"
+            "noise.random_walk must be positive, since contact is detected in disturbance torques, which are modelled "
+            "as a random walk: set it above 0, or leave noise out"
         )
     estimated = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),

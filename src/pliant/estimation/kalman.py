@@ -155,7 +155,7 @@ class KalmanFilter:
         """
         held = self.model.actuation.pressures(pressure)
         if not (np.isfinite(held).all() and math.isfinite(time)):
-            raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
+            raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s: leave this sample out")
         self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
@@ -173,7 +173,7 @@ class KalmanFilter:
         rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
         check_frame(self.model, rows, values, variance)
         if not math.isfinite(time):
-            raise InputError(f"a frame must have a finite time, got {time} s")
+            raise InputError(f"a frame must have a finite time, got {time} s: leave this frame out")
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return

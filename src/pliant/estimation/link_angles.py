@@ -121,7 +121,10 @@ def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     """
     whole = frames[np.isfinite(frames).all(axis=(1, 2))]
     if len(whole) < 5:
-        raise InputError(f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}")
+        raise InputError(
+            f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}: record the body at "
+            "rest for longer, with all points in view"
+        )
     mean = whole.mean(axis=0)
     link_angles = LinkAngles(model, arc_length)
     ends = link_angles.ends(mean)

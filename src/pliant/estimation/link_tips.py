@@ -87,7 +87,10 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
     link_tips = LinkTips(model, arc_length)
     tips = link_tips.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
     if len(tips) < WHOLE:
-        raise InputError(f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}")
+        raise InputError(
+            f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}: record the body "
+            "at rest for longer, with all points in view"
+        )
     fitted = model
     for _ in range(TURNS):
         bend, shape = state.equilibrium(fitted), tips.mean(axis=0)

@@ -90,7 +90,10 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
             and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
         raise InputError("an orientation needs three consecutive rows of one link: make them with rows_of")
     if (np.linalg.norm(np.nan_to_num(values[turns].reshape(-1, 3)), axis=1) > HALF_TURN).any():
-        raise InputError("an orientation must be a rotation vector of at most half a turn (pi rad)")
+        raise InputError(
+            "an orientation must be a rotation vector of at most half a turn (pi rad): convert it by "
+            "scipy.spatial.transform.Rotation.as_rotvec"
+        )
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
@@ -132,7 +135,10 @@ def measurement_of(
     wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)
     known = {p.name: p for p in model.points}
     if missing := [s for s in wanted if s not in names or s not in known]:
-        raise InputError(f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}")
+        raise InputError(
+            f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}: "
+            "give the station the same name in both, or leave it out"
+        )
     if wanted:
         return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
     if len(names) >= 3 * model.n and not space:

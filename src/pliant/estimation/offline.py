@@ -118,7 +118,7 @@ def estimate(
     source, held = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
-        raise InputError(f"estimation needs at least three frames, got {times.size}")
+        raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
     plan = drive_plan(held, source, times, step)
     out = run(held, measurement, plan, settings)
     return described(held, measurement, out, settings, plan, lag)
@@ -294,7 +294,10 @@ def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
 
     total = float(np.sum(degrees))
     if total <= 0:
-        raise InputError("consistency needs at least one used value, but no row of any frame was used")
+        raise InputError(
+            "consistency needs at least one used value, but no row of any frame was used: check that the recording "
+            "holds values that are not NaN"
+        )
     low, high = 2.0 * gammaincinv(0.5 * total, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return float(low) / total, float(high) / total
 
@@ -308,7 +311,7 @@ def whiteness(innovation: Array) -> tuple[float, float]:
     left, right = innovation[:-1], innovation[1:]
     both = np.isfinite(left) & np.isfinite(right)
     if both.sum() < 2:
-        raise InputError("whiteness needs two consecutive frames without missing values")
+        raise InputError("whiteness needs two consecutive frames without missing values: record with fewer gaps")
     power = 0.5 * float(np.sum(left[both] ** 2) + np.sum(right[both] ** 2))
     common = float(np.sum(left[both] * right[both]))
     return common / power if power else 0.0, 1.96 / float(np.sqrt(both.sum()))

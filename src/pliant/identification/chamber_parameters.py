@@ -145,7 +145,7 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
     mine = owners(model)
     if both := set(mine) & others:
         raise InputError(
-            f"{min(both)!r} names a chamber and a recording or station: rename one, their parameters would be mixed"
+            f"{min(both)!r} names a chamber and a recording or station, whose parameters would be mixed: rename one"
         )
     several = model.actuation.count > 1
     for name in names:

@@ -106,12 +106,12 @@ def design(
     if criterion not in CRITERIA:
         raise InputError(f"unknown criterion {criterion!r}: use E (weakest direction) or D (all directions)")
     if fitted.covariance is None:
-        raise InputError("a design needs a fit with free parameters: this one has no covariance")
+        raise InputError("a design needs the covariance of a fit: fit with at least one free parameter")
     records = {e.name for e in experiments}
     shared = [k for k, n in enumerate(fitted.covariance.names) if n.partition(".")[0] not in records]
     names = [fitted.covariance.names[k] for k in shared]
     if not names:
-        raise InputError("a design needs free parameters that recordings share: this fit has none")
+        raise InputError("a design needs free parameters that recordings share: this fit has none; free another")
     limit = highest if highest is not None else max(highest_of(e) for e in experiments)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
     if not limit > 0 or any(c.level > limit * (1 + 1e-9) for c in offered):

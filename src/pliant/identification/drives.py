@@ -66,12 +66,14 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
     """
     pressure = recording["pressure"]
     if lost := int((~np.isfinite(pressure.values)).sum()):
-        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair the recording first")
+        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: interpolate them first")
     if drive is None and model.actuation.count == 1:
         return [one_chamber(name, pressure)]
     wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
     if strange := [one for one in wanted if one not in {c.name for c in model.chambers}]:
-        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}")
+        raise InputError(
+            f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}: use one of these"
+        )
     driven = drives_of(name, recording, wanted)
     return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
@@ -102,7 +104,7 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
         if strange := [d for d in exp.drives if d not in names]:
             raise InputError(
                 f"experiment {exp.name} drives the chamber {strange[0]!r}, but model {model.name!r} has "
-                f"{', '.join(names)}"
+                f"{', '.join(names)}: name one of these in drive"
             )
         check_kinds(model, exp)
         if len(names) > 1 and exp.excitation != "release" and not exp.drives:

@@ -102,12 +102,13 @@ def held_pose(exp: Experiment) -> Array:
     """Return the median positions (S, 2) [m] of the stations in the last 0.05 s before a held body is let go."""
     if exp.excitation != "release" or exp.without_positions:
         raise InputError(f"experiment {exp.name}: a held pose needs a release with positions, but this recording is a "
-                         f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out held (as "
-                         "measured)")  # fmt: skip
+                         f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out "
+                         "held = 'measured'")  # fmt: skip
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
     if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
         raise InputError(
-            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave it out"
+            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave out this "
+            "station, or held = 'measured'"
         )
     return np.asarray(np.nanmedian(held, axis=0))

@@ -140,7 +140,8 @@ class Experiment(Shown):
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         if (self.excitation == "trace") != (self.pressure is not None):
             raise InputError(
-                f"experiment {self.name}: give a measured pressure with excitation 'trace', and with no other"
+                f"experiment {self.name}: excitation 'trace' needs a measured pressure, and every other excitation "
+                "must have none: set excitation to 'trace', or leave the pressure out"
             )
         if self.excitation in ("pulse", "step") and not self.level > 0:
             raise InputError(
@@ -312,7 +313,8 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name} compares angles alone, but has none: leave out angles_alone")
     if strange := [s for s in exp.noise if s not in exp.stations]:
         raise InputError(
-            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations"
+            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations: use one of "
+            f"{', '.join(exp.stations)}"
         )
     levels = [*exp.noise.values(), *(v for v in (exp.angle_noise, exp.orientation_noise) if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
@@ -322,7 +324,10 @@ def check_extras(exp: Experiment) -> None:
             f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles"
         )
     if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(f"experiment {exp.name}: held must be (station, axis), and belongs to a release only")
+        raise InputError(
+            f"experiment {exp.name}: held must be (station, axis), and belongs to a release only: correct it, or leave "
+            "it out"
+        )
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):

@@ -64,8 +64,8 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
     mine = segments(model)
     if both := set(mine) & (others | set(owners(model))):
         raise InputError(
-            f"{min(both)!r} names a segment and a recording, station or chamber: rename one, their parameters would be "
-            "mixed"
+            f"{min(both)!r} names a segment and a recording, station or chamber, whose parameters would be mixed: "
+            "rename one"
         )
     for name in names:
         owner, dot, own = name.partition(".")

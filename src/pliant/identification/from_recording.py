@@ -75,11 +75,16 @@ def experiment(
     """
     check_recording(recording)
     if recording.attrs.get("frame") not in ("planar", "spatial"):
-        raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
+        raise InputError(
+            f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first, by `pliant shape` or "
+            "pliant.align"
+        )
     available = [str(s) for s in recording.station.values]
     used = tuple(stations or available)
     if missing := [s for s in used if s not in available]:
-        raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
+        raise InputError(
+            f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}: use these names"
+        )
     excitation = excitation or ("trace" if inputs else default_excitation(name, recording))
     if poses == "median":
         recording = one_pose(recording)

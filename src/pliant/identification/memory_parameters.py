@@ -105,7 +105,10 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
         if not given.keys() - {"low", "high"}:
             continue
         if missing := [f"{law}_{field}" for field in fields if field not in given]:
-            raise InputError(f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing")
+            raise InputError(
+                f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing; "
+                "add what is missing"
+            )
         if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
             raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
         kernel_rows = lay(*(given[field] for field in fields))._asdict()
@@ -138,7 +141,7 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
         if lengths[0] != lengths[1]:
             raise InputError(
                 f"each {kind} branch needs a {kind}_{fields[0]}_<j> and a {kind}_{fields[1]}_<j>: "
-                f"there are {lengths[0]} and {lengths[1]}"
+                f"there are {lengths[0]} and {lengths[1]}; add the missing ones"
             )
     if entries:
         changes["memory"] = replace(model.memory, **entries)

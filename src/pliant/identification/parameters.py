@@ -80,13 +80,16 @@ class Parameter:
             object.__setattr__(self, "value", float(np.clip(usual, self.lower, self.upper)))
             object.__setattr__(self, "source", self.source or "usual start")
         if not self.lower < self.upper:
-            raise InputError(f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}")
+            raise InputError(
+                f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}: change one"
+            )
         if self.value is not None and not (np.isfinite(self.value) and self.lower <= self.value <= self.upper):
             raise InputError(
-                f"parameter {self.name}: value {self.value} is not within its bounds {self.lower} ... {self.upper}"
+                f"parameter {self.name}: value {self.value} is not within its bounds {self.lower} ... {self.upper}: "
+                "change the value, or lower and upper"
             )
         if self.value is None and not self.free:
-            raise InputError(f"parameter {self.name} is fixed and needs a value")
+            raise InputError(f"parameter {self.name} is fixed and needs a value: give one, or free the parameter")
         if self.prior is not None and self.prior_std is None:
             raise InputError(f"parameter {self.name}: a prior needs a standard deviation too: give prior_std")
         if self.prior_std is not None and not self.prior_std > 0:
@@ -317,7 +320,7 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     """Raise InputError for a duplicate parameter, or one that names an unknown joint, recording, station or chamber."""
     parameters = list(parameters)
     if both := records & stations:
-        raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
+        raise InputError(f"{min(both)!r} names a recording and a station, whose parameters would be mixed: rename one")
     check_chamber_names([p.name for p in parameters], model, records | stations)
     extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
     space_parameters.check_space_names([p.name for p in parameters], model)
@@ -325,16 +328,16 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     seen: set[str] = set()
     for p in parameters:
         if p.name in seen:
-            raise InputError(f"parameter {p.name} is listed twice")
+            raise InputError(f"parameter {p.name} is listed twice: remove one of the two")
         seen.add(p.name)
         owner, dot, own = p.name.partition(".")
         if dot and owner not in known:
             what = "recording, station or chamber" if owners(model) else "recording or station"
             there = ", ".join(sorted(known))
-            raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; there are {there}")
+            raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; use one of {there}")
         number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)}|joint_gain)_(\d+)", own or owner)
         if number and not 1 <= int(number[1]) <= model.n:
-            raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}")
+            raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}; use one of their numbers")
     for start in ("", *(f"{name}." for name in owners(model))):
         if f"{start}gain" in seen and any(name.startswith(f"{start}joint_gain_") for name in seen):
             raise InputError(

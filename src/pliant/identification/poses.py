@@ -28,7 +28,9 @@ def pose_inputs(model: Model, exp: Experiment) -> Drive:
     """Return the model inputs of an experiment whose rows are settled poses: pressures and torques of each row."""
     check_driven(model, [exp])
     if model.space is None:
-        raise InputError(f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar")
+        raise InputError(
+            f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar: leave out poses"
+        )
     traces = [exp.driving(name) for name in model.actuation.names]
     values = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
     torque = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)

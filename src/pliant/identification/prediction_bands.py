@@ -97,7 +97,7 @@ def prediction_band(
         When the fit has no covariance, or the level is not between 0 and 1.
     """
     if fitted.covariance is None:
-        raise InputError("a prediction band needs a fit with free parameters: this one has no covariance")
+        raise InputError("a prediction band needs the covariance of a fit: fit with at least one free parameter")
     if not 0 < level < 1:
         raise InputError(f"the level of a band must lie between 0 and 1, got {level}")
     own = own or predict_held_out(experiment, fitted, step=step)[1]

@@ -40,7 +40,7 @@ def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
         return space
     if space is None:
         raise InputError(f"the parameter {min(changes)} needs a chain in space, and this model is planar: "
-                         "give the model its space")  # fmt: skip
+                         "leave it out, or give the model its space")  # fmt: skip
     return replace(space, **changes)
 
 
@@ -67,9 +67,11 @@ def check_space_names(names: Iterable[str], model: Model) -> None:
         if model.space is not None:
             wrong, owner, other = (planar, "in a plane", "in space")
         if any(map(wrong.fullmatch, own)):
-            raise InputError(f"parameter {name} needs a chain {owner}, but the model {model.name!r} is {other}")
+            raise InputError(
+                f"parameter {name} needs a chain {owner}, but the model {model.name!r} is {other}: leave it out"
+            )
         if "twist_ratio" in own and model.space is not None and not model.space.twist_ratio:
             raise InputError("parameter twist_ratio: this chain cannot twist; give the model a twist_ratio first")
         for own_name in own:
             if (found := re.fullmatch(TURN, own_name)) and not 1 <= int(found[2]) <= model.n:
-                raise InputError(f"parameter {name}: the model has joints 1 to {model.n}")
+                raise InputError(f"parameter {name}: the model has joints 1 to {model.n}; use one of their numbers")

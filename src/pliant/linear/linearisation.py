@@ -67,7 +67,10 @@ class LinearModel:
 
     def _only(self, values: Array) -> Any:
         if values.size > 1:
-            raise InputError(f"this needs a linear model of one pressure, got one of {values.size} pressures")
+            raise InputError(
+                f"this needs a linear model of one pressure, got one of {values.size} pressures: use a model with one "
+                "chamber"
+            )
         return values[0]
 
     @property

@@ -49,10 +49,14 @@ def station_of(model: Model, force: PointForce) -> Station:
     else:
         points = {p.name: p for p in model.points}
         if force.at not in points:
-            raise InputError(f"a known force acts at {force.at!r}, but the model's points are {', '.join(points)}")
+            raise InputError(
+                f"a known force acts at {force.at!r}, but the model's points are {', '.join(points)}: use one of these"
+            )
         place = points[force.at]
     if not 0 <= place.link < model.n:
-        raise InputError(f"a known force acts on link {place.link + 1}, but the model has links 1 to {model.n}")
+        raise InputError(
+            f"a known force acts on link {place.link + 1}, but the model has links 1 to {model.n}: use one of these"
+        )
     return place
 
 

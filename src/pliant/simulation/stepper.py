@@ -261,7 +261,7 @@ class Stepper:
         if [a.shape for a in held] != [b.shape for b in saved[:5]]:
             raise InputError(
                 f"this snapshot is of a model with {saved.angle.size} coordinates or other hysteresis or chambers: "
-                "restore one of an equal model"
+                "restore a snapshot of an equal model"
             )
         for own, value in zip(held, saved[:5], strict=True):
             own[...] = value  # in place, since the compiled step refers to these arrays

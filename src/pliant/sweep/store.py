@@ -74,7 +74,10 @@ class Store:
         try:
             self.chunks.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot write into {self.folder}: {error.strerror or error}") from None
+            raise InputError(
+                f"cannot write into {self.folder}: {error.strerror or error}; choose another folder, or free space and "
+                "check permissions"
+            ) from None
         note = self.folder / "campaign.json"
         if note.exists():
             try:
