@@ -38,11 +38,12 @@ def sought(model: Model, chosen: list[Station], seen: Array) -> Array:
     unloaded = chain.coordinates(np.zeros(model.size))
     phi = unloaded.copy()
     for _ in range(POSE_STEPS):
-        slope = np.concatenate([chain.position_jacobian(phi, p) for p in chosen])
-        off = (seen - chain.stations(phi)[0]).ravel()
-        rows, aim = np.concatenate([slope, pull]), np.concatenate([off, pull @ (unloaded - phi)])
+        place, slope = chain.points_and_slopes(phi)
+        rows = np.concatenate([slope.reshape(-1, model.size), pull])
+        aim = np.concatenate([(seen - place).ravel(), pull @ (unloaded - phi)])
         move = np.linalg.lstsq(rows, aim)[0]
-        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        if np.abs(move).max() < 1e-13:
+        largest = float(np.abs(move).max())
+        phi += move * min(1.0, 0.5 / max(largest, 1e-300))
+        if largest < 1e-13:
             break
     return chain.joint_coordinates(phi)

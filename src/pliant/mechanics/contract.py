@@ -267,6 +267,11 @@ class Mechanics(ABC):
     def position_jacobian(self, x: Array, point: Station) -> Array:
         """Return the Jacobian (dimension, N) of a point's position by x at one moment, m/rad."""
 
+    def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return positions (S, dimension) [m] and Jacobians (S, dimension, N) of the model's points at one moment."""
+        slopes = [self.position_jacobian(x, point) for point in self.model.points]
+        return self.stations(x)[0], np.stack(slopes)
+
     @abstractmethod
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
         """Return coordinates along, across and aside (P, n + 1, 3) each link of points (P, dimension), m, base first.
