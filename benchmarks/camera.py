@@ -29,8 +29,7 @@ from pliant.testbed.scenarios import Scenario, pulse
 from pliant.video import Tracking, track_video
 from pliant.video.follow import Follower
 from pliant.video.reel import open_reel
-from pliant.video.silhouette import base_of
-from pliant.video.stillness import Stillness
+from pliant.video.silhouette import Stillness, base_of
 from pliant.video.surroundings import surroundings
 
 VIEW, LOOK, SHUTTER = View(), Look(), Shutter()

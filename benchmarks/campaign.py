@@ -32,9 +32,10 @@ from pliant.identification.stages import MORE_STAGES, STAGES
 from pliant.identification.stepwise import select_model
 from pliant.recording.netcdf import write_netcdf
 from pliant.reduction import spline_shape
+from pliant.study.body import study_model
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.prepare import all_aligned, study_model
-from pliant.study.record_outcomes import records_of
+from pliant.study.fits import records_of
+from pliant.study.prepare import all_aligned
 from pliant.study.schema import Study
 from pliant.sweep.store import Arrays
 from pliant.testbed import Member, family_member, generate

@@ -18,7 +18,7 @@ import numpy as np
 from state import LATENCY, NOISE, model, pushed, seen
 
 from pliant.contact import find_contact, free_motion, map_contacts
-from pliant.contact.occupancy_map import poke_of
+from pliant.contact.occupancy_map import probing_contacts_of
 from pliant.testbed.contact import Circle
 from pliant.testbed.laboratory import Laboratory, generate, run_rod
 from pliant.testbed.rod import actuator
@@ -94,7 +94,7 @@ def obstacles(name, chain, options, rate):
         arc = (size * truth["arc_length"].values).sum(axis=1)[hold] / size.sum(axis=1)[hold]
         force = np.linalg.norm(found["contact_force"].values[hold], axis=1) / strength[hold] - 1.0
         place = found["contact_arc_length"].values[hold] - arc
-        poke = poke_of(found, half_width=HALF_WIDTH)
+        poke = probing_contacts_of(found, half_width=HALF_WIDTH)
         gap = distances(poke.point, case.obstacles[0])
         maps.append(poke)
         gaps.append(gap)

@@ -24,7 +24,7 @@ import numpy as np
 import pliant.exporters.gymnasium  # noqa: F401  registers
 from pliant.actuators import chen2018
 from pliant.exporters.mjcf import mjcf
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.simulation import Trace, simulate
 
 PERIOD, ACTIONS, HIGHEST = 0.02, 50, 1e5
@@ -42,7 +42,7 @@ def best(run, repeats=5):
 
 
 def loaded(model, step, integrator="implicitfast"):
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Told(model, "mjcf", "benchmark"), timestep=step))
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), timestep=step))
     m.opt.integrator = INTEGRATORS[integrator]
     m.geom_contype[:], m.geom_conaffinity[:] = 0, 0  # free motion: no collision is looked for
     return m

@@ -26,7 +26,7 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.c99 import code
 from pliant.exporters.mjcf import mjcf
-from pliant.exporters.provenance import Told
+from pliant.exporters.provenance import Provenance
 from pliant.model import Memory, load_model
 from pliant.simulation import Stepper, simulate
 
@@ -110,7 +110,7 @@ def best(run, repeats=5):
 
 
 def arm_of(model, folder, name):
-    made = code(model, Told(model, "c99", "benchmark"), step=STEP, precision="double", pressure=0.0, prefix="arm")
+    made = code(model, Provenance(model, "c99", "benchmark"), step=STEP, precision="double", pressure=0.0, prefix="arm")
     (folder / "arm.h").write_text(made.header, encoding="utf-8")
     return compiled(made.source + MARCH, folder, name)
 
@@ -168,7 +168,7 @@ def mujoco_ns(model):
         return None
     import mujoco
 
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Told(model, "mjcf", "benchmark"), timestep=STEP))
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), timestep=STEP))
     m.geom_contype[:], m.geom_conaffinity[:] = 0, 0
     d = mujoco.MjData(m)
     d.ctrl[:] = 5e4
@@ -180,7 +180,7 @@ def flash(folder):
     if shutil.which("arm-none-eabi-gcc") is None:
         return None
     model = chen2018.model()
-    made = code(model, Told(model, "c99", "benchmark"), step=STEP, precision="single", pressure=0.0, prefix="arm")
+    made = code(model, Provenance(model, "c99", "benchmark"), step=STEP, precision="single", pressure=0.0, prefix="arm")
     (folder / "arm.h").write_text(made.header, encoding="utf-8")
     (folder / "chip.c").write_text(
         made.source + "arm_state ram_state; arm_parameters ram_parameters;", encoding="utf-8"

@@ -22,7 +22,7 @@ from state import LATENCY, NOISE, model
 from touches import LEARN, Plain, free, free_minute, seen
 
 from pliant.contact import find_contact
-from pliant.contact.contact import learnt_from, shown_by
+from pliant.contact.contact import filtered_free_motion, free_motion_for_rate
 from pliant.contact.free_motion import FreeMotion
 from pliant.sweep.store import Arrays
 
@@ -36,8 +36,8 @@ def learnt(name: str, seed: int) -> tuple[FreeMotion, np.ndarray, Plain]:
     """Return what both tests learn from free motion with the sensors of a seed, with thresholds for all `RATES`."""
     bodies = [seen(free(name, k), name, seed, f"free_{k}") for k in range(LEARN)]
     chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
-    shown = shown_by(bodies, chain, **options)
-    tests = [learnt_from(shown, rate) for rate in RATES]
+    shown = filtered_free_motion(bodies, chain, **options)
+    tests = [free_motion_for_rate(shown, rate) for rate in RATES]
     thresholds = np.array([t.sudden.threshold for t in tests])
     return tests[0], thresholds / thresholds[0], Plain.learnt(bodies, chain, options)
 

@@ -193,12 +193,12 @@ def unknown_filter(path: Path, name: str, _secret: Path) -> None:
 
 
 ATTACKS = {  # what is done to a data set -> words that the refusal must hold
-    external_link: r"a link \(external\) that is not followed",
+    external_link: r"a link \(external\) at .*, which is not followed",
     external_storage: "in other files, which are not read",
     virtual: "in other files, which are not read",
-    soft_circle: r"a link \(soft\) that is not followed",
+    soft_circle: r"a link \(soft\) at .*, which is not followed",
     group_circle: "contains itself",
-    announced: "announces 2400000000 bytes",
-    compressed: "announces",
+    announced: "states 2400000000 bytes",
+    compressed: "states more data",
     unknown_filter: "by filter 32001",
 }

@@ -353,7 +353,7 @@ def prices() -> str:
     watched = each(lambda: stepper.step(1e4))
     stepper._watch = type("Nobody", (), {"look": lambda *_: None, "total": np.zeros(3)})()  # noqa: SLF001
     rows = {
-        "a shape of 212 points judged": each(lambda: stream.take(_frame(shape, next(numbers)), 10**15)),
+        "a shape of 212 points judged": each(lambda: stream.accept(_frame(shape, next(numbers)), 10**15)),
         "repeats looked at": each(lambda: dog.frozen(0, 1, 1)),
         "a command packed with its hold": each(lambda: pack(sample("command", 1.0, 1, hold=0.02))),
         "a command sent and obeyed at the valve": sent_and_obeyed(None),

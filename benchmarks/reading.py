@@ -17,10 +17,19 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "pliant"
 ERRORS = ("InputError", "PliantError", "FitError", "SimulationError", "Refused")
-CALLS = {"tell": "progress", "mention": "progress", "warn": "warning", "say": "output"}
-VERDICT = ("study/verdict.py", "study/headline.py", "failures.py")
+CALLS = {"notify": "progress", "mention": "progress", "warn": "warning", "say": "output"}
+VERDICT = ("study/verdict.py", "failures.py")
 SHORTEST = 25  # characters of a sentence
-CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|^---\n.*?^---$", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"^(```|:::).*?^\1[^\n]*$|\A---\n.*?^---$|^\$\$.*?\$\$[^\n]*$|<!--.*?-->",
+                  re.MULTILINE | re.DOTALL)  # also the head of a page, formulas and remarks  # fmt: skip
+NO_TEXT = re.compile(r"^(?:\||#|\(\S+\)=$|<)[^\n]*$|^!\[[^\]]*\]\([^)]*\)", re.MULTILINE)  # table, heading, picture
+ITEM = re.compile(r"\n\s*(?:[-*]|\d+\.) +|\n(?=\[\^)")  # begins an item of a list or a footnote
+RUN_IN = re.compile(r"^\*\*[^*]*(?:[.:!?]\*\*|\*\*(?: \([^)]*\))?\.)\s*")  # a heading that begins a paragraph
+END = re.compile(r"[.!?][*)\"]*\s+(?=\S)")  # of a sentence
+KEPT = re.compile(r"(?:\b[A-Z]|\b(?:Sec|Secs|Eq|Eqs|Fig|Figs|Ref|No|vs|cf|e\.g|i\.e|et al)|\.\.)\.$")  # no end of one
+VERBS = ("is are was were has have had does do did can cannot must may shows? gives? holds? takes? prints? measures? "
+         "compares? writes? needs? counts? runs? uses? contains? differs? comes? follows?")  # fmt: skip
+VERB = re.compile(rf"\b(?:{VERBS.replace(' ', '|')})\b")
 
 
 class Message(NamedTuple):
@@ -87,17 +96,33 @@ def docstrings() -> list[Message]:
     return found
 
 
+def blocks(page: str) -> Iterator[str]:
+    """Yield each paragraph and list item of a page on one line, and each footnote that is a sentence."""
+    for block in re.split(r"\n\s*\n", NO_TEXT.sub("\n\n", CODE.sub("\n\n", page))):
+        for part in re.split(ITEM, "\n" + block):
+            text = RUN_IN.sub("", " ".join(part.split()))
+            note = re.match(r"\[\^[\w-]+\]: ", text)
+            if not note:
+                yield text
+            elif re.match(r"[A-Z]", text[note.end() :]) and VERB.search(text):
+                yield text[note.end() :]
+
+
+def cut(text: str) -> list[str]:
+    """Return the sentences of a paragraph; initials, abbreviations and three dots end none."""
+    parts, start = [], 0
+    for end in END.finditer(text):
+        if not KEPT.search(text[: end.start() + 1]):
+            parts.append(text[start : end.end()].strip())
+            start = end.end()
+    return [part.strip("*") if part.count("*") % 2 else part for part in (*parts, text[start:].strip())]
+
+
 def sentences() -> list[Message]:
     """Return the sentences of the documentation, without code, tables and formulas."""
-    found = []
-    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        text = CODE.sub("", page.read_text(encoding="utf-8"))
-        for block in re.split(r"\n\s*\n", text):
-            if re.match(r"[|#!(<$\[]", block.strip()):
-                continue
-            parts = re.split(r"(?<=[.!?])\s+(?=[A-Z`])", " ".join(block.split()))
-            found += [Message("sentence", page.name, part) for part in parts if len(part) > SHORTEST]
-    return found
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    found = [(page.name, part) for page in pages for block in blocks(page.read_text("utf-8")) for part in cut(block)]
+    return [Message("sentence", name, part) for name, part in found if len(part) > SHORTEST]
 
 
 def main() -> None:

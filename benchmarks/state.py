@@ -94,8 +94,7 @@ def speed():
     from pliant.equations import observation
     from pliant.estimation import kalman_loops
     from pliant.estimation.offline import chain_of, frame_of
-    from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
-    from pliant.estimation.workspace import make_workspace
+    from pliant.estimation.symbols import FilterNoise, FilterState, Prediction, make_workspace
     from pliant.simulation import state
 
     for name, chain in (("with memory", model("a")), ("without", model("a").with_(memory=type(model("a").memory)()))):

@@ -26,9 +26,9 @@ from scipy.special import ndtri
 from state import FIBRE, LATENCY, NOISE, RATE, REST, model
 
 from pliant.contact import find_contact
-from pliant.contact.contact import ShownFree, learnt_from, shown_by
+from pliant.contact.contact import FilteredFreeMotion, filtered_free_motion, free_motion_for_rate
 from pliant.contact.free_motion import blocks, normalised, tail
-from pliant.contact.likelihood_ratio import answer_of
+from pliant.contact.likelihood_ratio import innovation_response
 from pliant.contact.moment_arms import moment_arms
 from pliant.estimation import estimate
 from pliant.estimation.measurement import Measurement, measurement_of
@@ -106,8 +106,8 @@ class Touches(chunks.OneByOne):
         began, name = time.process_time(), "abc"[chunk % 3]
         chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
         bodies = [seen(free(name, k), name, chunk, f"free_{k}") for k in range(LEARN)]
-        shown = shown_by(bodies, chain, **options)
-        learnt = learnt_from(shown, 1.0)
+        shown = filtered_free_motion(bodies, chain, **options)
+        learnt = free_motion_for_rate(shown, 1.0)
         plain = Plain.learnt(bodies, chain, options)
         made = {k: np.full((1, RUNS, len(ONSETS)), np.nan) for k in (
             "newton", "place", "delay_ms", "plain_delay_ms", "place_mm", "force_percent")}  # fmt: skip
@@ -132,7 +132,7 @@ class Touches(chunks.OneByOne):
         return made
 
 
-def sudden_changes(shown: ShownFree) -> np.ndarray:
+def sudden_changes(shown: FilteredFreeMotion) -> np.ndarray:
     """Return the covariance (n, n) [N^2 m^2] of apparent torque steps in free motion, from 0.17 s of innovations each.
 
     They are the best that frames up to 0.17 s after an onset can know of its torques; longer waits add drift.
@@ -248,7 +248,7 @@ def bound() -> None:
             chain = model(name)
             alone = replace(NOISE, torque=1e-7, random_walk=1e-5)
             for words, noise in (("model's errors as the filter has them", NOISE), ("the fibre's noise alone", alone)):
-                answer = answer_of(chain, noise, measured(chain, rate), step=5e-3)
+                answer = innovation_response(chain, noise, measured(chain, rate), step=5e-3)
                 last = chain.n - 1
                 J = moment_arms(chain, np.cumsum(chain.rest_angle)[None], np.array([last]),
                                 np.array([chain.link_length[last]]))[0, 0, 0]  # fmt: skip

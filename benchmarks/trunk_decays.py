@@ -25,7 +25,7 @@ from pliant.identification.model_selection import Follows, follows, shared_bic
 from pliant.identification.parameters import Parameter
 from pliant.identification.prediction import predict
 from pliant.model import Model
-from pliant.numerics.swings import SMALL, turning_points
+from pliant.numerics.ringdown import SMALL, turning_points
 from pliant.study import load_study
 from pliant.study.run import prepare_all
 

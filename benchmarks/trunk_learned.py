@@ -25,7 +25,7 @@ import numpy as np
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
 from pliant.recording import read
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 Array = np.ndarray
 MAPPING = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.identification.initial_guess import last_edge
-from pliant.numerics.swings import turning_points
+from pliant.numerics.ringdown import turning_points
 from pliant.study import demo_study, load_study, run_study
 from pliant.study.prepare import all_aligned, load_recording
 from pliant.study.run import prepare_all

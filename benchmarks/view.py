@@ -18,7 +18,7 @@ from playwright.sync_api import sync_playwright
 from pliant.study import demo_study, load_study, run_study
 from pliant.validation.store import save_results
 from pliant.view import write_report
-from pliant.view.played import played_from
+from pliant.view.live import page_content
 from pliant.view.server import Server
 
 CHROMIUM = next(p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p)
@@ -37,7 +37,7 @@ def main():
     print(f"report: {(folder / 'report.html').stat().st_size} bytes, "
           f"written in {min(seconds(lambda: write_report(outcome, folder)) for _ in range(TRIES)):.2f} s; "
           f"results kept in {min(seconds(lambda: save_results(outcome, folder)) for _ in range(TRIES)):.2f} s")
-    server = Server(played_from(folder))
+    server = Server(page_content(folder))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     with sync_playwright() as play:

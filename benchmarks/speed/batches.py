@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
-from time import process_time
+from pathlib import Path
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from pliant.actuators import chen2018
 from pliant.batch import simulate_batch
 from pliant.bench.floor import floor
 from pliant.bench.kernels import TORQUE
-from pliant.bench.timing import best, best_in_turn, processor_flags
+from pliant.bench.timing import best
 from pliant.cores import cores
 from pliant.mechanics import mechanics_of
 from pliant.simulation import Pulse, simulate, state
@@ -80,3 +82,26 @@ def batches() -> dict[str, Any]:
         "batch_ns_per_step_one_core": ns, "batch_difference_mm": 1e3 * difference,
         "batch_times_real_time": float(times[-1]) / everything,
     }
+
+
+def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
+    """Return the shortest wall time [s] of each job, running them in turn so that disturbances affect all alike."""
+    for job in jobs:
+        job()
+    times: list[list[float]] = [[] for _ in jobs]
+    began = perf_counter()
+    while perf_counter() - began < seconds or len(times[0]) < 5:
+        for job, runs in zip(jobs, times, strict=True):
+            start = perf_counter()
+            job()
+            runs.append(perf_counter() - start)
+    return [min(runs) for runs in times]
+
+
+def processor_flags() -> set[str]:
+    """Return the features of the processor, as Linux names them; empty on other systems."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return set()
+    return set(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())

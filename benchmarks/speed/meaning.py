@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pliant.bench.meaning import MEANING as OF_THE_COMMAND
+from pliant.bench.run import MEANING as OF_THE_COMMAND
 
 MEANING = {
     **OF_THE_COMMAND,

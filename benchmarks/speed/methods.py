@@ -17,7 +17,7 @@ from pliant.equations.symbols import Slopes
 from pliant.mechanics import mechanics_of, planar
 from pliant.simulation import state
 from pliant.simulation.drive import drive
-from pliant.simulation.extrapolated import march_extrapolated
+from pliant.simulation.extrapolation import march_extrapolated
 from pliant.simulation.initial_value import march, posed
 from speed.problem import Problem
 

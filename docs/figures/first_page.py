@@ -19,7 +19,7 @@ from pliant import load_study, run_study
 from pliant.plotting import style
 from pliant.study import demo_study
 from pliant.study.prepare import aligned_recording
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 RECORD, EVERY, FRAME_MS = "pulse_119", 6, 80  # every sixth frame of 75 a second: real time
 MEASURED, MODELLED = "0.62", "#0b2f6b"

@@ -16,7 +16,7 @@ import numpy as np
 import pliant
 from pliant.control import TaskFile
 from pliant.control.model_plant import ModelPlant
-from pliant.loop.task import Done, run_task
+from pliant.loop.task import TaskResult, run_task
 from pliant.model import Memory, Valve
 
 PERIOD = 4e-3  # s
@@ -54,7 +54,7 @@ def loop_of_the_tip(model: pliant.Model, duration: float) -> dict[str, list[floa
     return {"time_s": clock.tolist(), "tip_x_mm": tip[0].tolist(), "tip_y_mm": tip[1].tolist()}
 
 
-def follow(output: Path, feedback: str = "lqr", estimator: str = "observer", duration: float = 3.6) -> Done:
+def follow(output: Path, feedback: str = "lqr", estimator: str = "observer", duration: float = 3.6) -> TaskResult:
     """Follow the path for a while [s], the files into a folder, which is made."""
     output.mkdir(parents=True, exist_ok=True)
     model = two_segments()
@@ -68,7 +68,7 @@ def follow(output: Path, feedback: str = "lqr", estimator: str = "observer", dur
     return run_task(model, ModelPlant(body), task, output, estimator=estimator)
 
 
-def off_path(done: Done) -> np.ndarray:
+def off_path(done: TaskResult) -> np.ndarray:
     """Distance [mm] of the tip, as estimated, from where it is wanted, at each period from 0.6 s on."""
     return 1e3 * np.hypot(done.log["error_tip_x_m"], done.log["error_tip_y_m"]).to_numpy()[round(0.6 / PERIOD) :]
 

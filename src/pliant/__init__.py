@@ -1,7 +1,7 @@
-"""From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.
+"""Convert recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.
 
-The public page, in the order of the journey. Names are loaded when they are first used, so that ``import pliant``
-costs nothing.
+The public functions and classes, in the order in which an analysis uses them. Each is imported when it is first used,
+so that ``import pliant`` loads nothing else.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _PAGE = {
 }
 _HOME = {name: module for module, names in _PAGE.items() for name in names}
 
-__all__ = [  # noqa: RUF022  in the order of the journey
+__all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "simulate", "Stepper", "equilibrium", "modes",

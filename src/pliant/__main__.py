@@ -1,4 +1,4 @@
-"""`python -m pliant`, the same as the console script `pliant`."""
+"""Entry point of the command line: `python -m pliant` and the console script `pliant`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import atexit
 import gc
 import os
 
-GARBAGE = 1_000_000  # new objects between two searches for garbage: of those that an import makes none is any
+GARBAGE = 1_000_000  # new objects between two garbage collections: imports create many objects and no garbage
 
 
 def main() -> None:
-    """Run the command line."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads that wait cost more than they bring
+    """Run pliant's command line, with one BLAS thread and rare garbage collections to make it start faster."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # on small matrices, threads cost more than they gain
     gc.set_threshold(GARBAGE)
-    atexit.register(gc.freeze)  # Python's end searches everything for garbage, twice, before it gives all memory back
+    atexit.register(gc.freeze)  # skips the garbage collections when Python exits
     from pliant.cli import run
     from pliant.heavy import hide_heavy
 

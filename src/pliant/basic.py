@@ -1,8 +1,8 @@
-"""The whole paper in one page of plain NumPy, to be read beside it.
+"""The whole model of the paper in 150 lines of plain NumPy, to be read next to the paper.
 
 Source: Chen, Galloway, Godage, "Efficient Reduced-Order Models for Soft Actuators", Sec. III.
-Slow and obvious on purpose: tests hold the fast kernels of `pliant.equations` to it; no line is shared.
-Index 0 is the first link, i = 1 in the paper; SI; q (n,) are joint angles from the rest shape.
+Clarity comes before speed; tests compare the fast kernels of `pliant.equations`, which share no line with this page.
+Index 0 is the first link, i = 1 in the paper. SI units. q (n,) [rad] are joint angles from the rest shape.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ S = np.array([[0.0, -1.0], [1.0, 0.0]])  # quarter turn about +z
 
 
 class Actuator(NamedTuple):
-    """Constants of an actuator of n links, as the equations use them."""
+    """Constants of a soft actuator with n links: lengths, masses, stiffness, damping and bladder radius."""
 
     l: np.ndarray  # (n,) m, link lengths
     theta0: np.ndarray  # (n,) rad, rest angle of each joint
@@ -31,7 +31,7 @@ class Actuator(NamedTuple):
 
 
 def paper(n=5, theta0=0.0):
-    """The paper's actuator: 17 cm, 69 g, K_b and D as printed, mass at the link tips (its frames {O_i})."""
+    """Return the paper's actuator with n links: 17 cm, 69 g, stiffness and damping as printed, mass at link tips."""
     one = np.ones(n)
     return Actuator(
         l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,
@@ -40,18 +40,18 @@ def paper(n=5, theta0=0.0):
 
 
 def section(r2):
-    """Bladder area A = pi r2^2 / 2 and lever arm d = 4 r2 / (3 pi). Sec. III-C."""
+    """Return area A = pi r2^2 / 2 [m^2] and lever arm d = 4 r2 / (3 pi) [m] of a bladder of radius r2. Sec. III-C."""
     return np.pi * r2**2 / 2, 4 * r2 / (3 * np.pi)
 
 
 def torque(pressure, actuator):
-    """tau_i = p A d, the same on every joint (n,). Sec. III-C."""
+    """Return the joint torques tau (n,) [N m] at a gauge `pressure` [Pa]: tau_i = p A d at every joint. Sec. III-C."""
     A, d = section(actuator.r2)
     return pressure * A * d * np.ones(len(actuator.l))
 
 
 def link_transform(q_i, theta0_i, l_i):
-    """T_i = R_z(q_i + theta_i0) P_y(l_i), (3, 3). Eq. (1)."""
+    """Return the transform T_i = R_z(q_i + theta_i0) P_y(l_i), (3, 3), from a link's frame to the previous. Eq. (1)."""
     c, s = np.cos(q_i + theta0_i), np.sin(q_i + theta0_i)
     Rz = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     Py = np.array([[1, 0, 0], [0, 1, l_i], [0, 0, 1]])
@@ -59,7 +59,7 @@ def link_transform(q_i, theta0_i, l_i):
 
 
 def chain(q, actuator):
-    """T^i = T_1 ... T_i of every link, (n, 3, 3). Eq. (2); its blocks R^i and p^i are Eq. (3)."""
+    """Return the transforms T^i = T_1 ... T_i (n, 3, 3) to the base frame, with blocks R^i and p^i. Eqs. (2), (3)."""
     T, T_i = [], np.eye(3)
     for link in zip(q, actuator.theta0, actuator.l, strict=True):
         T_i = T_i @ link_transform(*link)
@@ -68,12 +68,12 @@ def chain(q, actuator):
 
 
 def tips(q, actuator):
-    """Tip positions p^i of the links, (n, 2)."""
+    """Return the tip positions p^i of the n links in the base frame, (n, 2) [m], at joint angles q (n,) [rad]."""
     return chain(q, actuator)[:, :2, 2]
 
 
 def body_velocities(q, dq, actuator):
-    """Omega_i (n, 2, 2) and upsilon_i (n, 2) of the link tips in their own frames. Eq. (4)."""
+    """Return angular velocities (n, 2, 2) [rad/s] and tip velocities (n, 2) [m/s] in the links' frames. Eq. (4)."""
     Omega, v, Omegas, vs = np.zeros((2, 2)), np.zeros(2), [], []
     for q_i, dq_i, theta0_i, l_i in zip(q, dq, actuator.theta0, actuator.l, strict=True):
         T = link_transform(q_i, theta0_i, l_i)
@@ -87,10 +87,10 @@ def body_velocities(q, dq, actuator):
 
 
 def jacobians(q, actuator, point=None):
-    """J_w (n, n) and J_v (n, 2, n), in the links' frames, of points at distance `point` (n,) along each link.
+    """Return Jacobians J_w (n, n) (angular) and J_v (n, 2, n) (linear) of points at `point` (n,) [m] along the links.
 
-    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: joint m swings the lever from itself to the point x_i.
-    At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None means the centres of mass.
+    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees.
+    In the links' frames. At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None: the centres of mass.
     """
     T = chain(q, actuator)
     R, joints = T[:, :2, :2], np.vstack([np.zeros(2), T[:-1, :2, 2]])
@@ -101,7 +101,7 @@ def jacobians(q, actuator, point=None):
 
 
 def inertia(q, actuator):
-    """M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n), with the cap at the last tip. Eq. (5)."""
+    """Return the inertia matrix M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n) [kg m^2], with the cap. Eq. (5)."""
     J_w, J_v = jacobians(q, actuator)
     J_tip = jacobians(q, actuator, actuator.l)[1][-1]
     M = np.einsum("i,iab,iac->bc", actuator.m, J_v, J_v) + np.einsum("i,ib,ic->bc", actuator.I, J_w, J_w)
@@ -109,9 +109,9 @@ def inertia(q, actuator):
 
 
 def coriolis(q, dq, actuator):
-    """C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r, (n, n). Eq. (5).
+    """Return the Coriolis matrix C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r, (n, n) [N m s].
 
-    dM/dq_r is exact to rounding: the imaginary part of M at q + i h e_r, divided by h.
+    Eq. (5). dM/dq_r is exact to rounding: the imaginary part of M at q + i h e_r, divided by h.
     """
     h = 1e-30
     dM = np.stack([inertia(q + 1j * h * e, actuator).imag / h for e in np.eye(len(q))], axis=-1)
@@ -119,22 +119,22 @@ def coriolis(q, dq, actuator):
 
 
 def gravity(q, actuator):
-    """Joint torques (n,) of gravity: sum_i m_i J_v^T R^iT g. The paper has none; here for other set-ups."""
+    """Return the joint torques (n,) [N m] due to gravity, sum_i m_i J_v^T R^iT g. The paper has no gravity."""
     R, g = chain(q, actuator)[:, :2, :2], np.array(actuator.g)
     J_v, J_tip = jacobians(q, actuator)[1], jacobians(q, actuator, actuator.l)[1][-1]
     return np.einsum("i,ian,iba,b->n", actuator.m, J_v, R, g) + actuator.m_tip * J_tip.T @ R[-1].T @ g
 
 
 def acceleration(q, dq, tau, actuator):
-    """M ddq + (C + D) dq + K q = tau, solved for ddq (n,). Eq. (5)."""
+    """Return the joint accelerations ddq (n,) [rad/s^2], which solve M ddq + (C + D) dq + K q = tau. Eq. (5)."""
     rest = (coriolis(q, dq, actuator) + np.diag(actuator.D)) @ dq + actuator.K * q
     return np.linalg.solve(inertia(q, actuator), tau + gravity(q, actuator) - rest)
 
 
 def pulse(actuator, pressure=119e3, start=0.12, duration=2.76, end=4.5, rtol=1e-4):
-    """The paper's experiment from rest: rectangular `pressure` [Pa] from `start` for `duration` [s].
+    """Simulate the paper's experiment from rest: a pulse of `pressure` [Pa] from `start` [s] for `duration` [s].
 
-    Returns times (T,) and joint angles q (T, n). Each edge starts a new integration (paper: ode15s).
+    Returns times (T,) [s] and joint angles q (T, n) [rad]. The integration restarts at each edge (paper: ode15s).
     """
     n = len(actuator.l)
     edges = [0.0, start, start + duration, end]

@@ -1,4 +1,4 @@
-"""Number of cores that this process may use."""
+"""Number of processor cores that this Python process may use."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def cores() -> int:
-    """Those that the system lets this process have, where it says so; else all."""
+    """Return the number of processor cores that this process may use: the system's limit or, without one, all cores."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

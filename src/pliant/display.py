@@ -1,4 +1,4 @@
-"""Display of results: as text in a terminal, as HTML in a notebook, from one card."""
+"""Display of results as text in a terminal and as HTML in a notebook."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ MOST_ROWS = 12
 
 
 class Card(NamedTuple):
-    """Content of a result's display: a title, sentences, a table whose first column is a name, and an SVG for
-    notebooks.
+    """The content of a printed result: a title, sentences, a table and an SVG drawing for notebooks.
+
+    The first column of the table holds names.
     """
 
     title: str
@@ -24,10 +25,13 @@ class Card(NamedTuple):
 
 
 class Shown:
-    """Prints the card that `card` gives; for dataclasses with ``repr=False``."""
+    """Base class of results that are printed as a `Card`: text in a terminal, HTML in a notebook.
+
+    It is meant for dataclasses with ``repr=False``.
+    """
 
     def card(self) -> Card:
-        """Title, sentences and table."""
+        """Return the title, sentences and table to print for this result. Subclasses must override this method."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -38,7 +42,10 @@ class Shown:
 
 
 def as_text(card: Card) -> str:
-    """A card as lines of text, the table aligned, numbers to the right."""
+    """Return the content of a card as lines of text, with its table in aligned columns.
+
+    Numbers are aligned to the right.
+    """
     table = [[escaped(cell, "line") for cell in row] for row in (card.head, *shortened(card)) if row]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     rows = []
@@ -50,7 +57,10 @@ def as_text(card: Card) -> str:
 
 
 def as_html(card: Card) -> str:
-    """A card as HTML that needs no style of its own."""
+    """Return the content of a card as an HTML fragment, for notebooks.
+
+    The fragment needs no style sheet.
+    """
     made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
@@ -65,7 +75,10 @@ def as_html(card: Card) -> str:
 
 
 def shortened(card: Card) -> list[Sequence[str]]:
-    """The rows; of very many the first and the last, with their number between."""
+    """Return the rows of a card's table. If there are more than 12, the middle ones are replaced by their number.
+
+    The first 6 rows and the last 6 are kept.
+    """
     rows = list(card.rows)
     if len(rows) <= MOST_ROWS:
         return rows

@@ -1,4 +1,7 @@
-"""Small drawings of bodies as SVG, for notebooks: equal axes, measured thick and grey, modelled thin and dark."""
+"""Small SVG drawings of an actuator's shape, for notebooks.
+
+The axes are equal; measured lines are thick and grey, modelled lines thin and dark.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,14 @@ STYLES = {
 
 
 def body_svg(lines: Sequence[tuple[str, np.ndarray]], title: str) -> str:
-    """Return lines in the plane as an SVG element with a base below the origin; '' where nothing finite is given.
+    """Return an SVG drawing of planar shapes, with a base at the origin; '' if no shape has two finite points.
 
     Parameters
     ----------
     lines : sequence of (style, points)
         A style of `STYLES`, and points (N, 2) [m]; rows with NaN are left out.
     title : str
-        What the drawing shows, for those who do not see it.
+        Description of the drawing for screen readers.
     """
     import numpy as np
 

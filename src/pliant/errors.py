@@ -1,4 +1,4 @@
-"""Every error that pliant raises on purpose: one root, one clear sentence each."""
+"""The exceptions that pliant raises, all derived from `PliantError`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from pliant.text import escaped
 
 
 class PliantError(Exception):
-    """Root of all errors that pliant raises on purpose.
+    """Base class of all exceptions that pliant raises for bad input or a failed computation.
 
-    The message says what was expected, what came and what to do about it. The command line prints
-    it as one sentence and leaves with ``exit_code``: 2 for bad input, 1 for a job that failed.
-    It is one printable line, whatever a file that it quotes holds: see `pliant.text.escaped`.
+    The message says what was expected, what was given and what to do. The command line prints
+    it as one sentence and exits with ``exit_code``: 2 for bad input, 1 for a job that failed.
+    Text that the message quotes from a file is escaped, so that it is always one printable line
+    (`pliant.text.escaped`).
 
     Examples
     --------
@@ -21,7 +22,7 @@ class PliantError(Exception):
     ...     pliant.read("absent.csv")
     ... except pliant.PliantError as error:
     ...     print(error)
-    no recording can be read from absent.csv: it is absent
+    cannot read a recording from absent.csv: there is no such file
     """
 
     exit_code = 1
@@ -31,21 +32,21 @@ class PliantError(Exception):
 
 
 class InputError(PliantError, ValueError):
-    """A file, an option or an argument is not what it must be."""
+    """Exception for a file, an option or an argument that is not valid."""
 
     exit_code = 2
 
 
 class SimulationError(PliantError, ArithmeticError):
-    """A simulation cannot go on: the step is too long, or a value stopped being finite."""
+    """Exception for a simulation that cannot continue: the time step is too long, or a value is not finite."""
 
 
 class FitError(PliantError):
-    """An identification cannot start or did not end in a usable model."""
+    """Exception for a fit that cannot start or does not lead to a usable model."""
 
 
 def explain_validation(error: Any, what: str) -> InputError:
-    """One sentence from a pydantic ValidationError: which entry of `what` is wrong, why, and what came."""
+    """Return an `InputError` that says which entry of the file or table `what` is wrong, why, and what was given."""
     first = error.errors()[0]
     where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
     more = len(error.errors()) - 1
@@ -59,13 +60,13 @@ def explain_validation(error: Any, what: str) -> InputError:
 
 
 def clipped(text: str, most: int = 80) -> str:
-    """A text for a sentence: in one line, and no longer than one can read."""
+    """Return `text` on one line of at most `most` characters, with "..." at the end if it is shortened."""
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[: most - 3]}..."
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """A value for a sentence, as Python writes it; only that it is too large or deep where it cannot be written."""
+    """Return the `repr` of `value` in at most `most` characters, or its type if it is too large or deeply nested."""
     try:
         return clipped(repr(value), most)
     except (RecursionError, ValueError):  # ValueError: an integer of more digits than Python writes

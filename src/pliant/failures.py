@@ -1,4 +1,4 @@
-"""Results that cannot be computed: each becomes a sentence that names fit and record, and everything else goes on."""
+"""Record of results of a study that could not be computed, so that the rest of the study can go on."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from pliant.errors import PliantError
 
 T = TypeVar("T")
-FAILED = (PliantError, ArithmeticError, np.linalg.LinAlgError)  # what a computation ends with, not what a bug does
+FAILED = (PliantError, ArithmeticError, np.linalg.LinAlgError)  # errors of a computation, not of a bug in the code
 
 
 class NotComputed(NamedTuple):
-    """A fit, prediction, band or forecast that could not be computed, and why."""
+    """A result that could not be computed (a fit, prediction, prediction interval or forecast), and the reason."""
 
     what: str  # "fit", "prediction", "band", "forecast heavy", ...
-    fit: str  # empty where no single fit is concerned
-    record: str  # empty where no single record is concerned
+    fit: str  # name of the fit; empty if no single fit is concerned
+    record: str  # name of the recording; empty if no single recording is concerned
     reason: str
-    role: str = ""  # of the record
+    role: str = ""  # of the recording: "train", "held_out" or empty
 
     @property
     def sentence(self) -> str:
-        """Return one sentence on what could not be computed, and why."""
+        """Sentence that says which result could not be computed, and why."""
         reason = self.reason.rstrip(".")
         if self.what == "fit":
             return f"Fit {self.fit} could not be computed: {reason}."
@@ -34,19 +34,21 @@ class NotComputed(NamedTuple):
 
 
 def fit_failure(name: str, error: Exception) -> NotComputed:
-    """A fit that ended in an error."""
+    """Return the record for the fit `name` that ended with the exception `error`."""
     return NotComputed("fit", name, "", " ".join((str(error) or type(error).__name__).split()))
 
 
 class Failures(list[NotComputed]):
-    """Runs computations of one fit and collects what cannot be computed.
+    """List of the results of one fit that could not be computed.
+
+    `attempt` runs a computation and adds its failure.
 
     Parameters
     ----------
     fit : str
-        Name of the fit, for the sentences.
+        Name of the fit, used in the messages.
     warn : callable, optional
-        Called with a line for each failure.
+        Called with one line of text for each failure.
     """
 
     def __init__(self, fit: str, warn: Callable[[str], None] | None = None) -> None:
@@ -54,7 +56,9 @@ class Failures(list[NotComputed]):
         self.fit, self.warn = fit, warn
 
     def attempt(self, what: str, record: str, compute: Callable[[], T], role: str = "") -> T | None:
-        """Return what `compute` returns; where it fails, None, and the failure is added to this list."""
+        """Return ``compute()``; if it raises an exception, add the failed result `what` to this
+        list and return None.
+        """
         try:
             return compute()
         except FAILED as error:
@@ -62,7 +66,9 @@ class Failures(list[NotComputed]):
             return None
 
     def add(self, what: str, record: str, reason: str, role: str = "") -> None:
-        """Add a failure, once."""
+        """Add a result that could not be computed to this list, and warn of it; a result already in the list is
+        ignored.
+        """
         failure = NotComputed(what, self.fit, record, " ".join(reason.split()), role)
         if failure not in self:
             self.append(failure)
@@ -71,7 +77,7 @@ class Failures(list[NotComputed]):
 
 
 def finite(values: np.ndarray, what: str) -> np.ndarray:
-    """Return the values; ArithmeticError where one is not a finite number."""
+    """Return the array `values` unchanged; raise ArithmeticError if any element is NaN or infinite."""
     if not np.isfinite(values).all():
-        raise ArithmeticError(f"{what} is not finite: the motion diverges")
+        raise ArithmeticError(f"{what} is not finite: the simulated motion diverges")
     return values

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all; what a person wrote is read within bounds."""
+"""Functions that write files atomically, and read TOML and JSON files within limits of size and nesting depth."""
 
 from __future__ import annotations
 
@@ -26,15 +26,18 @@ DEEPEST, LONGEST_TEXT, LARGEST_FILE = 32, 4000, 20_000_000  # levels, characters
 LARGEST_NUMBER = 1e300
 PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""  # of a dotted key of TOML
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}")
-DRAFTS = ".pliant-draft-"  # what the names of draft folders begin with
-ABANDONED = 86400.0  # s, after which a draft folder belongs to no process any more
+DRAFTS = ".pliant-draft-"  # start of the names of temporary folders
+ABANDONED = 86400.0  # s, after which a temporary folder is left over from a killed process
 SEAL = b"pliant-sha256 "
 SEAL_BYTES = len(SEAL) + 64 + 1  # the digest and a line end
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A draft beside `path` to write to; it takes the place of `path` when all went well, and is removed otherwise."""
+    """Context manager that yields a temporary file, which replaces the file `path` if the block succeeds.
+
+    If the block fails, the temporary file is removed.
+    """
     draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield draft
@@ -47,19 +50,21 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def writable(folder: str | Path) -> Path:
-    """Return the folder, made where it is absent; InputError where no file can be written into it."""
+    """Return `folder` as a Path, created if it is absent; raise InputError if no file can be written into it."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()  # a name of its own: other runs may try the same folder
     except OSError as error:
-        raise InputError(f"cannot write into the output folder {folder}: {error.strerror or error}") from None
+        raise InputError(
+            f"cannot write into the output folder {folder}: {error.strerror or error}; choose another folder"
+        ) from None
     return folder
 
 
 @contextmanager
 def output_folder(folder: str | Path) -> Iterator[Path]:
-    """Yield a folder to write to, made where it is absent; one that was made and is empty is removed after a failure.
+    """Context manager that yields an output folder, created if absent and removed after an error if it is still empty.
 
     Raises
     ------
@@ -79,19 +84,20 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a draft folder whose files replace those of the same names in `folder`, as one set.
+    """Context manager that yields a temporary folder, whose files then replace those of the same names in `folder`, all
+    or none.
 
-    The file of the last name marks a whole set: it is removed first and put in place last, so that a process killed at
-    any moment leaves the old set, the new one, or no file of that name. No other file in `folder` is touched.
+    The file with the last name marks a complete set. It is removed first and written last, so that a process killed at
+    any moment leaves the old set, the new set, or no file of that name. Other files in `folder` are not touched.
 
     Parameters
     ----------
     folder : Path
-        Exists and can be written.
+        An existing folder that can be written to.
     names : sequence of str
-        What will be in the draft folder.
+        Names of the files that the block writes into the temporary folder.
     """
-    for old in folder.glob(f"{DRAFTS}*"):  # of processes that were killed
+    for old in folder.glob(f"{DRAFTS}*"):  # left over from processes that were killed
         with suppress(OSError):
             if time.time() - old.stat().st_mtime > ABANDONED:
                 shutil.rmtree(old)
@@ -110,14 +116,17 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 
 def on_disk(path: Path) -> None:
-    """Wait until a file's content is on the disk: else a power cut may leave its name without its content."""
+    """Wait until the content of the file `path` is physically stored on the disk.
+
+    Otherwise a power cut may leave the file's name without its content.
+    """
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a lock on a folder, where the system has such locks: two processes do not mix their files."""
+    """Context manager that locks a folder, if the system supports it, so that two processes do not mix their files."""
     if fcntl is None:
         yield
         return
@@ -131,7 +140,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def seal(path: Path) -> None:
-    """Append a checksum of its content to a file whose format knows its own end, such as HDF5."""
+    """Append a SHA-256 checksum to a file of a format that ignores additional bytes at its end, such as HDF5."""
     with path.open("rb") as file:
         digest = file_digest(file, "sha256").hexdigest()
     with path.open("ab") as file:
@@ -139,14 +148,15 @@ def seal(path: Path) -> None:
 
 
 def seal_of(content: bytes | memoryview) -> bytes:
-    """The checksum of bytes, as it stands behind them."""
+    """Return the line with the SHA-256 checksum of `content` that `seal` appends to a file."""
     return SEAL + sha256(content).hexdigest().encode() + b"\n"
 
 
 def is_sealed(path: Path) -> bool | None:
-    """Whether a file keeps the checksum that it ends in; None where it ends in none.
+    """Return True if a file matches the checksum appended to it, False if it does not, and None if it has no checksum.
 
-    A damaged checksum is one: the HDF5 before it says where it ends itself.
+    A damaged checksum counts as one: the header of an HDF5 file says where its content ends, so that more bytes are
+    expected to be a checksum.
     """
     with path.open("rb") as file:
         head = file.read(48)
@@ -164,7 +174,7 @@ def is_sealed(path: Path) -> bool | None:
 
 
 def hdf5_bytes(head: bytes) -> int:
-    """Bytes of an HDF5 file, as its superblock says; -1 of anything else.
+    """Return the size [bytes] of an HDF5 file as stated in its first bytes `head`, or -1 for another format.
 
     Source: HDF5 File Format Specification, version 3, section II.A (offsets of 8 bytes)
     """
@@ -175,7 +185,7 @@ def hdf5_bytes(head: bytes) -> int:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text file atomically: the old content or the new, never half of it."""
+    """Write `text` to the file `path`, atomically: a killed process leaves the old content or the new."""
     path = Path(path)
     with whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
@@ -183,34 +193,40 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def read_entries(path: str | Path, what: str) -> Any:
-    """The entries of a TOML or JSON file that a person wrote: a study, a mapping, a task.
+    """Return the content of a TOML or JSON file written by a user, such as a study, a column mapping or a control task.
 
     Parameters
     ----------
     path : str or Path
-        ``.json`` is JSON, everything else TOML.
+        A file that ends in ``.json`` is read as JSON, any other as TOML.
     what : str
-        What the file is, for messages.
+        Kind of the file for error messages, such as "study".
 
     Raises
     ------
     InputError
-        When it cannot be read, is neither, or holds what no person writes: more than 32 levels, texts of more than 4000
-        characters or with control characters, numbers beyond 1e300.
+        When the file cannot be read, is not valid TOML or JSON, or exceeds a limit: 20 MB, 32 levels of nesting, texts
+        of 4000 characters, numbers of 1e300. Control characters in a text are refused too.
     """
     path = Path(path)
     kind = "JSON" if path.suffix == ".json" else "TOML"
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{what} {path} has {path.stat().st_size} bytes: no {what} is so large")
+            raise InputError(
+                f"{what} {path} has {path.stat().st_size} bytes: at most {LARGEST_FILE} are read; make the file smaller"
+            )
         text = path.read_text(encoding="utf-8")
-        if kind == "TOML" and (key := LONG_KEY.search(text)):  # its reader takes the square of the parts in time
-            raise InputError(f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'")
+        if kind == "TOML" and (key := LONG_KEY.search(text)):  # the time to read a key grows as the square of its parts
+            raise InputError(
+                f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'; shorten it"
+            )
         content = json.loads(text) if kind == "JSON" else tomllib.loads(text)
     except OSError as error:
         raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None
     except RecursionError:
-        raise InputError(f"{what} {path} is nested deeper than {DEEPEST} levels") from None
+        raise InputError(
+            f"{what} {path} is nested deeper than {DEEPEST} levels: use fewer levels of tables and lists"
+        ) from None
     except ValueError as error:  # no UTF-8, no TOML, no JSON, an integer of thousands of digits, a NUL in the path
         if isinstance(error, InputError):
             raise
@@ -221,7 +237,10 @@ def read_entries(path: str | Path, what: str) -> Any:
 
 
 def _problem(content: Any) -> str:
-    """Return the fault of a file's content in words, or "". Without recursion, since nesting is what is limited."""
+    """Return the fault of a file's content in words, or "".
+
+    It uses no recursion, since the depth of nesting is what it limits.
+    """
     left = [(content, 0, "the whole")]
     while left:
         value, depth, where = left.pop()
@@ -237,6 +256,6 @@ def _problem(content: Any) -> str:
                 return f"holds a text of {len(value)} characters at '{clipped(where)}': at most {LONGEST_TEXT}"
             if any(ord(c) < 32 and c not in "\t\n\r" for c in value):
                 return f"holds a control character in the text at '{clipped(where)}'"
-        elif isinstance(value, (int, float)) and not abs(value) <= LARGEST_NUMBER:  # not a number compares false
-            return f"holds a number that is none, or too large to be used, at '{clipped(where)}'"
+        elif isinstance(value, (int, float)) and not abs(value) <= LARGEST_NUMBER:  # true for NaN too
+            return f"holds a number that is NaN or larger than {LARGEST_NUMBER:g} at '{clipped(where)}'"
     return ""

@@ -1,6 +1,7 @@
-"""Packages kept out of commands that do not ask for them: others import all of them wherever they are installed.
+"""Optional packages (Dask, coverage) that are hidden from imports until they are needed, so that commands start faster.
 
-Dask, a second, comes with xarray; coverage, which Numba tells what it compiles, takes 0.04 s.
+Other packages import Dask and coverage wherever these are installed. Dask, which xarray imports, takes about 1 s;
+coverage, which Numba imports, takes 0.04 s.
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ _modules = cast("dict[str, Any]", sys.modules)
 
 
 def hide_heavy() -> None:
-    """Let this process find none of them that it has not yet: Python finds no module where None stands for it."""
+    """Make imports of the packages dask and coverage fail in this process, unless they are imported already.
+
+    Python raises ImportError for a module whose entry in `sys.modules` is None.
+    """
     for name in HEAVY:
         _modules.setdefault(name, None)
 
 
 def show_heavy() -> None:
-    """Let this process find them again: a sweep on a cluster asks for dask, and another package's plugin may."""
+    """Allow this process to import the packages dask and coverage again.
+
+    A sweep on a cluster or a plug-in needs them, for example.
+    """
     for name in HEAVY:
         if name in _modules and _modules[name] is None:
             del _modules[name]

@@ -1,4 +1,4 @@
-"""Keyword options that a `TypedDict` names (PEP 692): their defaults, the signature that shows them, refusals."""
+"""Support for functions whose keyword options are declared by a `TypedDict` (PEP 692)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ Options = TypeVar("Options", bound=Mapping[str, object])
 
 
 def with_defaults(function: Callable[..., Any], given: Options, defaults: Options) -> Options:
-    """Return the given options over the defaults.
+    """Return the keyword options `given`, completed by `defaults`; raise TypeError for an option without a default.
 
     Raises
     ------
     TypeError
-        For a keyword that `function` does not know; it names those that it takes.
+        For a keyword that `function` does not accept; the message lists those that it accepts.
     """
     if unknown := [name for name in given if name not in defaults]:
         named = [p.name for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
@@ -25,9 +25,9 @@ def with_defaults(function: Callable[..., Any], given: Options, defaults: Option
 
 
 def full_signature(function: Callable[..., Any], options: Any, defaults: Mapping[str, object]) -> inspect.Signature:
-    """Return the signature of a function with the keywords of the `TypedDict` in place of its ``**options``.
+    """Return the signature of `function` with the keywords of a `TypedDict` listed in place of its ``**options``.
 
-    A keyword without a default is required; those stand first.
+    A keyword without a default is required. Required keywords come first.
     """
     empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]

@@ -1,4 +1,4 @@
-"""Figures on matplotlib axes, readable in greyscale: lines differ by dash and width, not by colour alone."""
+"""Figures for papers on matplotlib axes, readable in greyscale: lines differ in dash and width as well as in colour."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ RC: dict[str, Any] = {
 }
 WIDTH: ContextVar[float] = ContextVar("width", default=PAGE_WIDTH)  # inches, of the figures being drawn
 TALLEST = 4.6  # inches, of a narrow figure: its page also holds a caption
-NARROW = 5.0  # inches: below, panels stand on each other and letters are smaller
+NARROW = 5.0  # inches: in a narrower figure, panels are stacked and letters are smaller
 SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend.fontsize": 6, "xtick.labelsize": 6,
          "ytick.labelsize": 6, "legend.handlelength": 2.0}
 
 
 @contextmanager
 def page(width: float) -> Iterator[None]:
-    """Figures that are drawn inside have this width, inches."""
+    """Context manager within which all figures are drawn with this width [inches]."""
     token = WIDTH.set(width)
     try:
         yield
@@ -64,14 +64,14 @@ def page(width: float) -> Iterator[None]:
 
 
 def side_by_side(count: int, ratios: tuple[float, ...], height: float, **kw: Any) -> Any:
-    """Panels beside each other, or on each other where the page is narrow; figure and axes."""
+    """Return a figure and its `count` axes in one row, or in one column if the figures' width is below 5 inches."""
     if WIDTH.get() >= NARROW:
         return new_figure(1, count, width_ratios=ratios, height=height, **kw)
     return new_figure(count, 1, height=min(0.85 * count * height, TALLEST), **kw)
 
 
 def letter_panels(figure: Figure) -> None:
-    """Mark the panels (a), (b), ... above their upper left corner, as a caption refers to them; a single one not."""
+    """Label the panels of a figure (a), (b), ... above their upper left corners; a single panel gets no label."""
     size = SMALL["font.size"] if WIDTH.get() < NARROW else RC["font.size"]
     for k, ax in enumerate(figure.axes if len(figure.axes) > 1 else ()):
         title = ax.get_title(loc="left")
@@ -80,7 +80,7 @@ def letter_panels(figure: Figure) -> None:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Fonts, sizes and line styles of all figures."""
+    """Context manager within which figures are drawn with pliant's fonts, sizes and line styles."""
     lines = cycler(color=COLOURS) + cycler(linestyle=DASHES)
     settings: Any = RC | {"axes.prop_cycle": lines} | (SMALL if WIDTH.get() < NARROW else {})
     with mpl.rc_context(settings):
@@ -90,13 +90,16 @@ def style() -> Iterator[None]:
 def new_figure(
     rows: int = 1, columns: int = 1, *, width: float | None = None, height: float = 2.6, **kw: Any
 ) -> Any:
-    """A figure without global state and its axes: ``figure, axes = new_figure(2, 1)``; sizes in inches."""
+    """Return a new matplotlib figure (not of pyplot) with `rows` by `columns` axes. Width and height are in inches.
+
+    ``figure, axes = new_figure(2, 1)``
+    """
     figure = Figure(figsize=(width or WIDTH.get(), height), layout="constrained")
     return figure, figure.subplots(rows, columns, **kw)
 
 
 def save_figure(figure: Figure, path: str | Path) -> list[Path]:
-    """Save a figure; a path without an ending gives a vector (.svg) and a pixel (.png) file.
+    """Save a figure to `path`, or to both an .svg and a .png file if `path` has no suffix. Returns the paths.
 
     Returns
     -------
@@ -112,7 +115,7 @@ def save_figure(figure: Figure, path: str | Path) -> list[Path]:
 
 
 def decades(ax: Axes) -> None:
-    """A logarithmic y axis over a few decades, numbers at 1, 2 and 5 of each and nowhere else."""
+    """Make the y axis of `ax` logarithmic, with labels at 1, 2 and 5 of each decade only."""
     ax.set_yscale("log", subs=(3, 4, 6, 7, 8, 9))
     ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.yaxis.set_major_formatter("{x:g}")
@@ -120,14 +123,14 @@ def decades(ax: Axes) -> None:
 
 
 def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, most: int = 60) -> None:
-    """Profiles of curvature along the body, the rest profile in red and thick.
+    """Draw the curvature profiles along the actuator of many frames, with the rest profile thick and red.
 
     Parameters
     ----------
     ax : Axes
     s : (S,) array, m
     kappa : (T, S) array, 1/m
-        At most `most` evenly spread frames are drawn.
+        At most `most` frames, evenly spaced, are drawn.
     rest : (S,) array, 1/m
     """
     millimetres = np.asarray(s) * 1e3
@@ -145,14 +148,14 @@ def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, 
 def error_by_order(
     ax: Axes, time: ArrayLike, errors: Mapping[int, ArrayLike], *, bound: float | None = None, most: int = 4
 ) -> None:
-    """Largest error against time, one line for each order.
+    """Draw the largest shape error of each frame against time, with one line for each number of segments.
 
     Parameters
     ----------
     ax : Axes
     time : (T,) array, s
     errors : order -> (T,) array, m
-        At most the first `most` orders and the last are drawn.
+        The first `most` orders and the last one are drawn.
     bound : float, m, optional
     """
     orders = sorted(errors)
@@ -173,7 +176,8 @@ def error_by_order(
 
 
 def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None = None) -> None:
-    """Spread of the largest error of the frames for each order: median, middle 90 %, maximum.
+    """Draw the distribution of the frames' largest shape errors for each number of segments: median, 90 % range,
+    maximum.
 
     Parameters
     ----------
@@ -199,7 +203,9 @@ def order_bars(ax: Axes, errors: Mapping[int, ArrayLike], *, bound: float | None
 def snapshots(
     ax: Axes, measured: ArrayLike, joints: ArrayLike, reconstructed: ArrayLike, *, every: int | None = None
 ) -> None:
-    """Measured points (+), joints (o) and the spline through them (line) for a few frames.
+    """Draw measured points, joints and the reconstructed spline for some frames of a shape recording.
+
+    Measured points are drawn as +, joints as o, and the spline through the joints as a line.
 
     Parameters
     ----------
@@ -208,7 +214,7 @@ def snapshots(
     joints : (F, n + 1, 2) array, m
     reconstructed : (F, P, 2) array, m
     every : int, optional
-        Draw every so many measured points; default about 30 of them.
+        Draw every `every`-th measured point. Default: so that about 30 are drawn.
     """
     points, nodes, curves = (np.asarray(a) * 1e3 for a in (measured, joints, reconstructed))
     step = every or max(1, points.shape[1] // 30)
@@ -228,9 +234,9 @@ def snapshots(
 
 
 def recording_overview(recording: Any, *, most: int = 5) -> Figure:
-    """Displacement of a recording's stations against time, one panel an axis, or their angles, with the pressure below.
+    """Return a figure of a recording: motion of its stations against time, and the pressure below.
 
-    Of many stations, `most` are shown, from base to tip.
+    Displacements have one panel for each axis. At most `most` stations are drawn, evenly spread from base to tip.
     """
     has_pressure = "pressure" in recording
     if "position" in recording:
@@ -261,21 +267,23 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
 
 def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure: ArrayLike, delay: float,
                  drift: float = 0.0, title: str = "") -> Figure:
-    """Motion and pressure over each other, the pressure as logged and as moved: the whole record, and one edge close.
+    """Return a figure of motion and pressure against time, before and after the pressure's clock is corrected.
+
+    The left panel shows the whole recording, the right one the steepest edge of the pressure.
 
     Parameters
     ----------
     time, motion : (T,) arrays
-        s, and the main course of the shape in any unit.
+        Time [s], and one time series that represents the motion of the shape, in any unit.
     clock, pressure : (P,) arrays
-        s on the log's own clock, and the pressure in any unit.
+        Time on the clock of the pressure log [s], and the pressure in any unit.
     delay, drift : float
-        The log's times become ``clock * (1 + drift) + delay``.
+        Offset [s] and relative rate error; the corrected times are ``clock * (1 + drift) + delay``.
     """
     t, y, c, p = (np.asarray(a, dtype=float) for a in (time, motion, clock, pressure))
     moved = c * (1.0 + drift) + delay
-    at = np.interp(t, moved, p)
-    y = y * (np.sign((y - y.mean()) @ (at - at.mean())) or 1.0)
+    pressure_at_t = np.interp(t, moved, p)
+    y = y * (np.sign((y - y.mean()) @ (pressure_at_t - pressure_at_t.mean())) or 1.0)
     y, p = ((v - v.min()) / max(float(np.ptp(v)), 1e-300) for v in (y, p))
     window = 0.1
     rise = np.abs(np.interp(moved + window, moved, p) - p) * ((moved > t[0]) & (moved < t[-1]))
@@ -284,11 +292,11 @@ def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure:
         figure, (whole, close) = new_figure(1, 2, height=2.4, width_ratios=[3, 2])
         for ax in (whole, close):
             ax.plot(t, y, color="0.6", linestyle="-", linewidth=2.2, label="motion")
-            ax.plot(moved, p, color="black", linestyle="-", linewidth=0.9, label="pressure, moved")
+            ax.plot(moved, p, color="black", linestyle="-", linewidth=0.9, label="pressure, clock corrected")
             ax.plot(c, p, color="0.35", linestyle=":", linewidth=0.9, label="pressure, as logged")
             ax.set(xlabel="time on the shape's clock (s)", yticks=[0, 1])
-        whole.set(ylabel="share of its range", xlim=(t[0] - 0.05 * np.ptp(t), t[-1] + 0.05 * np.ptp(t)))
-        close.set(xlim=(edge - 0.3, edge + 0.7), title="its fastest edge")
+        whole.set(ylabel="fraction of range", xlim=(t[0] - 0.05 * np.ptp(t), t[-1] + 0.05 * np.ptp(t)))
+        close.set(xlim=(edge - 0.3, edge + 0.7), title="steepest edge of the pressure")
         whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
         figure.suptitle(title, fontsize=9)
     return figure

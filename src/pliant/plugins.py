@@ -1,6 +1,6 @@
-"""Plug-ins of installed packages: readers, estimators, controllers, exporters, torque laws.
+"""Plug-ins of installed packages, which add readers, estimators, controllers, exporters or torque laws to pliant.
 
-Another package adds one by an entry point of the list's group that leads to an object of the list's kind.
+Another package adds a plug-in with an entry point, in the group of its kind, that names the object to load.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ T = TypeVar("T")
 
 @cache
 def installed(group: str) -> Mapping[str, str]:
-    """Entry points of a group, name to ``module:attribute``; looked up once: every package is asked."""
+    """Return {name: ``module:attribute``} of the plug-ins that installed packages declare in an entry-point group."""
     return {point.name: point.value for point in entry_points(group=group)}
 
 
 def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str, T]:
-    """All of a kind by name: the built-in ones first, then those of installed packages.
+    """Return {name: object} of all plug-ins in a group: the built-in ones, then those of installed packages.
 
     Parameters
     ----------
     group : str
-        Of the entry points, e.g. ``pliant.readers``.
+        Group of the entry points, e.g. ``pliant.readers``.
     built_in : mapping of str to str
-        Name to ``module:attribute``: a source tree that is not installed has no entry points.
+        Name to ``module:attribute``. These work without entry points, in a source tree that is not installed.
     kind : type
-        What each of them must lead to.
+        Class of which each loaded object must be an instance.
 
     Raises
     ------
     InputError
-        When one cannot be loaded, or leads to something else.
+        When an entry point cannot be loaded, or its object is not an instance of `kind`.
     """
     targets = {**installed(group), **built_in}
     names = [*built_in, *(name for name in targets if name not in built_in)]
@@ -46,12 +46,12 @@ def offered(group: str, built_in: Mapping[str, str], kind: type[T]) -> dict[str,
 
 
 def chosen(group: str, built_in: Mapping[str, str], kind: type[T], name: str) -> T:
-    """The one of a name.
+    """Return the plug-in `name` of a group; raise InputError with the known names if there is none.
 
     Raises
     ------
     InputError
-        When none has that name.
+        When no plug-in has that name.
     """
     if name in built_in:
         return _load(group, name, built_in[name], kind)
@@ -71,9 +71,12 @@ def _load(group: str, name: str, target: str, kind: type[T]) -> T:
     if not module.startswith("pliant."):
         show_heavy()
     try:
-        found = getattr(import_module(module), attribute)
+        plugin = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise InputError(f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}") from None
-    if not isinstance(found, kind):
-        raise InputError(f"the entry point {target!r} must lead to a pliant {kind.__name__}")
-    return found
+        raise InputError(
+            f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}; update or remove its "
+            "package"
+        ) from None
+    if not isinstance(plugin, kind):
+        raise InputError(f"the entry point {target!r} must name an object of the class {kind.__name__} of pliant")
+    return plugin

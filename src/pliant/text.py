@@ -1,7 +1,7 @@
-"""Names and other free text on their way into files that another program reads as code or markup, and to terminals.
+"""Functions that make names and other user text safe for generated code, markup and terminals.
 
-A model's name, its stations, chambers and sources come from files that anybody may have written. `escaped` is the one
-function that such text passes before an exporter, a figure, a page, a message or the command line writes it.
+The names of a model, its stations, chambers and sources come from files that anybody may have written. Every exporter,
+figure, page, message and command passes such text through `escaped` before it is written.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
 
 
 def escaped(text: object, form: Form) -> str:
-    r"""Return `text` as one line that ends no comment, string or element of the given form.
+    r"""Return `text` as one line that is safe inside a comment, an XML element or an identifier of a generated file.
 
     Parameters
     ----------
     text : object
-        Anything; its `str` is taken.
+        Any object; its `str` is used.
     form : {"line", "c_comment", "xml_comment", "identifier"}
         ``line``: control characters, line ends and characters that change the direction of text become ``\uXXXX``,
-        other blanks a space; what remains is allowed in XML, whose writer escapes ``<``, ``&`` and quotes.
+        and other blanks become a space. The result is allowed in XML once its writer has escaped ``<``, ``&`` and
+        quotes.
         ``c_comment``: as ``line``, in ASCII, without ``/*``, ``*/`` and ``??`` (trigraphs), and no ``\`` at its end.
         ``xml_comment``: as ``line``, without ``--`` and without ``-`` at its end.
-        ``identifier``: at most 63 ASCII letters, digits and ``_``, no digit first, as C, FMI, MuJoCo and ROS take a
-        name.
+        ``identifier``: at most 63 ASCII letters, digits and ``_``, no digit first: a valid name in C, FMI, MuJoCo and
+        ROS.
 
     Examples
     --------
@@ -55,25 +56,25 @@ def escaped(text: object, form: Form) -> str:
 
 
 def is_line(text: str) -> bool:
-    """Return whether a text is one line that `escaped` changes at most in its blanks."""
+    """Return whether `text` is one line of printable characters."""
     return text.isprintable() or all(c.isprintable() or category(c) == "Zs" for c in text)
 
 
 def plain_letters(text: str) -> str:
-    """Return `text` with accents dropped from its letters."""
+    """Return `text` without the accents of its letters."""
     return "".join(c for c in normalize("NFKD", text) if not combining(c))
 
 
 def is_identifier(name: str) -> bool:
-    """Return whether a name is at most 63 ASCII letters, digits and _, with no digit first."""
+    """Return whether `name` is at most 63 ASCII letters, digits and _, with no digit first."""
     return len(name) <= LONGEST and re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None
 
 
 def identifiers(names: Iterable[object], taken: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return an identifier for each name, all different from each other and from those already `taken`.
+    """Return a valid identifier for each of `names`, all different from each other and from those in `taken`.
 
-    A name that is an identifier stays as it is, unless it is taken; others, and the later ones of two that become
-    equal, get a number behind them.
+    A name that is a valid identifier and not taken is kept. Any other name is converted, and gets a number at its end
+    if the converted name is in use.
 
     Examples
     --------

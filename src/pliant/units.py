@@ -1,8 +1,11 @@
-"""The only module that knows units other than SI: readers, commands and plots convert here."""
+"""Conversion of units to and from SI. All other modules use SI units only."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from pliant.errors import InputError, shown
 
@@ -18,7 +21,7 @@ ENDINGS = {  # of names that carry their unit, longer ones first
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Words and unit of a name that carries its unit: largest_rate_rad_s is ("largest rate", "rad/s")."""
+    """Split a name that ends with a unit into words and unit: "largest_rate_rad_s" gives ("largest rate", "rad/s")."""
     for ending, unit in ENDINGS.items():
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}").replace("_", " "), unit
@@ -33,30 +36,56 @@ def _factor(table: dict[str, float], unit: str, what: str) -> float:
 
 
 def pascal_per(unit: str) -> float:
-    """Pascals in one `unit` of gauge pressure; InputError when the unit is unknown."""
+    """Return the number of pascals in one `unit` of pressure ("kPa", "bar", "psi", ...).
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(PASCAL, unit, "pressure")
 
 
 def radian_per(unit: str) -> float:
-    """Radians in one `unit` of angle; InputError when the unit is unknown."""
+    """Return the number of radians in one `unit` of angle ("rad" or "deg").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(RADIAN, unit, "angle")
 
 
 def newton_per(unit: str) -> float:
-    """Newtons in one `unit` of tension; InputError when the unit is unknown."""
+    """Return the number of newtons in one `unit` of force ("N", "mN" or "kN").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(NEWTON, unit, "tension")
 
 
 def input_per(unit: str) -> float:
-    """Newtons, metres or radians in one `unit` of tension, displacement or angle; InputError when it is unknown."""
+    """Return the number of newtons, metres or radians in one `unit` of tension, displacement or angle.
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor({**NEWTON, **METRE, **RADIAN}, unit, "tension, displacement or angle")
 
 
 def shown_in(unit: str) -> tuple[float, str]:
-    """Return how many of the units that plots show make one SI unit of an input, and that unit."""
+    """Return the plot unit for an SI `unit` as (factor from SI, name): "Pa" gives (1e-3, "kPa"),
+    "m" gives (1e3, "mm").
+    """
     return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
 
 
+KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"}  # of an input, by its SI unit
+
+
+def in_words(values: Any, unit: str) -> str:
+    """Return input values in the SI unit `unit` as text in the unit used by plots, such as "190 kPa" or "2.5, 3 N"."""
+    factor, word = shown_in(unit)
+    return ", ".join(f"{factor * value:.4g}" for value in np.ravel(values)) + f" {word}"
+
+
 def metre_per(unit: str) -> float:
-    """Metres in one `unit` of length; InputError when the unit is unknown."""
+    """Return the number of metres in one `unit` of length ("m", "cm", "mm", "um" or "in").
+
+    Raises InputError if the unit is unknown.
+    """
     return _factor(METRE, unit, "length")

@@ -1,3 +1,6 @@
-"""The version of pliant, alone in its file so that any subpackage can import it."""
+"""The version number of pliant.
+
+It is alone in this module so that any subpackage can import it.
+"""
 
 __version__ = "0.1.0"

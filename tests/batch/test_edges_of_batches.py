@@ -43,7 +43,7 @@ def test_a_launch_takes_the_steps_of_its_samples_and_puts_back_what_it_made(pape
 
     monkeypatch.setattr(gpu_loops, "launch", launch)
     made = outputs(samples, 9, ("joint_angle", "joint_rate", "tip_position"))
-    gpu.march(samples, plan, start, own, made)
+    gpu.launch_samples(samples, plan, start, own, made)
     grid = plan.grid(0)
     np.testing.assert_array_equal(given["state"], start[..., own])
     np.testing.assert_array_equal(given["h"], grid.steps[:, 3])

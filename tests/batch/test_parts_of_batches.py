@@ -250,7 +250,7 @@ def test_launches_on_a_gpu_are_parts_of_a_bounded_size(paper, monkeypatch):
     def march(samples, schedule, start, own, made):
         taken.append(own.tolist())
 
-    monkeypatch.setattr(gpu, "march", march)
+    monkeypatch.setattr(gpu, "launch_samples", march)
     gpu.run_gpu(samples, plan, None, ())
     assert taken == [[0, 2, 4, 6], [1, 3, 5]]
     steps = plan.grid(0).keep.size

@@ -99,7 +99,7 @@ def trajectory_below_a_file(folder: Path) -> tuple[tuple[str | Path, ...], str]:
 
 def figure_without_a_kind(folder: Path) -> tuple[tuple[str | Path, ...], str]:
     model = save_model(body(), folder / "model.json")
-    return ("simulate", model, "--duration", "0.1", "--figure", folder / "tips.jpeg2"), "ends in .png, .svg or .pdf"
+    return ("simulate", model, "--duration", "0.1", "--figure", folder / "tips.jpeg2"), "must end in .png, .svg or .pdf"
 
 
 def trace_without_pressure(folder: Path) -> tuple[tuple[str | Path, ...], str]:
@@ -164,7 +164,7 @@ BAD: dict[str, Case] = {
     "one pressure for two chambers": one_pressure_for_two_chambers,
     "two chambers on a plant of one": two_chambers_on_a_plant_of_one,
     "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
-    "trajectory in another format": simulate_with("ends in .nc or .csv", "--duration", "0.1", "-o", "no-such-file.txt"),
+    "trajectory in another format": simulate_with("must end in .nc", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
     "step that is too long": simulate_with("too long: the first mode rings at", "--step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, accurate, LSODA, BDF, Radau", "--method", "ode45"),

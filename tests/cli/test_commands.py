@@ -17,7 +17,7 @@ from command_line import invoke, program
 from small_study import HEADER, body, changed, table, write_recording, write_study
 
 from pliant.cli import app
-from pliant.cli.progress import QUIET
+from pliant.cli.terminal import QUIET
 from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import make_recording, read, write
@@ -220,11 +220,11 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     told = json.loads(pushed.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * alone.tip_position.to_numpy()[-1, -1], abs=1e-6)
     wrong = invoke("simulate", model, "--force", "1,a")
-    assert "--force takes FX,FY" in str(wrong.exception)
+    assert "--force must be FX,FY" in str(wrong.exception)
     wrong = invoke("simulate", model, "--load-g", "-1e6")
     assert "must be a mass in grams" in str(wrong.exception)
     wrong = invoke("simulate", model, "--duration", "0.1", "--film", tmp_path / "a.avi")
-    assert "a film ends in .gif or .mp4" in str(wrong.exception)
+    assert "must end in .gif or .mp4" in str(wrong.exception)
 
 
 def test_a_recording_is_inspected_as_text_and_as_json(study: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_wrong_unit_shows_in_an_inspection(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "psi.csv", columns, [HEADER[0], "p_pa", *HEADER[2:]])
     result = invoke("inspect", path)
     assert result.exit_code == 0
-    assert "was it kPa, mbar or psi read as Pa?" in result.output
+    assert "was a pressure in kPa, mbar or psi read as Pa?" in result.output
 
 
 def test_results_go_where_they_are_asked_to_go_and_nowhere_else(study: Path, tmp_path: Path) -> None:
@@ -300,18 +300,18 @@ def test_a_quiet_run_tells_nothing_but_the_result(study: Path, tmp_path: Path) -
 
 
 def test_work_in_a_pipe_tells_quarters_once_it_has_lasted_and_nothing_if_quiet(capsys, monkeypatch) -> None:
-    from pliant.cli import progress
+    from pliant.cli import terminal
 
     def run(seconds: float) -> str:
         clock = iter(np.arange(100) * seconds)
-        monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
-        with progress.counting("samples") as count:
+        monkeypatch.setattr(terminal, "monotonic", lambda: next(clock))
+        with terminal.counting("samples") as count:
             for done in (0.1, 0.3, 0.3, 0.8, 1.0):
                 count(done)
         return capsys.readouterr().err
 
     assert run(2.0).splitlines() == ["samples: 25 %", "samples: 75 %", "samples: 100 %"]
     assert run(0.01) == ""
-    token = progress.QUIET.set(True)
+    token = terminal.QUIET.set(True)
     assert run(2.0) == ""
-    progress.QUIET.reset(token)
+    terminal.QUIET.reset(token)

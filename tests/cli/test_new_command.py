@@ -14,10 +14,10 @@ from pliant.cli.new import new
 from pliant.errors import InputError
 from pliant.recording import make_recording, write
 from pliant.study.draft import draft_study
-from pliant.study.new import clusters, look_at
-from pliant.study.questions import open_entries, refuse_open
 from pliant.study.schema import Study
+from pliant.study.shorthand import open_entries, refuse_open
 from pliant.study.toml_text import relative, toml
+from pliant.study.trial import clusters, inspect_trial
 from pliant.testbed.bundle import FOLDER
 
 app = typer.Typer()
@@ -186,10 +186,10 @@ def test_points_of_a_soft_body_are_no_rigid_cluster(tmp_path):
     s = np.array([0.0, 0.05, 0.1, 0.15, 0.2])
     p = arc(kappa, s) + 1e-5 * np.random.default_rng(3).standard_normal((len(t), 5, 3))
     names = ["base", "link1", "link2", "link3", "tip"]
-    look = look_at(write(make_recording(t, p, station=names, nominal_pressure=2e4), tmp_path / "b.csv"))
-    assert look.stations == {}  # every marker stays a station
-    assert look.aligned is not None
-    assert look.options["base"] == "base"
+    trial = inspect_trial(write(make_recording(t, p, station=names, nominal_pressure=2e4), tmp_path / "b.csv"))
+    assert trial.stations == {}  # every marker stays a station
+    assert trial.aligned is not None
+    assert trial.options["base"] == "base"
 
 
 def test_a_plate_of_markers_at_the_base_is_one_station_of_however_many_markers(tmp_path):
@@ -215,8 +215,8 @@ def test_what_has_no_shape_is_refused(tmp_path):
     t = np.arange(10) / 10
     file = write(make_recording(pressure=t * 1e4, pressure_time=t), tmp_path / "p.nc")
     with pytest.raises(InputError, match="the shape too"):
-        look_at(file)
-    with pytest.raises(InputError, match="names differ"):
+        inspect_trial(file)
+    with pytest.raises(InputError, match="different file names"):
         draft_study([], tmp_path / "s.toml")
 
 
@@ -268,7 +268,7 @@ def test_a_mapping_that_is_run_as_a_study_says_what_it_is(tmp_path):
 
     path = tmp_path / "fiber.toml"
     path.write_text('delimiter = "space"\nrate_hz = 32.0\nlength_unit = "mm"\npoints = { count = 20 }\n')
-    with pytest.raises(InputError, match=r"is a mapping, .* and no study: pass it with --mapping"):
+    with pytest.raises(InputError, match=r"is a mapping, .* not a study: pass it with --mapping"):
         load_study(path)
 
 
@@ -308,7 +308,7 @@ def test_points_in_pixels_ask_for_the_camera(pixels, tmp_path):
 def test_a_mapping_names_the_format_of_a_file_that_does_not_show_it(pixels, tmp_path):
     file = pixels.rename(tmp_path / "push_30kPa.txt")
     refused = invoke(tmp_path / "s.toml", "--from", file)
-    assert 'looks like a file of deeplabcut: state format = "deeplabcut"' in str(refused.exception)
+    assert 'looks like a file of deeplabcut: set format = "deeplabcut"' in str(refused.exception)
     (tmp_path / "dlc.toml").write_text('format = "deeplabcut"\n')
     result = invoke(tmp_path / "s.toml", "--from", file, "--mapping", tmp_path / "dlc.toml", "--mass", 0.1)
     assert result.exit_code == 0, result.output

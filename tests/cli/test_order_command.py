@@ -37,7 +37,7 @@ def test_json_form(file):
 def test_table_and_figure(file, tmp_path):
     result = CliRunner().invoke(app, [str(file), "--bound-mm", "3", "--figure", str(tmp_path / "order.png")])
     assert result.exit_code == 0, result.output
-    assert "lowest order that keeps the bound of 3 mm" in result.output
+    assert "lowest order within the bound of 3 mm" in result.output
     assert "Worst frames" in result.output
     assert (tmp_path / "order.png").stat().st_size > 5000
 

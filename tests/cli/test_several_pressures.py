@@ -102,11 +102,11 @@ def test_an_estimate_takes_the_pressures_that_are_named(model: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "says"),
     {
-        "one level for two": (("--level-kpa", "20"), "1 pressure(s), and the model has 2 chamber(s), left, right"),
-        "a stranger": (("--level-kpa", "middle=20"), "the chamber 'middle', and the model has left, right"),
+        "one level for two": (("--level-kpa", "20"), "1 pressure(s), but the model has 2 chamber(s), left, right"),
+        "a stranger": (("--level-kpa", "middle=20"), "the chamber 'middle', but the model has left, right"),
         "twice": (("--level-kpa", "left=20,left=30"), "each chamber once"),
-        "no number": (("--level-kpa", "20,high"), "takes numbers in kPa, got 'high'"),
-        "drive without a pair": (("--trace", "two.csv", "--drive", "p1"), "takes pairs as left=p1,right=p2"),
+        "no number": (("--level-kpa", "20,high"), "must be numbers in kPa, got 'high'"),
+        "drive without a pair": (("--trace", "two.csv", "--drive", "p1"), "must be pairs as left=p1,right=p2"),
         "names that are not there": (("--trace", "two.csv"), "no chamber 'left' to drive 'left': it has p1, p2"),
         "a chamber that is not there": (("--trace", "two.csv", "--drive", "low=p1"), "drive names 'low'"),
     }.values(),

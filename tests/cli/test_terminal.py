@@ -116,7 +116,7 @@ def test_run_prints_nothing_raw(tmp_path, text):
 def test_a_fault_of_the_log_is_logged_as_one_line(caplog):
     loop = SimpleNamespace(log=SimpleNamespace(fault="no space\n\x1b[2J"), _log_told=False, _log_needed=False)
     with caplog.at_level(logging.ERROR):
-        ControlLoop._look_at_log(loop, 0)
+        ControlLoop._check_log(loop, 0)
     assert caplog.messages == [r"no space\u000a\u001b[2J"]
 
 
@@ -127,5 +127,5 @@ def test_no_command_prints_past_the_one_way():
         calls = [ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
         found += [f"{path.name}: {c}" for c in calls if c in {"print", "typer.echo", "typer.secho", "click.echo"}
                   or c.endswith((".print", "stdout.write", "stderr.write"))]  # fmt: skip
-    assert sorted(found) == ["progress.py: console.print", "terminal.py: typer.echo"]
+    assert sorted(found) == ["terminal.py: console.print", "terminal.py: typer.echo"]
     assert len(COMMANDS) > 15

@@ -12,7 +12,7 @@ from pliant.equations import motion, spatial
 from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
-from pliant.equations.symbols import Body, ExtensibleBody, Held, Joints, MemoryLaw, Past
+from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleJoints, Held, Joints, MemoryLaw, Past
 from pliant.mechanics.planar import workspace
 
 TINY = 1e-30
@@ -50,7 +50,8 @@ def lengthening(rng):
     B = 1e-4 * np.outer(l, l) + 1e-5 * np.eye(n + 1)
     body = ExtensibleBody(B, l, rng.uniform(0, 1e-3, n + 1), share, 3.0, -9.0)
     x, v = rng.normal(size=n + S), rng.normal(size=n + S)
-    given = (0.1 * x, v, 1e-3, rng.uniform(0, 0.1, n + S), body, joints_of(rng, n, S))
+    joints = ExtensibleJoints(*joints_of(rng, n, S), np.zeros(0))
+    given = (0.1 * x, v, 1e-3, rng.uniform(0, 0.1, n + S), body, joints)
     return motion.step, (*given, workspace(n, S)), n, S
 
 

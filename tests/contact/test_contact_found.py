@@ -9,8 +9,8 @@ from bodies import LATENCY, NOISE, fitted, free, made
 from pliant.contact import find_contact, free_motion, locate
 from pliant.contact.contact import episodes
 from pliant.contact.free_motion import FreeMotion, Sudden, cumulative, excursions, tail
-from pliant.contact.likelihood_ratio import Answer
-from pliant.contact.occupancy_map import poke_of
+from pliant.contact.likelihood_ratio import InnovationResponse
+from pliant.contact.occupancy_map import probing_contacts_of
 from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force
 from pliant.equations.motion import step
@@ -107,7 +107,7 @@ def test_the_threshold_keeps_its_promise_on_known_noise(rng):
 def test_a_contact_is_over_when_what_is_left_is_what_free_motion_drifts(stays, over):
     """Changes of 1 within 0.53 s, a scatter of 2: 1.6 is drift after 0.7 s, 3 is never."""
     period, one = 1 / 75, np.eye(5)
-    sudden = Sudden(Answer(np.zeros(1), np.zeros((1, 13, 5, 5)), period), np.ones(1), 1.0)
+    sudden = Sudden(InnovationResponse(np.zeros(1), np.zeros((1, 13, 5, 5)), period), np.ones(1), 1.0)
     free_of = FreeMotion(np.zeros((1, 5)), 4.0 * one, 0.0, 1.8, 1.0, 0.9, one, sudden, 60.0, period, 1.0, True)
     np.testing.assert_allclose(free_of.drift(np.array([0, 40, 80, 10**6])), [1.0, 1.0, 2.0, 4.0])
     left = np.zeros((600, 5))
@@ -139,7 +139,7 @@ def test_contact_on_the_virtual_actuator(learnt, scenario):
     assert found.in_contact.values[hold].all()
     arc = (size * truth["arc_length"].values).sum(axis=1)[hold] / size.sum(axis=1)[hold]
     assert np.median(np.abs(found.contact_arc_length.values[hold] - arc)) < 12e-3
-    surface = poke_of(found, half_width=0.005).point
+    surface = probing_contacts_of(found, half_width=0.005).point
     gap = np.linalg.norm(surface - [-0.081, 0.117], axis=1) - 0.008 if "circle" in scenario else surface[:, 0] + 0.085
     assert np.median(np.abs(gap)) < (4e-3 if "circle" in scenario else 2e-3)
     error = np.linalg.norm(found.contact_force.values[hold] - force.sum(axis=1)[hold], axis=1)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from pliant.contact import map_contacts
 from pliant.contact.map_file import save_map
-from pliant.contact.occupancy_map import Poke, fused
+from pliant.contact.occupancy_map import ProbingContacts, fused
 from pliant.errors import InputError
 
 CENTRE, RADIUS = np.array([-0.08, 0.12]), 0.03
@@ -27,7 +27,7 @@ def poke(rng, sd=3e-4, toward=0.0, stiffness=None):
         normal = np.tile([0.0, 1.0], (12, 1))
         point = CENTRE + np.array([0.0, RADIUS]) - depth[:, None] * normal
         force = 0.1 + stiffness * depth + 0.002 * rng.standard_normal(12)
-    return Poke(curve, point, normal, np.full(12, sd), force)
+    return ProbingContacts(curve, point, normal, np.full(12, sd), force)
 
 
 def test_touched_is_solid_swept_is_free_the_rest_undecided(rng):
@@ -54,7 +54,8 @@ def test_stiffness_of_a_spring_and_of_a_rock(rng):
     chart = map_contacts([poke(rng, stiffness=200.0) for _ in range(3)])
     assert chart.attrs["stiffness"] == pytest.approx(200.0, rel=0.05)
     assert abs(chart.attrs["stiffness"] - 200.0) < 4 * chart.attrs["stiffness_sd"]
-    still = Poke(poke(rng).curve, np.zeros((9, 2)), np.tile([0.0, 1.0], (9, 1)), np.full(9, 1e-3), np.ones(9))
+    normal = np.tile([0.0, 1.0], (9, 1))
+    still = ProbingContacts(poke(rng).curve, np.zeros((9, 2)), normal, np.full(9, 1e-3), np.ones(9))
     assert np.isnan(map_contacts([still]).attrs["stiffness"])
 
 

@@ -49,11 +49,11 @@ def test_the_example_is_a_task_and_asks_for_nothing(tmp_path):
     [("speed = 3\n", "'speed' is not a known entry.*it may have period_ms.*valve"),
      ("highest_kpa = -1\n", "'highest_kpa' must be a positive number.*-1"),
      ("ramp_s = true\n", "'ramp_s' must be a positive number"), ("", "at least one"),
-     ("[[setpoint]]\ntime_s = 0\n", r"'setpoint.0' takes displacement_mm for one chamber"), ("[[", "is not valid TOML"),
+     ("[[setpoint]]\ntime_s = 0\n", r"'setpoint.0' needs displacement_mm for one chamber"), ("[[", "is not valid TOML"),
      ("[[setpoint]]\ntime_s = 'now'\ndisplacement_mm = 3\n", "'setpoint.0.time_s' must be a number"),
      ("planned = 1\n", "'planned' must be true or false"), ("[valve]\nrise_hz = 3\n", "'valve.fall_hz' is missing"),
-     ("[path]\ntime_s = [0]\n", "'path' takes displacement_mm for one chamber, or some of tip_x_mm"),
-     ("[path]\ntime_s = [0]\ndisplacement_mm = [1, 2]\n", "as many of each"),
+     ("[path]\ntime_s = [0]\n", "'path' needs displacement_mm for one chamber, or some of tip_x_mm"),
+     ("[path]\ntime_s = [0]\ndisplacement_mm = [1, 2]\n", "as many displacements as times"),
      ("feedback = 'bang'\n", "unknown controller 'bang': use one of lqr, mpc, pid")],
 )  # fmt: skip
 def test_tasks_that_are_none(tmp_path, text, sentence):

@@ -22,7 +22,7 @@ from pliant.control import (
 from pliant.control.model_plant import ModelPlant
 from pliant.errors import InputError
 from pliant.estimation import Frame, KalmanFilter, State, rows_of
-from pliant.estimation.link_tips import rested
+from pliant.estimation.link_tips import with_rest_shape
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
 from pliant.loop.task import run_task
 from pliant.model import Chamber, Extension, Valve, chain_model
@@ -156,7 +156,7 @@ def test_the_points_of_a_model_plant_are_those_of_the_body():
 
 def test_commands_that_see_a_dense_curve_refuse():
     task = Task(np.zeros(1), np.zeros((1, 2)), 0.1, outputs=BOTH)
-    with pytest.raises(InputError, match="make a Pipeline of its stations"):
+    with pytest.raises(InputError, match="a Pipeline of the stations"):
         prepare_control(pair(), np.linspace(0.0, 0.2, 20), np.zeros((6, 20, 2)), task, LIMITS, PERIOD)
 
 
@@ -171,7 +171,7 @@ def test_a_task_brings_a_body_that_lengthens_there_from_a_plant_whose_markers_ri
         f"tip_y_mm = {1e3 * wanted[1]}\n"
     )
     task = read_task(tmp_path / "t.toml")
-    with pytest.raises(InputError, match="estimator 'observer' does not follow: use filter"):
+    with pytest.raises(InputError, match="estimator 'observer' does not support: use filter"):
         run_task(model, plant, task, tmp_path)
     start = plant.tip
     done = run_task(model, plant, task, tmp_path, estimator="filter")
@@ -185,13 +185,13 @@ def test_rest_angles_are_found_from_points_that_ride(rng):
     turned = pair().with_(rest_angle=[0.05, -0.04, 0.03])
     plant = ModelPlant(turned, noise=1e-5)
     frames = np.array([plant.advance(np.zeros(2))[1] for _ in range(20)])
-    body, places = rested(pair(), plant.arc_length, frames)
+    body, places = with_rest_shape(pair(), plant.arc_length, frames)
     assert body.rest_angle == pytest.approx(turned.rest_angle, abs=2e-3)  # points 5 mm apart cut the joints' corners
     assert places.frame(frames[0]).values.reshape(-1, 2)[-1] == pytest.approx(plant.tip, abs=2e-4)
     frames[:16] = np.nan
     with pytest.raises(InputError, match="at least 5 complete frames, got 4 of 20"):
-        rested(pair(), plant.arc_length, frames)
+        with_rest_shape(pair(), plant.arc_length, frames)
     with pytest.raises(InputError, match="must lie along the body"):
-        rested(pair(), plant.arc_length[:20], frames[:, :20])
+        with_rest_shape(pair(), plant.arc_length[:20], frames[:, :20])
     with pytest.raises(InputError, match=r"41 points, \(x, y\) each"):
         places.frame(np.zeros((3, 2)))

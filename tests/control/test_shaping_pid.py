@@ -61,7 +61,7 @@ def test_a_shaped_pulse_keeps_its_levels():
 def test_shaper_refusals():
     with pytest.raises(InputError, match="unknown shaper"):
         shaper(5.0, 0.1, "EI")
-    with pytest.raises(InputError, match="does not ring"):
+    with pytest.raises(InputError, match="an overdamped mode needs no shaper"):
         shaper(5.0, 1.2)
 
 

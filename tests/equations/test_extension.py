@@ -13,9 +13,9 @@ from oracles.derivatives import complex_step
 from oracles.extensible import Extensible, random_extensible, random_state, workspace
 from oracles.lagrange import on_symbols
 
-from pliant.equations import extension, motion
+from pliant.equations import elastic, extension, motion
 from pliant.equations.energy import damping_power, elastic_energy, input_power
-from pliant.equations.symbols import ExtensibleBody
+from pliant.equations.symbols import ExtensibleBody, ExtensibleJoints
 from pliant.mechanics.planar import pull_of
 
 SIZES = [(1, 1), (3, 1), (5, 2), (6, 3)]
@@ -113,10 +113,12 @@ def test_rates_of_the_mass_matrix_do_no_work_of_their_own(case):
     assert abs(power) < 1e-11 * np.abs(v @ found)
 
 
-def test_power_balance_of_the_whole_equation(case, rng):
+@pytest.mark.parametrize("curved", [False, True])
+def test_power_balance_of_the_whole_equation(case, rng, curved):
     """What the drive gives is what energies take up and dampers lose, at any instant."""
     chain, x, v = case
-    body, joints, work = chain.body(), chain.joints(), workspace(chain.n, chain.size - chain.n)
+    body, joints = chain.body(), chain.joints(axial(rng, chain) if curved else None)
+    work = workspace(chain.n, chain.size - chain.n)
     drive, a = rng.normal(size=chain.size), np.zeros(chain.size)
     extension.acceleration(x, v, drive, body, joints, work, a)
     M = mass_matrix(chain, x)
@@ -124,6 +126,26 @@ def test_power_balance_of_the_whole_equation(case, rng):
     by_x = complex_step(lambda at: np.array([elastic_energy(at, joints) + potential(chain, at)]), x)[0]
     taken = v @ M @ a + 0.5 * v @ dM @ v + by_x @ v
     assert taken == pytest.approx(input_power(v, drive, joints) - damping_power(v, joints), rel=1e-9)
+
+
+def axial(rng, chain):
+    """Coefficients (3, S) of axial springs that soften within a bound and stiffen again."""
+    S = chain.size - chain.n
+    return np.stack([-rng.uniform(0.5, 1.5, S), rng.uniform(0.2, 1.0, S), rng.uniform(5.0, 20.0, S)])
+
+
+def test_an_axial_spring_is_that_of_a_joint(rng):
+    """Force, slope and energy of a segment by its strain are those of a joint by its angle, one law for both."""
+    chain = random_extensible(rng, 1, 1)
+    curve = axial(rng, chain)
+    joint = chain.joints()._replace(K=chain.K[1:], hardening=curve, unloaded=np.zeros(1), theta0=np.zeros(1))
+    joints, drive = chain.joints(curve, [0.02]), np.zeros(2)
+    for e in (-0.4, 0.0, 0.3):
+        f = np.zeros(2)
+        extension.axial_forces(np.array([0.0, e]), np.zeros(2), joints, drive, 0.0, f)
+        assert f[1] == pytest.approx(-elastic.spring_torque(0, joint, e - 0.02, e), rel=1e-14)
+        bent, straight = (elastic_energy(np.array([0.0, at]), chain.joints(curve)) for at in (e, 0.0))
+        assert bent - straight == pytest.approx(elastic.spring_energy(0, joint, e, e), rel=1e-12)
 
 
 def test_stiff_segments_are_the_plain_chain(rng):
@@ -136,6 +158,7 @@ def test_stiff_segments_are_the_plain_chain(rng):
     body = ExtensibleBody(B, np.append(0.0, plain.l), h, np.ones((5, 1)), own.gx, own.gy)
     joints = plain.joints()
     stiff = joints._replace(K=np.append(joints.K, 1e14), D=np.append(joints.D, 0.0))
+    stiff = ExtensibleJoints(*stiff, np.zeros(0))
     phi, w = np.cumsum(rng.uniform(-0.5, 0.5, 4)), rng.normal(size=4)
     drive, a, b = rng.normal(size=4), np.zeros(4), np.zeros(5)
     motion.acceleration(phi, w, drive, own, joints, plain_workspace(4), a)
@@ -185,8 +208,10 @@ def test_loads_of_links_are_the_virtual_work_of_point_forces(case, rng):
     np.testing.assert_allclose(pull_of(x, load, chain.share, chain.base_angle), Q, atol=1e-14)
 
 
-def test_a_step_is_second_order(rng):
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_step_is_second_order(rng, curved):
     chain = random_extensible(rng, 3, 2)
+    joints = chain.joints(axial(rng, chain), [0.03, -0.05]) if curved else chain.joints()
     start, drive = random_state(rng, chain), rng.normal(size=5)
     start = start[0], 0.1 * start[1]
 
@@ -194,7 +219,7 @@ def test_a_step_is_second_order(rng):
         x, v = (row.copy() for row in start)
         work = workspace(3, 2)
         for _ in range(steps):
-            extension.step(x, v, 0.02 / steps, drive, chain.body(), chain.joints(), work)
+            extension.step(x, v, 0.02 / steps, drive, chain.body(), joints, work)
         return np.append(x, v)
 
     fine = end(1600)

@@ -53,31 +53,34 @@ def test_step_jacobian_twin_is_the_same_text(rng, n):
     np.testing.assert_allclose(made[0], made[1], rtol=1e-10, atol=1e-13)
 
 
-def lengthening(rng, n, segments):
+def lengthening(rng, n, segments, curved):
     """A chain whose segments lengthen in fast motion, and its step with a torque more on each joint and strain."""
     chain = random_extensible(rng, n, segments)
+    axial = np.stack([-rng.uniform(0.5, 1.5, segments), rng.uniform(0.2, 1.0, segments), rng.uniform(5, 20, segments)])
+    joints = chain.joints(axial, 0.03 * rng.normal(size=segments)) if curved else chain.joints()
     x, v = random_extension(rng, chain)
     N, torque = n + segments, rng.normal(size=n + segments)
 
     def moved(z, h):
         at, rate = z[:N].copy(), z[N : 2 * N].copy()
         work = extensible_workspace(n, segments, complex)
-        extension.step(at, rate, h, torque + z[2 * N :], chain.body(), chain.joints(), work)
+        extension.step(at, rate, h, torque + z[2 * N :], chain.body(), joints, work)
         return np.concatenate([at, rate])
 
-    return chain, np.concatenate([x, v, np.zeros(N)]), torque, moved
+    return (chain.body(), joints), np.concatenate([x, v, np.zeros(N)]), torque, moved
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 1), (5, 2), (6, 3)], ids=str)
 @pytest.mark.parametrize("h", [1e-3, 8e-3])
-def test_step_jacobian_of_a_body_that_lengthens_against_complex_step(rng, size, h):
-    chain, start, torque, moved = lengthening(rng, *size)
+@pytest.mark.parametrize("curved", [False, True])
+def test_step_jacobian_of_a_body_that_lengthens_against_complex_step(rng, size, h, curved):
+    parts, start, torque, moved = lengthening(rng, *size, curved)
     N = sum(size)
     wanted = complex_step(lambda z: moved(z, h), start)
     made = []
-    for kernel in (extension_linearised.step_jacobian, twin(step_jacobian, *size)):
+    for kernel in (extension_linearised.step_jacobian, twin(step_jacobian, *size, axial=3 * curved)):
         J, at, rate = np.empty((3 * N, 2 * N)), start[:N].copy(), start[N : 2 * N].copy()
-        kernel(at, rate, h, torque, chain.body(), chain.joints(), extensible_workspace(*size), J)
+        kernel(at, rate, h, torque, *parts, extensible_workspace(*size), J)
         np.testing.assert_allclose(np.concatenate([at, rate]), moved(start.astype(complex), h).real, rtol=1e-12)
         made.append(J)
     np.testing.assert_allclose(made[0].T, wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max())

@@ -280,7 +280,7 @@ def test_a_pair_on_one_motor_is_a_spring_both_ways(tmp_path):
 @pytest.mark.parametrize(("wrong", "sentence"), [
     ({"driven_by": "voltage"}, "driven_by must be"), ({"driven_by": "displacement"}, "needs a line_stiffness"),
     ({"driven_by": "angle", "line_stiffness": 1e3}, "a pulley"), ({"pulley": 0.01}, "a pulley"),
-    ({"lever": 0.0}, "lever must be positive"), ({"swell_share": 0.1}, "those of a chamber"),
+    ({"lever": 0.0}, "lever must be positive"), ({"swell_share": 0.1}, "only a pressure chamber has them"),
 ])  # fmt: skip
 def test_tendons_that_cannot_be_are_refused(wrong, sentence):
     with pytest.raises(pliant.InputError, match=sentence):
@@ -288,5 +288,5 @@ def test_tendons_that_cannot_be_are_refused(wrong, sentence):
 
 
 def test_a_tendon_is_refused_in_a_plane():
-    with pytest.raises(pliant.InputError, match="give the model its space"):
+    with pytest.raises(pliant.InputError, match="set space"):
         arm(space=None)

@@ -11,7 +11,7 @@ from pliant.errors import InputError
 from pliant.estimation import adaptive_observer, kalman_loops
 from pliant.estimation.adaptive_observer import AdaptiveObserver
 from pliant.estimation.contract import Frame
-from pliant.estimation.link_tips import LinkTips, rested, turned_by
+from pliant.estimation.link_tips import LinkTips, with_rest_angles, with_rest_shape
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import FilterNoise, FilterState
 from pliant.model import Extension, Memory, Model
@@ -185,7 +185,7 @@ def test_rest_angles_bring_the_links_to_their_tips():
     angle = 0.3 + np.cumsum(turn)
     steps = 0.1 * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     tips = 0.05 * np.array([-np.sin(0.3), np.cos(0.3)]) + np.cumsum(steps, axis=0)
-    np.testing.assert_allclose(turned_by(model, loose, tips).rest_angle, turn - loose, atol=1e-12)
+    np.testing.assert_allclose(with_rest_angles(model, loose, tips).rest_angle, turn - loose, atol=1e-12)
 
 
 def test_a_rest_takes_five_whole_frames_and_their_scatter():
@@ -193,13 +193,13 @@ def test_a_rest_takes_five_whole_frames_and_their_scatter():
     frames[:, :, 0] += np.array([1, -1, 1, -1, 0, 0])[:, None] * 1e-3
     frames[5, 1, 0] = np.nan
     straight = BODY.with_(base_angle=0.0, base_length=0.05)
-    model, places = rested(straight, [0.0, 0.15, 0.35], frames)
+    model, places = with_rest_shape(straight, [0.0, 0.15, 0.35], frames)
     np.testing.assert_allclose(model.rest_angle, 0.0, atol=1e-9)
     spread = 1e-3 * np.sqrt(4 / 5)  # of x; y does not move
     np.testing.assert_allclose(places.frame(frames[0]).variance, (spread / 2) ** 2)
     with pytest.raises(InputError, match="needs at least 5 complete frames, got 4 of 5"):
-        rested(straight, [0.0, 0.15, 0.35], frames[1:])
-    _, still = rested(straight, [0.0, 0.15, 0.35], np.tile(frames[4], (5, 1, 1)))
+        with_rest_shape(straight, [0.0, 0.15, 0.35], frames[1:])
+    _, still = with_rest_shape(straight, [0.0, 0.15, 0.35], np.tile(frames[4], (5, 1, 1)))
     np.testing.assert_allclose(still.frame(frames[0]).variance, 1e-10)
 
 

@@ -184,7 +184,7 @@ def test_an_installed_package_brings_an_estimator(monkeypatch):
     monkeypatch.setattr(plugins, "installed", lambda group: point if group == registered.GROUP else {})
     assert registered.estimator_kind("mine") is MINE
     point["mine"] = f"{__name__}:PERIOD"
-    with pytest.raises(InputError, match="must lead to a pliant EstimatorKind"):
+    with pytest.raises(InputError, match="must name an object of the class EstimatorKind"):
         registered.estimator_kind("mine")
     point["mine"] = "nowhere:MINE"
     with pytest.raises(InputError, match="cannot be loaded"):

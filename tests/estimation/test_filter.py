@@ -12,7 +12,7 @@ from pliant.contact.residual import static_residual
 from pliant.equations.motion import step
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
-from pliant.estimation.consistency import mean_bounds, nees, whiteness
+from pliant.estimation.offline import mean_bounds, nees, whiteness
 from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording

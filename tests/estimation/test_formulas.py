@@ -14,7 +14,7 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all
 from pliant.estimation.kalman_loops import add_noise, chain_transition, propagate, recall, update
 from pliant.estimation.link_angle_loops import joint_values
-from pliant.estimation.smoother import smooth
+from pliant.estimation.offline import smooth
 
 
 def test_noise_of_torques_that_joints_share_is_one_random_number_for_all(rng):

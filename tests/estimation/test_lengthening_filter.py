@@ -11,8 +11,7 @@ from pliant.cli.estimate import report
 from pliant.equations.observation import observe_rows
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
-from pliant.estimation.consistency import mean_bounds
-from pliant.estimation.offline import frame_of
+from pliant.estimation.offline import frame_of, mean_bounds
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Station, chain_model
 from pliant.recording import make_recording

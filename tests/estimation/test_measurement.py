@@ -8,11 +8,10 @@ import pytest
 from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise
-from pliant.estimation.consistency import mean_bounds, nees, whiteness
-from pliant.estimation.link_tips import LinkTips, rested
+from pliant.estimation.link_tips import LinkTips, with_rest_shape
 from pliant.estimation.measurement import measurement_of, rows_of
 from pliant.estimation.noise import default_noise
-from pliant.estimation.offline import averaged
+from pliant.estimation.offline import averaged, mean_bounds, nees, whiteness
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium
@@ -126,11 +125,11 @@ def test_link_tips_lie_between_their_neighbours_and_the_rest_is_found_with_its_n
     shape = np.stack([np.interp(exact, nodes, joints[:, k]) for k in (0, 1)], axis=1)
     frames = shape + 1e-4 * rng.normal(size=(400, 5, 2))
     frames[0, 2] = np.nan
-    body, places = rested(straight, exact, frames)
+    body, places = with_rest_shape(straight, exact, frames)
     np.testing.assert_allclose(body.rest_angle + equilibrium(body), [0.2, -0.1], atol=3e-4)
     assert np.sqrt(places.frame(shape)[2]) == pytest.approx(1e-4, rel=0.1)
     with pytest.raises(InputError, match="at least 5 complete frames, got 4 of 5"):
-        rested(straight, exact, frames[:5])
+        with_rest_shape(straight, exact, frames[:5])
 
 
 @pytest.mark.parametrize("coarse", [False, True])

@@ -12,17 +12,23 @@ from scipy.linalg import expm, solve_discrete_are
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, LinkAngles, Noise, estimate, frozen
 from pliant.estimation.adaptive_observer import AdaptiveObserver, in_torques, stationary, with_shifts
-from pliant.estimation.consistency import mean_bounds, whiteness
 from pliant.estimation.differences import Differences
 from pliant.estimation.link_angles import calibrated, joint_rows, needs_joint_rows
 from pliant.estimation.link_tips import LinkTips
 from pliant.estimation.measurement import Measurement, bends_away, measurement_of, row_width, rows_of
 from pliant.estimation.noise import default_noise, scales
-from pliant.estimation.offline import averaged, input_of, judged, primitive, standard_deviations
+from pliant.estimation.offline import (
+    averaged,
+    input_of,
+    judged,
+    mean_bounds,
+    primitive,
+    smooth,
+    standard_deviations,
+    whiteness,
+)
 from pliant.estimation.release import release_of
-from pliant.estimation.smoother import smooth
-from pliant.estimation.symbols import FilterOutput
-from pliant.estimation.workspace import make_output, make_workspace
+from pliant.estimation.symbols import FilterOutput, make_output, make_workspace
 from pliant.linear.linearisation import linearise
 from pliant.model import Extension, Memory, Station, Valve, chain_model
 from pliant.recording import make_recording

@@ -20,12 +20,10 @@ from pliant.compiler.twin import rebuild
 from pliant.equations import spatial, spatial_linearised
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, kalman_loops, rows_of
-from pliant.estimation.consistency import mean_bounds, nees
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import scales
-from pliant.estimation.offline import chain_of
-from pliant.estimation.symbols import FilterNoise, FilterState
-from pliant.estimation.workspace import make_workspace
+from pliant.estimation.offline import chain_of, mean_bounds, nees
+from pliant.estimation.symbols import FilterNoise, FilterState, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Space, Station, chain_model, save_model
 from pliant.recording import make_recording, write

@@ -315,7 +315,7 @@ def test_bad_input(tmp_path):
         pliant.export(model, "c99", tmp_path / "a.c", step=1.0)
     assert not list(tmp_path.iterdir())
     for name in ('a"b.c', "a\nb.c", "a/*b.c".replace("/", "?"), "é.c"):
-        with pytest.raises(InputError, match="name the file with letters, digits"):
+        with pytest.raises(InputError, match="use only letters, digits"):
             pliant.export(model, "c99", tmp_path / name)
     assert not list(tmp_path.iterdir())
 

@@ -8,7 +8,7 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.exporters.difference import difference, of_tips
 from pliant.simulation import Pulse, simulate
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 
 def test_travel_counts_from_the_start_of_the_first_model():
@@ -38,6 +38,6 @@ def test_without_a_torque_law_both_are_let_go():
     one = chen2018.model(links=2).with_(torque=[0.0])
     found = difference(one, one.with_(stiffness=1.1 * one.stiffness))
     assert found.level == 0.0
-    assert found.input == "let go from 0.1 rad at every joint, 2 s"
+    assert found.input == "release from 0.1 rad at every joint, 2 s"
     assert found.travel > 0
     assert found.largest > 0

@@ -20,7 +20,7 @@ from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.mechanics import springs
 from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
 from pliant.simulation import equilibrium
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 EVERYTHING = chen2018.model(
     gravity=[0.0, -9.8], stiffening=-0.1, stiffening_bound=0.7,
@@ -123,9 +123,9 @@ def test_bad_input(tmp_path):
     model = chen2018.model()
     with pytest.raises(pliant.InputError, match=f"unknown target 'simulink': use one of {', '.join(BUILT_IN)}"):
         pliant.export(model, "simulink", tmp_path / "a.xml")
-    with pytest.raises(pliant.InputError, match=r"a file for mjcf ends in \.xml or \.mjcf, not 'a\.urdf'"):
+    with pytest.raises(pliant.InputError, match=r"the file name for mjcf must end in \.xml or \.mjcf, got 'a\.urdf'"):
         pliant.export(model, "mjcf", tmp_path / "a.urdf")
-    with pytest.raises(pliant.InputError, match="does not exist; make it first"):
+    with pytest.raises(pliant.InputError, match="does not exist; create it first"):
         pliant.export(model, "mjcf", tmp_path / "none" / "a.xml")
     with pytest.raises(pliant.InputError, match="has no option 'colour': its options are prefix, timestep, radius"):
         pliant.export(model, "mjcf", tmp_path / "a.xml", colour="red")
@@ -156,7 +156,7 @@ def test_the_command(tmp_path):
     assert "--approximate --set prefix=left_" in text
     assert "0.0002" in text
     assert standard_errors(fit) == {"damping": 2e-4}
-    with pytest.raises(pliant.InputError, match="holds no fit"):
+    with pytest.raises(pliant.InputError, match="is not the result of a fit"):
         standard_errors(file)
     wrong = invoke("export", file, "--to", "mjcf", "-o", tmp_path / "a.xml", "--set", "prefix")
     assert "NAME=VALUE" in str(wrong.exception)

@@ -170,15 +170,15 @@ def test_bad_input(tmp_path):
     def reset(**options):
         gymnasium.make("pliant/Reach-v0", model=model, **options).reset(seed=1)
 
-    with pytest.raises(InputError, match="'valve_rise' is no field"):
+    with pytest.raises(InputError, match="'valve_rise' is not a field"):
         reset(fit={"valve_rise": 0.1})
-    with pytest.raises(InputError, match="holds no fit"):
+    with pytest.raises(InputError, match="is not the result of a fit"):
         reset(fit=tmp_path / "none.json")
-    with pytest.raises(InputError, match="50 draws in a row are no bodies"):
+    with pytest.raises(InputError, match="50 consecutive draws gave no valid model"):
         reset(fit={"stiffness": 1e18})
-    with pytest.raises(InputError, match="observe is 'perfect' or 'fibre'"):
+    with pytest.raises(InputError, match="observe must be 'perfect' or 'fibre'"):
         reset(task=EpisodeTask(observe="camera"))
-    with pytest.raises(InputError, match="no pressure bends this model"):
+    with pytest.raises(InputError, match="pressure does not bend this model"):
         gymnasium.make("pliant/Reach-v0", model=chen2018.model(torque=[0.0]))
     with pytest.raises(InputError, match="Bouc-Wen: not expressible in MuJoCo"):
         gymnasium.make("pliant/Push-v0", model=chen2018.model(memory=Memory(boucwen_share=0.1)))

@@ -18,7 +18,7 @@ from pliant.exporters.state_space import matrices
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Model, Space, chain_model
 from pliant.simulation import Stepper, equilibrium
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 INPUTS = {"longer": [30e3, 10e3, 2e-3],
           "in_space": [30e3, 10e3, 0.0], "twisting": [30e3, 10e3, 0.0], "pulled": [2e-3, 0.3, 1.0]}  # fmt: skip

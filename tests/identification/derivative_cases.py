@@ -15,16 +15,15 @@ from pliant.equations.laws import LAWS
 from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
 from pliant.identification.chamber_parameters import OWN, owners
-from pliant.identification.experiment import AngleReference
+from pliant.identification.experiment import AngleReference, Excitation
 from pliant.identification.extension_parameters import OWN as OF_A_SEGMENT
 from pliant.identification.extension_parameters import segments
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
-from pliant.identification.layout_bands import bands_of_layouts
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
+from pliant.identification.initial_guess import bands_of_layouts
 from pliant.identification.memory_parameters import LAYOUTS
 from pliant.identification.parameters import check_names
 from pliant.identification.problem import Problem
-from pliant.identification.recorded import Excitation
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
 from pliant.model.torque_law import law_parameters
 from pliant.simulation import Trace
@@ -61,6 +60,8 @@ VALUES: dict[str, float] = {
     "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6,
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04, "inflation_jm": 3.0,
     "body_stiffness": 0.85, "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
+    "axial_creep_share_1": 0.3, "axial_creep_time_1": 0.2, "axial_slip_share_1": 0.4, "axial_slip_strain_1": 0.003,
+    "axial_stiffening": -15.0, "axial_cubic_stiffening": 800.0, "axial_stiffening_bound": 0.1,
     "elastic_wall_lever": 5e-7, "elastic_wall_compliance": 1.1e-6,
     **{f"{law.name}_{name}": value for law in LAWS for name, value in law.start(LEVELS, TORQUES).items()},
 }  # fmt: skip
@@ -259,8 +260,8 @@ def mismatch(problem: Problem, k: int, column: np.ndarray, longest: float) -> fl
 
     def residual(move: float) -> np.ndarray:
         x = problem.start + move * (np.arange(problem.start.size) == k)
-        made = set_up(problem.model, o.exp, problem.values(x), problem.step)
-        return o.residual(moved(made, made.numbers, o.exp.time.size))
+        made = forward_problem(problem.model, o.exp, problem.values(x), problem.step)
+        return o.residual(observed_rows(made, made.numbers, o.exp.time.size))
 
     for size in SIZES:
         try:

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 
 from pliant.errors import InputError
 from pliant.identification import Parameter, experiment, fit
+from pliant.identification.observation import behind_sensors, between_frames, lagged
 from pliant.identification.residuals import Observations
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.sensor import behind_sensors, between_frames, lagged
 from pliant.model import chain_model
 from pliant.preprocessing.detectors import quantum
 from pliant.recording import make_recording

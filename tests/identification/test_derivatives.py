@@ -28,7 +28,7 @@ from space_cases import OF_TENDONS, SOUND, arm, rich_arm
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, experiment
-from pliant.identification.forward_model import set_up
+from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import KNOWN
 from pliant.model import Chamber, Extension, Memory, Model, Valve
@@ -85,7 +85,7 @@ def test_a_held_pose_of_a_body_that_lengthens_is_refused() -> None:
     model, exp = MODELS["lengthens"], case("plain", "release", "held", "measured")
     assert exp is not None
     with pytest.raises(InputError, match=r"experiment e: a measured held pose .* the model 'model' is extensible"):
-        set_up(model, exp, {"e.release": 0.15}, STEP)
+        forward_problem(model, exp, {"e.release": 0.15}, STEP)
 
 
 def test_every_entry_of_an_experiment_is_among_the_options() -> None:

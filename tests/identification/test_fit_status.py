@@ -73,8 +73,8 @@ def test_bounds_are_never_passed(exp: Experiment, truth: Model, monkeypatch: pyt
     from pliant.identification import problem
 
     tried = []
-    original = problem.set_up
-    monkeypatch.setattr(problem, "set_up", lambda *a: (tried.append(a[2]["damping"]), original(*a))[1])
+    original = problem.forward_problem
+    monkeypatch.setattr(problem, "forward_problem", lambda *a: (tried.append(a[2]["damping"]), original(*a))[1])
 
     run(exp, truth, Parameter("damping", 5e-3, lower=4e-3, upper=5.5e-3), starts=3)
     assert len(tried) > 10

@@ -7,8 +7,8 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit, predict
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
 from pliant.identification.memory_parameters import ROWS
 from pliant.identification.parameters import apply
 from pliant.identification.sensitivity import sensitivities
@@ -78,8 +78,8 @@ def test_derivatives_are_exact(arm):
     _, slopes = sensitivities(arm, exp, values, {name: abs(v) for name, v in values.items()}, 2e-3)
 
     def at(changed):
-        made = set_up(arm, exp, changed, 2e-3)
-        return moved(made, made.numbers, exp.time.size)
+        made = forward_problem(arm, exp, changed, 2e-3)
+        return observed_rows(made, made.numbers, exp.time.size)
 
     for name, slope in zip(values, slopes, strict=True):
         size = 1e-5 * abs(values[name])

@@ -8,9 +8,9 @@ from space_cases import LINKS, STEP, TIME, TRACES, arm
 from pliant.errors import InputError
 from pliant.identification import Parameter, experiment
 from pliant.identification.experiment import Experiment
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
-from pliant.identification.orientation import frames_of, rotation_vectors, turn_slopes, turns_off, with_axes
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
+from pliant.identification.observation import frames_of, rotation_vectors, turn_slopes, turns_off, with_axes
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import white_noise
 from pliant.mechanics import mechanics_of
@@ -92,8 +92,8 @@ def still():
 
 
 def moved_rows(model, exp):
-    made = set_up(model, exp, {}, STEP)
-    return moved(made, made.numbers, TIME.size)
+    made = forward_problem(model, exp, {}, STEP)
+    return observed_rows(made, made.numbers, TIME.size)
 
 
 def tip_turns(model, exp):

@@ -117,10 +117,10 @@ def test_the_band_is_that_of_the_recordings_swings_and_fixed() -> None:
 @pytest.mark.parametrize(("values", "sentence"), [
     ({"payne_share": 0.1, "payne_angle": 0.2}, "payne_exponent, payne_low, payne_high is missing"),
     (CURVE | {"slip_share_1": 0.1, "slip_angle_1": 0.1}, "leave out either"),
-    (CURVE | {"payne_low": 0.8}, "band of rising positive"),
+    (CURVE | {"payne_low": 0.8}, "0 < low < high in rad"),
     (CURVE | {"payne_low": 1e-6}, "choose a narrower band"),
-    (CURVE | {"payne_exponent": 0.6}, "at most 0.5"),
-    (CURVE | {"payne_share": np.nan}, "share that is not negative"),
+    (CURVE | {"payne_exponent": 0.6}, "0 < exponent <= 0.5"),
+    (CURVE | {"payne_share": np.nan}, "share >= 0"),
     (CURVE | {"payne_angle": 1e-12}, "Payne's curve slip_angle must have a size"),
 ])
 def test_a_curve_that_makes_no_sense_is_told(values: dict[str, float], sentence: str) -> None:

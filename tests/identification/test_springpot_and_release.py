@@ -113,7 +113,7 @@ def test_the_springpot_lies_over_the_band_of_the_recordings_and_is_fixed() -> No
 @pytest.mark.parametrize(("values", "sentence"), [
     ({"fractional_share": 0.1, "fractional_order": 0.2}, "fractional_low, fractional_high is missing"),
     (POT | {"creep_share_1": 0.1, "creep_time_1": 0.1}, "leave out either"),
-    (POT | {"fractional_low": 60.0}, "band of rising positive"),
+    (POT | {"fractional_low": 60.0}, "0 < low < high in Hz"),
     (POT | {"fractional_low": 1e-6}, "choose a narrower band"),
 ])
 def test_a_springpot_that_makes_no_sense_is_told(values: dict[str, float], sentence: str) -> None:

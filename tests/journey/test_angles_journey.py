@@ -19,7 +19,7 @@ from pliant.study.prepare import all_aligned
 from pliant.testbed.bundle import LOGGED, angle_log, bundled_log
 from pliant.validation.draw import figures_of
 from pliant.validation.metrics_file import MetricsFile
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 STARTS = "[fits.first]\nstarts = 1"  # the others end where the first does
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
@@ -50,7 +50,7 @@ def test_a_drafted_study_predicts_the_pulse_between(ran):
     assert "rmse_mm" not in metrics
     assert outcome.fits[0].result.values["sensor_lag"] == pytest.approx(0.08, abs=0.03)  # as the virtual sensor has it
     assert outcome.model.n == 1
-    assert any("travel 41.6 deg" in line for line in told)
+    assert any("peak displacement 41.6 deg" in line for line in told)
 
 
 def test_what_angles_cannot_tell_is_told(ran):
@@ -58,8 +58,9 @@ def test_what_angles_cannot_tell_is_told(ran):
     said = " ".join(outcome.verdict)
     assert "shapes, order and path are left out" in said
     assert "One angle supports one link, as many as the chain has." in said
-    assert "do not tell the mass" in said
-    assert "comes in steps of 0.8 degrees: 0.23 degrees of noise" in " ".join(outcome.findings["angle_pulse_60"])
+    assert "do not determine the mass" in said
+    said = " ".join(outcome.findings["angle_pulse_60"])
+    assert "has a resolution of 0.8 degrees, which acts as 0.23 degrees of noise" in said
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "shapes, order and path are left out" in page
     assert 'id="plot-angle"' in page
@@ -91,8 +92,8 @@ def test_zero_and_sign_of_a_sensor_are_taken_off_and_told():
     ds = read(bundled_log("pulse_119"), mapping=UNITS)
     backward = ds.assign(angle=ds["angle"].copy(data=1.0 - ds["angle"].values))
     np.testing.assert_allclose(from_rest(backward)["angle"].values, from_rest(ds)["angle"].values, atol=1e-12)
-    assert "the sign is turned" in from_rest(backward).attrs["history"]
-    assert "degrees taken off: tip 42.4" in from_rest(ds).attrs["history"]
+    assert "the sign was changed" in from_rest(backward).attrs["history"]
+    assert "subtracted degrees: tip 42.4" in from_rest(ds).attrs["history"]
     assert quality(ds).step_deg["tip"] == pytest.approx(0.8)
 
 
@@ -110,13 +111,13 @@ def test_places_and_angles_are_not_mixed_in_a_study(tmp_path):
     mixed = study.model_copy(update={"recordings": {**study.recordings, "placed": placed}, "mapping": {}})
     bare = {name: r.model_copy(update={"mapping": UNITS}) for name, r in study.recordings.items()}
     mixed = mixed.model_copy(update={"recordings": {**bare, "placed": placed}})
-    with pytest.raises(InputError, match="holds angles and no places, others hold places"):
+    with pytest.raises(InputError, match="holds angles and no positions, but others hold positions"):
         run_study(mixed)
 
 
 def test_a_body_that_hardly_turns_is_dropped(ran):
-    from pliant.study.prepare import hardly_moved
+    from pliant.study.prepare import without_motion
 
     record = ran[2].fits[0].records[0].experiment
     still = replace(record, angle=1e-3 * record.angle)
-    assert "its angle moves by" in hardly_moved({"still": still}, 0.17)["still"]
+    assert "its angle moves by" in without_motion({"still": still}, 0.17)["still"]

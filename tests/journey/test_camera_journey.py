@@ -16,7 +16,7 @@ from pliant.cli import app
 from pliant.study import demo_study, load_study
 from pliant.study.prepare import aligned_recording
 from pliant.validation.metrics_file import MetricsFile
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 pytestmark = pytest.mark.slow
 PIXELS_PER_MM, RATE, LATE_S = 4.2, 60.0, 0.7

@@ -10,7 +10,7 @@ from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
-from pliant.study.new import tendon_ends
+from pliant.study.draft_inputs import tendon_ends
 
 DISKS = {name: {"position": [f"{axis}{k}" for axis in "xyz"]} for k, name in ((1, "top"), (2, "middle"), (3, "tip"))}
 MOTORS = {"columns": [f"phi{k}" for k in range(1, 7)], "kind": "angle", "unit": "deg"}

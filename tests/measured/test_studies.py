@@ -80,7 +80,7 @@ def test_the_level_beyond_is_predicted_within_twelve_per_cent(arm: dict[str, Any
     beyond = error(arm, "inflating_beyond", "p400")
     assert beyond < 12.0
     said, = [s for s in arm["verdict"] if "p400" in s and s.startswith("Inflating")]
-    assert f"{beyond:.1f} % of its travel" in said
+    assert f"{beyond:.1f} % of its peak displacement" in said
 
 
 @pytest.mark.parametrize("fit", ["inflating_between", "inflating_within", "inflating_beyond"])

@@ -149,13 +149,13 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
         ({"lever": 0.0}, "^tendon 'tendon': lever must be positive"),
         ({"driven_by": "hand"}, "must be tension, displacement, angle, got 'hand'"),
         ({"driven_by": "displacement"}, r"driven by its displacement, it needs a line_stiffness"),
-        ({"driven_by": "angle", "line_stiffness": 1e3}, "a pulley .* goes with"),
-        ({"pulley": 0.01}, "a pulley .* goes with"),
-        ({"driven_by": "displacement", "line_stiffness": 1e3, "pulley": 0.01}, "a pulley .* goes with"),
-        ({"swell_share": 0.1}, "those of a chamber"),
-        ({"inflation_limit": 1e5}, "those of a chamber"),
-        ({"axial_gain": [0.0, 1.0]}, "those of a chamber"),
-        ({"law": "saturating"}, "those of a chamber"),
+        ({"driven_by": "angle", "line_stiffness": 1e3}, "set a pulley radius .* otherwise"),
+        ({"pulley": 0.01}, "set a pulley radius .* otherwise"),
+        ({"driven_by": "displacement", "line_stiffness": 1e3, "pulley": 0.01}, "set a pulley radius .* otherwise"),
+        ({"swell_share": 0.1}, "only a pressure chamber has them"),
+        ({"inflation_limit": 1e5}, "only a pressure chamber has them"),
+        ({"axial_gain": [0.0, 1.0]}, "only a pressure chamber has them"),
+        ({"law": "saturating"}, "only a pressure chamber has them"),
         ({"joint_gain": [0.0, 2e6]}, "^tendon 'tendon': joint_gain must have a size"),
         ({"joint_gain": [0.0, -2e6]}, "joint_gain must have a size"),
         ({"friction": -0.1}, "friction must not be negative"),
@@ -212,7 +212,7 @@ def test_a_chamber_keeps_its_numbers_to_itself():
     assert made.remembers
     near = Chamber([1e-6], joint_gain=[1.0, 0.5], name="near")
     assert PLAIN.with_(chambers=(near,)).chambers[0] is near
-    with pytest.raises(InputError, match=r"one chamber, and 'model' has 2: near, far"):
+    with pytest.raises(InputError, match=r"one chamber, but 'model' has 2: near, far"):
         _ = PLAIN.with_(chambers=(near, Chamber([1e-6], name="far"))).chamber
 
 
@@ -221,7 +221,7 @@ def test_a_chamber_keeps_its_numbers_to_itself():
     [
         ({"swell_share": 1.01}, "^model swell_share"),
         ({"swell_share": 1.01, "name": "near"}, "^chamber 'near': swell_share"),
-        ({"law": "saturating"}, r"^model torque of the law 'saturating' is lever, level, got 1 number\(s\)"),
+        ({"law": "saturating"}, r"^model torque of the law 'saturating' must be its numbers lever, level, got 1"),
         ({"law": "saturating", "torque": [1e-6, 999.0]}, r"level of .* must lie within 1000 \.\.\. 1e\+08 Pa, got 999"),
         ({"law": "saturating", "torque": [1e-6, 1.01e8]}, "level of the law 'saturating' must lie within"),
         ({"law": "saturating", "torque": [-1e-9, 1e5]}, "lever of the law"),
@@ -319,7 +319,7 @@ def test_a_card_names_terms_segments_and_gains_that_are_used(monkeypatch):
     body = PLAIN.with_(stiffening=[0.5, 0.0], stiffening_bound=[0.3, 0.0], chambers=(near,), extensions=ends)
     card = body.card()
     assert card.lines[1] == (
-        "springs K q (1 + s q), s in 1/rad: 0, 0.5; what s does to the slope is at most 0 %, 30 % of K"
+        "springs K q (1 + s q), s in 1/rad: 0, 0.5; s changes the slope by at most 0 %, 30 % of K"
     )
     assert "segment 'a' of 100 mm lengthens: EA 50 N, 0.25 N s" in card.lines
     assert "segment 'b' of 200 mm lengthens: EA 60 N" in card.lines

@@ -35,8 +35,9 @@ def test_what_is_more_than_links_is_said_with_its_numbers():
     lines = "\n".join(body.card().lines)
     for part in (
         "torque at each joint: 1e-06 p + 2e-12 p^2 N m, p in Pa gauge",
-        "valve: rise_time 0.02, dead_time 0.01", "swelling: share 0.25, 0.5 s", "inflation: limit 3e+05 Pa, 0.05 s",
-        "s in 1/rad: 0.25, 0.5", "a in 1/rad^2: 2", "at most 30 % of K", "memory: creep_1", "tip mass: 10 g",
+        "valve: rise_time 0.02, dead_time 0.01", "viscoelastic lag: fraction 0.25, 0.5 s",
+        "inflation: limit 3e+05 Pa, 0.05 s",
+        "s in 1/rad: 0.25, 0.5", "a in 1/rad^2: 2", "at most 30 % of K", "hysteresis: creep_1", "tip mass: 10 g",
         "mass of a link at its tip", "gravity: (0, -9.81) m/s^2", "observed: middle, tip", "EI = K l: 0.15 N m^2",
     ):
         assert part in lines, (part, lines)

@@ -69,7 +69,7 @@ def broken(tmp_path, **changes):
         ({"units": {"link_length": "mm"}}, "'units' must be those of the schema"),
         ({"units": {"stifness": "N m/rad"}}, "'units' must be those of the schema"),
         ({"mass_at": "middle"}, "'mass_at' should be 'rod' or 'tip'"),
-        ({"bend_sign": -1}, "change the sign of the x of gravity"),
+        ({"bend_sign": -1}, "change the sign of the x component of gravity"),
         ({"valve": {"rise_time": -1}}, "rise_time must be finite and not negative"),
         ({"valve": {"lag": 1}}, "'valve.lag' is not a known entry"),
         ({"stations": [{"name": "a", "link": 9, "along": 0.0}]}, "must sit on a link"),

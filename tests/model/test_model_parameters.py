@@ -58,7 +58,7 @@ def test_one_number_stands_for_all_links():
         ({"stations": [Station("a", 2, 0.0)]}, "must sit on a link 0..1 or the base"),
         ({"stations": [Station("a", -2, 0.0)]}, "must sit on a link"),
         ({"stations": [Station("a", 0, np.nan)]}, "must sit on a link"),
-        ({"stations": [("a", 0.5, 0.0)]}, "link an integer"),
+        ({"stations": [("a", 0.5, 0.0)]}, "an integer link"),
         ({"stations": [("a",)]}, "a station is"),
         ({"stations": [("a", 0, 0.01), ("a", 1, 0.01)]}, "names must differ"),
     ],

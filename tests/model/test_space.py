@@ -55,9 +55,9 @@ def test_gains_of_a_chamber_are_those_of_its_azimuth():
     ({"space": Space(), "gravity": (0.0, -9.81)}, "gravity must be 3 numbers"),
     ({"space": None, "gravity": (0.0, 0.0, -9.81)}, "gravity must be 2 numbers"),
     ({"space": None, "stations": [Station("tip", 3, 0.03, 0.0, 0.01)]}, "lies out of the bending plane"),
-    ({"space": None, "cross_gain": 0.5}, "give the model its space"),
-    ({"rest_angle": 0.1}, "does not take rest_angle: give space its rest_turn"),
-    ({"base_angle": 0.1}, "give space its base_tilt"),
+    ({"space": None, "cross_gain": 0.5}, "set space"),
+    ({"rest_angle": 0.1}, "has no rest_angle: set rest_turn of its space"),
+    ({"base_angle": 0.1}, "set base_tilt of its space"),
     ({"space": "yes"}, "must be a Space"),
     ({"space": {"rest_turn": [[0.1, 0.0, 0.0]] * 3}}, "one row or 4"),
 ])  # fmt: skip
@@ -84,5 +84,5 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
     lambda model: design_lqr(model, 1e5, 1e-3),
 ])  # fmt: skip
 def test_what_takes_planar_chains_alone_refuses_one_in_space(use):
-    with pytest.raises(InputError, match="in a plane"):
+    with pytest.raises(InputError, match="needs a planar chain"):
         use(in_space())

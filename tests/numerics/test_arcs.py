@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pliant.numerics.arcs import arc_lengths
-from pliant.numerics.curve import spatial_curve
+from pliant.numerics.curve import arc_lengths, spatial_curve
 
 
 def test_arcs_of_any_plane_keep_their_length(rng):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.numerics.swings import swings, turning_points
+from pliant.numerics.ringdown import swings, turning_points
 
 TIME = np.arange(0.0, 8.0, 0.01)
 

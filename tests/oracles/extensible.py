@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.equations.inertia import body_constants
-from pliant.equations.symbols import ExtensibleBody, ExtensibleWorkspace, Joints
+from pliant.equations.symbols import ExtensibleBody, ExtensibleJoints, ExtensibleWorkspace
 
 
 class Extensible(NamedTuple):
@@ -43,9 +43,13 @@ class Extensible(NamedTuple):
             B, h = B.astype(float), h.astype(float)
         return ExtensibleBody(B, self.l, h, self.share, *self.gravity)
 
-    def joints(self):
+    def joints(self, axial=None, rest=()):
+        """With axial springs of coefficients `axial` (3, S) where given, and resting strains (S,) or none."""
         hardening = np.stack([self.K2, -0.5 * self.K2, 0 * self.K2])
-        return Joints(self.base_angle, self.theta0, self.K, self.D, hardening, self.theta0)
+        if axial is not None:
+            hardening = np.concatenate([hardening, axial], axis=1)
+        rest = np.zeros(0) if len(rest) == 0 else np.array(rest)
+        return ExtensibleJoints(self.base_angle, self.theta0, self.K, self.D, hardening, self.theta0, rest)
 
     def masses(self, x, cos=np.cos, sin=np.sin):
         """(mass, x, y) of every point mass at the coordinates x (n + S,)."""

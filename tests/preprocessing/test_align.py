@@ -176,22 +176,22 @@ def test_jumping_orientations_are_refused_or_undone():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"base": "foot"}, "no station 'foot' to be the base; available: s0"),
+        ({"base": "foot"}, "base is 'foot', but there is no such station; available: s0"),
         ({"base": "s11"}, "last station is the base"),
-        ({"tangent": "up"}, "tangent is 'chord', 'clamp'"),
+        ({"tangent": "up"}, "tangent must be 'chord', 'clamp'"),
         ({"tangent": [0, 0, 0]}, "not all zero"),
         ({"tangent": [1, 2]}, "three finite numbers"),
-        ({"tangent": "clamp", "clamp_length": 0.001}, "lengthen clamp_length"),
-        ({"plane": "flat"}, "plane is 'motion', 'body'"),
+        ({"tangent": "clamp", "clamp_length": 0.001}, "increase clamp_length"),
+        ({"plane": "flat"}, "plane must be 'motion', 'body'"),
         ({"plane": [0, 1, 0]}, "must not be parallel"),
         ({"plane": ["a", 1, 0]}, "three numbers"),
         ({"bend": "left"}, "'positive', 'negative' or None"),
-        ({"rest": (90, 91)}, "holds no frame"),
+        ({"rest": (90, 91)}, "contains no frame"),
         ({"rest": "start"}, "two times in seconds"),
         ({"rest": (1,)}, "two times in seconds"),
         ({"origin_offset": [1, 2]}, "origin_offset"),
         ({"origin_offset": "far"}, "origin_offset"),
-        ({"arc_length": [0, 1]}, "do not fit together"),
+        ({"arc_length": [0, 1]}, "do not match"),
     ],
 )
 def test_options_that_cannot_be_are_named(options, message):
@@ -204,11 +204,11 @@ def test_recordings_that_cannot_be_aligned_are_named(rng):
     with pytest.raises(InputError, match="needs positions"):
         align(align(ds).drop_vars("position"))
     still = make_recording(TIME, np.array([[0, 0, 0], [0, 0, 0.2]]) + 1e-5 * rng.normal(size=(500, 2, 3)))
-    with pytest.raises(InputError, match="nothing moves"):
+    with pytest.raises(InputError, match="no station moves"):
         align(still)
-    with pytest.raises(InputError, match="needs the base's orientation"):
+    with pytest.raises(InputError, match="needs the orientation of the base station"):
         align(ds.drop_vars("quaternion"), tangent="base:+x")
-    with pytest.raises(InputError, match="only when the base has an orientation"):
+    with pytest.raises(InputError, match="remove_base_motion needs the orientation of the base station"):
         align(ds.drop_vars("quaternion"), remove_base_motion=True)
     lost = ds.copy(deep=True)
     lost["position"].values[:100, 3] = np.nan

@@ -167,7 +167,7 @@ def test_faults_of_rigid_bodies_are_counted_and_undone_before_the_base_frame():
     with pytest.raises(InputError, match=r"jumps by more than 30 degrees .*\(c 2\)"):
         align(faulty, space=True)
     mended, wanted = align(faulty, space=True, undo_jumps=True), align(clean, space=True)
-    assert "frames turned back: c 60" in mended.attrs["history"]
+    assert "frames rotated back: c 60" in mended.attrs["history"]
     apart = (rotations(mended).inv() * rotations(wanted)).magnitude().reshape(-1, 6)
     assert apart[np.arange(300) != 120].max() < 0.01  # the turn is known to the motion between two frames
     assert apart[120, 5] == pytest.approx(0.2, abs=1e-6)  # a spike stays, for a robust loss to pass over

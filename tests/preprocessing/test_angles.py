@@ -27,8 +27,8 @@ def test_angles_start_at_zero_and_turn_with_the_pressure(side):
     np.testing.assert_allclose(made["angle"], np.stack([0.5 * BEND, 0.8 * BEND], axis=1), atol=1e-12)
     assert made["angle"].attrs["reference"] == "rest"
     told = made.attrs["history"]
-    assert "degrees taken off: s1 17.2, s2 -11.5" in told
-    assert ("positive pressure turned s1 to the negative side: the sign is turned" in told) == (side < 0)
+    assert "subtracted degrees: s1 17.2, s2 -11.5" in told
+    assert ("positive pressure turned s1 to the negative side: the sign was changed" in told) == (side < 0)
     np.testing.assert_allclose(ds["angle"][:, 0], 0.3 + side * 0.5 * BEND)  # what was given stays
 
 
@@ -62,5 +62,5 @@ def test_a_sensor_that_counts_in_coarse_steps_is_told_with_its_noise():
     assert facts["noise_deg"]["s2"] < 0.01
     assert facts["stations"] == 2
     (line,) = angle_sentences(facts["step_deg"])
-    assert line == "the angle of s1 comes in steps of 0.5 degrees: 0.14 degrees of noise"
+    assert line == "the angle of s1 has a resolution of 0.5 degrees, which acts as 0.14 degrees of noise"
     assert angle_facts(angles(np.where(TIME < 0.1, np.nan, fine)))["missing"] == {"s1": 10}

@@ -60,7 +60,7 @@ def test_refused_when_the_body_bends_like_the_cap(rng):
     assert not found.found
     assert found.confidence == 0
     assert np.isnan(found.arc_length)
-    assert "the body bends as the cap does" in found.status
+    assert "the body is curved like the cap" in found.status
     assert found.frames_ambiguous == 9
 
 
@@ -107,7 +107,7 @@ def test_disagreeing_frames_are_refused(rng):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"cap_curvature": 0.0}, "curvature not zero"),
+        ({"cap_curvature": 0.0}, "cap_curvature not zero"),
         ({"cap_length": 1e-3}, "at least twice as long"),
         ({"cap_length": 0.2}, "too short"),
         ({"cap_length": np.nan}, "must be finite"),
@@ -154,7 +154,7 @@ def test_cut_at_stations_and_with_orientations():
     assert cut["arc_length"].values[0] == 0
     same = cut_body(circle_recording()[0], S[10], S[100])
     assert same.sizes["station"] == 91
-    with pytest.raises(InputError, match="must lie within"):
+    with pytest.raises(InputError, match="must be within"):
         cut_body(recording, 0.1, 0.5)
     with pytest.raises(InputError, match="four are needed"):
         cut_body(recording, 0.1, 0.1012)

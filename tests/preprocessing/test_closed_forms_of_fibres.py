@@ -8,8 +8,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from pliant.errors import InputError
 from pliant.preprocessing import curvature_fit
-from pliant.preprocessing.cap import find_tip
-from pliant.preprocessing.cap_template import CapTemplate
+from pliant.preprocessing.cap import CapTemplate, find_tip
 from pliant.preprocessing.curvature import curvature_of, savgol_curvature
 from pliant.preprocessing.curvature_fit import _Model, fit_curvature
 from pliant.preprocessing.cut import cut_body
@@ -129,7 +128,7 @@ def test_frames_with_a_missing_sample_have_no_cap_and_the_gauge_half_of_it_at_mo
     assert np.isnan(found.per_frame).tolist() == [False, True]
     assert found.frames_without_cap == 1
     find_tip(kappa, 1e-3, cap_curvature=20.0, cap_length=0.03, gauge_length=0.015)
-    with pytest.raises(InputError, match=r"a cap of 30 mm cannot be seen through a gauge of 15\.1 mm"):
+    with pytest.raises(InputError, match=r"a cap of 30 mm cannot be resolved by a gauge of 15\.1 mm"):
         find_tip(kappa, 1e-3, cap_curvature=20.0, cap_length=0.03, gauge_length=0.0151)
 
 
@@ -168,7 +167,7 @@ def test_a_station_within_a_nanometre_of_an_end_is_part_of_the_body():
     assert lines[1.3e-9].endswith("3 station(s) of lead, 3 of tail")
     assert cut_body(fibre(s), 0.05, 0.1 + 0.9e-9).sizes["station"] == 6
     for base, tip in ((0.05, 0.1 + 1.2e-9), (-1e-12, 0.1), (np.nan, 0.1), (0.0, np.inf), (0.0, np.nan)):
-        with pytest.raises(InputError, match="must lie within"):
+        with pytest.raises(InputError, match="must be within"):
             cut_body(fibre(s), base, tip)
 
 

@@ -69,9 +69,9 @@ def test_pressures_of_some_chambers_may_be_missing():
     ds = make_recording(EIGHTHS, ramp(), pressure=pressure, pressure_time=EIGHTHS, chamber=["l", "r"])
     made = pressure_on_shape_clock(ds)
     np.testing.assert_array_equal(made["pressure"].values, pressure)
-    assert "9 samples to the clock of the shape, 1 samples missing" in made.attrs["history"]
+    assert "9 samples to the times of the shape, 1 samples missing" in made.attrs["history"]
     for part in (make_recording(EIGHTHS, ramp()), make_recording(pressure=np.arange(3.0), pressure_time=EIGHTHS[:3])):
-        with pytest.raises(InputError, match="needs a shape and a pressure"):
+        with pytest.raises(InputError, match="needs a recording with a shape and a pressure"):
             pressure_on_shape_clock(part)
 
 
@@ -122,7 +122,7 @@ def test_jumps_of_orientation_are_undone_around_lost_frames():
     off = (slow[rows].inv() * Rotation.from_quat(found[rows])).magnitude()
     assert off.max() < 1e-6
     assert np.flatnonzero(np.isnan(found).any(-1)).tolist() == [10, 24]
-    assert made.attrs["history"].endswith("frames turned back: s000 12")
+    assert made.attrs["history"].endswith("frames rotated back: s000 12")
 
 
 # quality
@@ -164,7 +164,7 @@ def test_facts_of_places_seen_in_part():
     assert np.isnan(quality(make_recording(time, place[..., :2], frame="planar")).out_of_plane_share)
     text = found.summary()
     assert text.startswith("50 frames of 2 station(s), 0.98 s at 50 Hz\n")
-    assert "largest travel from the median" in text
+    assert "largest displacement from the median" in text
     assert "% of the motion" in text
     turned = quality(make_recording(time, angle=np.where(time < 0.7, 0.1, 0.4)[:, None], frame="planar"))
     assert turned.travel_deg == {"s000": pytest.approx(np.degrees(0.3))}
@@ -178,7 +178,7 @@ def test_a_recording_hardly_moves_by_a_hundredth_of_its_extent(travel, hardly):
     place[:, 2] = np.nan
     place[:, 1, 0] = travel * np.sin(2 * np.pi * np.arange(100) / 100)
     found = quality(make_recording(np.arange(100) / 100, place))
-    line = "the recording hardly moves: its largest travel is below 1 % of its extent"
+    line = "the body hardly moves: its largest displacement is below 1 % of its extent"
     assert (line in found.findings) == hardly
 
 
@@ -186,7 +186,7 @@ def test_a_summary_tells_shapes_logs_and_inputs_apart():
     assert Quality().summary().startswith("log of 0 pressure samples\n")
     log = Quality(input_range={"m": (0.0, 2.5, "N"), "n": (-1.0, 1.0, "mm")})
     assert log.summary() == (
-        "log of 2 inputs, without a shape\ninput m: 0 to 2.5 N\ninput n: -1 to 1 mm\nnothing suspicious was found"
+        "log of 2 inputs, without a shape\ninput m: 0 to 2.5 N\ninput n: -1 to 1 mm\nno faults were found"
     )
     both = Quality(input_range={"m": (0.0, 2.5, "N")}, pressure_samples=9, duration_s=4.0, rate_hz=2.0,
                    pressure_kpa={"l": (0.0, 5.0), "r": (1.0, 2.0)})  # fmt: skip
@@ -198,12 +198,12 @@ def test_a_summary_tells_shapes_logs_and_inputs_apart():
                     noise_m={"a": 1e-5, "b": 3e-5, "c": 9e-5}, pressure_samples=7, pressure_duration_s=1.5,
                     pressure_rate_hz=4.0, out_of_plane_share=0.125)  # fmt: skip
     assert shape.summary().split("\n") == [
-        "4 frames of 2 station(s), 3.00 s at 1 Hz", "pressure on a clock of its own: 7 samples, 1.50 s at 4 Hz",
-        "largest travel from the median 2 mm, noise 0.03 mm (median station)",
-        "out of the plane of bending: 12 % of the motion", "nothing suspicious was found",
+        "4 frames of 2 station(s), 3.00 s at 1 Hz", "pressure with its own times: 7 samples, 1.50 s at 4 Hz",
+        "largest displacement from the median 2 mm, noise 0.03 mm (median station)",
+        "out of the plane of bending: 12 % of the motion", "no faults were found",
     ]  # fmt: skip
     assert Quality(frames=4, travel_deg={"a": 7.0}).summary().split("\n")[:2] == [
-        "4 frames of strain", "largest turn from the median 7 degrees"]  # fmt: skip
+        "4 frames of strain", "largest rotation from the median 7 degrees"]  # fmt: skip
     assert Quality(frames=4, findings=("x", "y")).summary().endswith("! x\n! y")
 
 

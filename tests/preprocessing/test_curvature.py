@@ -137,7 +137,7 @@ def test_frames_with_missing_stations_are_counted(family):
         ({"method": "wavelet"}, "one of basis, savgol, spline"),
         ({"method": "savgol", "window": 50}, "must be odd"),
         ({"method": "savgol", "window": 301}, "at most 212 stations"),
-        ({"terms": 0}, "number of terms"),
+        ({"terms": 0}, "terms must be between"),
         ({"smoothing": -1.0}, "must not be negative"),
     ],
 )

@@ -19,5 +19,5 @@ def test_a_window_keeps_shape_and_pressure_within_it() -> None:
     assert cut["pressure_time"].to_numpy()[[0, -1]] == pytest.approx([0.5, 1.0], abs=0.011)
     np.testing.assert_allclose(cut["pressure"], 1e4 * cut["pressure_time"].to_numpy())
     assert "cut to 0.5 to 1 s: 26 of 100 frames" in cut.attrs["history"]
-    with pytest.raises(InputError, match=r"1 frames lie between 1.97 and 5 s.* runs from 0 to 1.98 s"):
+    with pytest.raises(InputError, match=r"1 frames are between 1.97 and 5 s.* runs from 0 to 1.98 s"):
         cut_time(ds, 1.97, 5.0)

@@ -165,8 +165,8 @@ def test_counts_are_told_from_the_largest_and_shortened():
     found = quality(make_recording(TIME + 0.5 * (TIME > 0.7) + 0.3 * (TIME > 0.3), place))
     text = "\n".join(found.findings)
     assert "2 gap(s) in time, the longest 0.51 s at 1 s" in text
-    assert "5 of 100 frames repeat the one before (5.0 %)" in text
-    assert "the clock is irregular: 2 of 99 steps differ" in text
+    assert "5 of 100 frames repeat the previous frame (5.0 %)" in text
+    assert "the times are irregular: 2 of 99 steps differ" in text
 
 
 @pytest.mark.parametrize("measured", [True, False])

@@ -106,4 +106,4 @@ def test_a_plateau_of_a_held_pressure_stays_one():
     np.testing.assert_allclose(done[:396], course[:396], atol=1e-6)
     still = lines_between_changes(recorded(moving(np.random.default_rng(7)), pressure=course, pressure_time=TIME))
     np.testing.assert_array_equal(still["pressure"].values, course)
-    assert "no input is held" in still.attrs["history"]
+    assert "no input is a staircase" in still.attrs["history"]

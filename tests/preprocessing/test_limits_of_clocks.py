@@ -217,7 +217,7 @@ def test_offsets_overlap_by_half_of_the_shorter_record():
     near = offsets(TIME, TIME, 0.3)
     assert (near[0], near[-1]) == (-0.3, pytest.approx(0.3, abs=0.021))
     for wrong in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(InputError, match="largest_s is a positive number"):
+        with pytest.raises(InputError, match="largest_s must be a positive number"):
             offsets(TIME, TIME, wrong)
 
 
@@ -249,10 +249,10 @@ def test_scores_are_squared_correlations_where_both_were_recorded(shift):
     ("changes", "rival", "largest", "said"),
     [
         ({"explained": 0.51}, None, None, None),
-        ({"explained": 0.49}, None, None, "at best 49 % of the motion is explained"),
+        ({"explained": 0.49}, None, None, "explain the motion .at best 49 %."),
         ({"explained": -0.2}, None, None, "at best 0 %"),
         ({"delay": 0.97}, None, 1.0, None),
-        ({"delay": 0.99}, None, 1.0, "end of the search, 0.99 s: raise largest_s"),
+        ({"delay": 0.99}, None, 1.0, "end of the search range, 0.99 s: increase largest_s"),
         ({"delay": -0.99}, None, 1.0, "end of the search"),
         ({}, {"share": 0.6, "explained": 0.9}, None, None),
         ({}, {"share": 0.7, "explained": 0.86}, None, "explain the motion equally well"),
@@ -273,19 +273,19 @@ def test_an_offset_explains_the_motion_and_has_no_rival(changes, rival, largest,
 def test_doubts_of_an_offset_have_their_numbers():
     even = series(np.zeros(800))
     assert doubts(fitted(uncertainty=0.019, inside=0.981), even) == []
-    assert doubts(fitted(uncertainty=0.021), even)[0].startswith("WARNING: the offset is known to 21 ms only")
-    assert doubts(fitted(inside=0.979), even) == ["the log covers 98 % of the shape's frames"]
-    assert "begins with the pressure up" in doubts(fitted(after_motion=True), even)[0]
+    assert doubts(fitted(uncertainty=0.021), even)[0].startswith("WARNING: the offset is uncertain by 21 ms")
+    assert doubts(fitted(inside=0.979), even) == ["the pressure log covers 98 % of the shape's frames"]
+    assert "the pressure is already high when its log begins" in doubts(fitted(after_motion=True), even)[0]
     clock = np.concatenate([np.arange(0, 1, 0.01), np.arange(1.5, 2, 0.01), np.arange(3.0, 4, 0.01)])
     (line,) = doubts(fitted(), series(np.zeros(len(clock)), clock))
-    assert line.startswith("the log has 2 hole(s), the longest 1.01 s at 1.99 s of its clock")
+    assert line.startswith("the pressure log has 2 gap(s), the longest 1.01 s at 1.99 s of its clock")
     found = Delay(0.0123, 0.0045, 2e-4, 3e-5, 0.9876, 3.0, 0.1, ("a", "b"))
     moved = "the pressure's clock is moved by +12.3 +- 4.5 ms, a drift of +200 +- 30 ppm"
-    assert found.summary() == f"{moved}, found from pressure and motion (98.8 % of the motion explained). a. b"
+    assert found.summary() == f"{moved}, estimated from pressure and motion (98.8 % of the motion explained). a. b"
     assert "drift" not in Delay(0.0123, 0.0045, 0.0, 0.0, 0.9876, 3.0, 0.1).summary()
     assert found.card().title == found.summary()
     assert polished(even, even, fitted(frequency=np.nan)).delay == 0.1
-    with pytest.raises(InputError, match="hardly overlap"):
+    with pytest.raises(InputError, match="no offset correlates"):
         two_best(series(np.sin(TIME)), series(np.stack([np.sin(TIME)] * 2, 1), TIME + 500.0), np.array([0.0]))
 
 
@@ -342,11 +342,11 @@ def test_a_summary_says_what_is_in_a_recording():
     )
     assert q.summary().splitlines() == [
         "100 frames of 3 station(s), 2.00 s at 50 Hz",
-        "largest travel from the median 30.5 mm, noise 0.02 mm (median station)",
+        "largest displacement from the median 30.5 mm, noise 0.02 mm (median station)",
         "out of the plane of bending: 1.2 % of the motion",
         "pressure p: 0 to 45.7 kPa",
         "input t: 1 to 2.5 N",
-        "nothing suspicious was found",
+        "no faults were found",
     ]
     log = Quality(
         pressure_samples=30, duration_s=1.0, rate_hz=30.0, pressure_kpa={"a": (0, 1), "b": (0, 2)}, findings=("x",)
@@ -355,10 +355,10 @@ def test_a_summary_says_what_is_in_a_recording():
     assert lines[0] == "log of 30 pressure samples of 2 chambers, 1.00 s at 30 Hz"
     assert lines[-1] == "! x"
     both = Quality(**values, pressure_samples=7, pressure_duration_s=3.0, pressure_rate_hz=10.0)
-    assert both.summary().splitlines()[1] == "pressure on a clock of its own: 7 samples, 3.00 s at 10 Hz"
+    assert both.summary().splitlines()[1] == "pressure with its own times: 7 samples, 3.00 s at 10 Hz"
     assert Quality(input_range={"t": (0, 1, "N")}).summary().splitlines()[0] == "log of 1 inputs, without a shape"
     turns = Quality(**values, travel_deg={"a": 12.0}, noise_deg={"a": 0.5})
-    assert "largest turn from the median 12 degrees, noise 0.5 degrees (median station)" in turns.summary()
+    assert "largest rotation from the median 12 degrees, noise 0.5 degrees (median station)" in turns.summary()
     assert log.card().title == lines[0]
 
 

@@ -178,13 +178,13 @@ def test_gaps_of_a_regular_clock():
     assert found == {"pressure_samples": 37, "pressure_duration_s": 19.5, "pressure_rate_hz": 2.0,
                      "pressure_gaps": ((7, 3.0, 1.5, 2), (18, 9.5, 1.0, 1))}  # fmt: skip
     (line,) = clock_sentences(37, found["pressure_gaps"], ())
-    assert line == ("3 of 40 samples of the pressure are missing, in 2 gap(s) behind sample 7 (3 s), 18 (9.5 s); the "
+    assert line == ("3 of 40 samples of the pressure are missing, in 2 gap(s) after sample 7 (3 s), 18 (9.5 s); the "
                     "longest gap is 1.5 s (2 missing) at 3 s")  # fmt: skip
     seven = tuple((k, float(k), 1.0, 1) for k in range(1, 8))
-    assert "behind sample 1 (1 s), 2 (2 s), 3 (3 s), 4 (4 s), 5 (5 s) and 2 more; " in clock_sentences(9, seven, ())[0]
+    assert "after sample 1 (1 s), 2 (2 s), 3 (3 s), 4 (4 s), 5 (5 s) and 2 more; " in clock_sentences(9, seven, ())[0]
     assert "5 (5 s); " in clock_sentences(9, seven[:5], ())[0]
     assert clock_sentences(9, (), ()) == []
-    assert clock_sentences(9, (), (0.1, 0.25)) == ["the clock of the pressure is irregular: steps of 0.1 to 0.25 s"]
+    assert clock_sentences(9, (), (0.1, 0.25)) == ["the times of the pressure are irregular: steps of 0.1 to 0.25 s"]
     assert pressure_clock(log([3.0])) == {"pressure_samples": 1, "pressure_duration_s": 0.0}
     assert pressure_clock(log([3.0, 5.0]))["pressure_rate_hz"] == 0.5
     same = make_recording([0.0, 1.0, 2.0], np.zeros((3, 2, 2)), pressure=[0, 1, 2.0], frame="planar")
@@ -223,7 +223,9 @@ def test_steps_are_told_beyond_a_two_hundredth_of_the_range(steps, coarse):
     if coarse:
         assert sensor_noise(both)[0] == pytest.approx(np.radians(0.5) / np.sqrt(12))
         assert sensor_noise(both)[1] == pytest.approx(detectors.noise_level(both[:, 1:, None])[0])
-    assert angle_sentences({"tip": 0.5}) == ["the angle of tip comes in steps of 0.5 degrees: 0.14 degrees of noise"]
+    assert angle_sentences({"tip": 0.5}) == [
+        "the angle of tip has a resolution of 0.5 degrees, which acts as 0.14 degrees of noise"
+    ]
 
 
 def test_facts_of_angles_are_in_degrees():
@@ -251,8 +253,8 @@ def test_angles_are_measured_from_rest_and_turned_to_the_pressures_side():
     found = from_rest(ds, (0.0, 0.4))
     np.testing.assert_allclose(found["angle"].values[60], [0.3, 0.4, np.nan], atol=1e-12)
     np.testing.assert_allclose(found["angle"].values[0, :2], 0.0, atol=1e-12)
-    assert "rest at 0 to 0.4 s, degrees taken off: a 11.5, b 5.73, c 0" in found.attrs["history"]
-    assert "positive pressure turned b to the negative side: the sign is turned" in found.attrs["history"]
+    assert "rest at 0 to 0.4 s, subtracted degrees: a 11.5, b 5.73, c 0" in found.attrs["history"]
+    assert "positive pressure turned b to the negative side: the sign was changed" in found.attrs["history"]
     assert found["angle"].attrs["reference"] == "rest"
     late = from_rest(ds, (0.6, 0.9))
     np.testing.assert_allclose(late["angle"].values[0, :2], [-0.3, 0.4], atol=1e-12)  # nothing turns under pressure
@@ -285,7 +287,7 @@ def test_a_change_of_length_by_a_fiftieth_is_told(stretch, told):
     ds = make_recording(np.arange(4) / 10, place, frame="planar")
     arc, lines = station_arc_length(ds, place)
     np.testing.assert_allclose(arc, 0.01 * np.arange(5) * (1 + stretch) / 2)
-    varies = "the length varies by 2.1 % over the frames; one arc length serves them all"
+    varies = "the length varies by 2.1 % over the frames; the arc lengths are those of the mean"
     assert lines == ("arc length: time-mean sum of chords", *[varies] * told)
     known = make_recording(
         np.arange(4) / 10, straight(), frame="planar", arc_length=0.3 + stretch * 0.01 * np.arange(5)
@@ -301,13 +303,13 @@ def test_stations_that_coincide_or_are_missing_are_named():
     place = straight()
     place[:, 3] = place[:, 2]
     ds = make_recording(np.arange(4) / 10, place, frame="planar")
-    with pytest.raises(InputError, match="stations 2 and 3 coincide"):
+    with pytest.raises(InputError, match="stations 2 and 3, counted from 0, coincide"):
         station_arc_length(ds, place)
     place = straight()
     place[1:, 3] = np.nan
     place[:2, 1] = np.nan
     place[0, 0, 1] = np.nan
-    with pytest.raises(InputError, match="station 3 is missing in 3 of 4 frames"):
+    with pytest.raises(InputError, match="station 3, counted from 0, is missing in 3 of 4 frames"):
         whole_frames(make_recording(np.arange(4) / 10, place, frame="planar"))
     place = straight()
     place[1, 2] = np.nan
@@ -326,7 +328,7 @@ def test_ten_frames_are_left_at_least(end, frames):
         np.arange(40) / 10, straight(40), frame="planar", pressure=np.arange(80.0), pressure_time=np.arange(80) / 20
     )
     if frames < 10:
-        with pytest.raises(InputError, match=r"9 frames lie between 0 and 0\.85 s, 10 are needed: .* 0 to 3\.9 s"):
+        with pytest.raises(InputError, match=r"9 frames are between 0 and 0\.85 s, but 10 are needed: .* 0 to 3\.9 s"):
             cut_time(ds, 0.0, end)
         return
     cut = cut_time(ds, 0.0, end)
@@ -350,7 +352,7 @@ def test_a_body_is_cut_at_its_ends():
         "cut to the body from 25.00 to 61.00 mm: 3 station(s) of lead, 4 of tail"
         in cut_body(ds, 0.025, 0.061).attrs["history"]
     )
-    with pytest.raises(InputError, match=r"within 0 to 0\.1 m of the fibre, not 0\.06 to 0\.06 m"):
+    with pytest.raises(InputError, match=r"within 0 to 0\.1 m of the fibre, base first, not 0\.06 to 0\.06 m"):
         cut_body(ds, 0.06, 0.06)
     with pytest.raises(InputError, match="only 3 station"):
         cut_body(ds, 0.035, 0.065)
@@ -407,9 +409,9 @@ def test_samples_in_time_carry_orientations_and_angles():
     np.testing.assert_allclose(np.linalg.norm(made["quaternion"].values[:9, 0], axis=-1), 1.0)
     assert np.isnan(made["quaternion"].values[9:]).all()
     assert "resampled from 6 to 11 frames, gaps up to 0.1 s bridged, 0 points missing" in made.attrs["history"]
-    with pytest.raises(InputError, match="positive and finite"):
+    with pytest.raises(InputError, match="must be positive, and rate_hz finite"):
         resample_time(ds, rate_hz=0.0, longest_gap_s=1)
-    with pytest.raises(InputError, match="positive and finite"):
+    with pytest.raises(InputError, match="must be positive, and rate_hz finite"):
         resample_time(ds, rate_hz=10.0, longest_gap_s=0.0)
 
 
@@ -423,7 +425,7 @@ def test_pressures_come_to_the_shapes_clock():
     expected = np.array([[np.nan, np.nan], [1.0, 20.0], [2.5, 35.0], [3.5, 45.0], [np.nan, np.nan]])
     np.testing.assert_allclose(made["pressure"].values, expected)
     assert made["chamber"].values.tolist() == ["l", "r"]
-    assert "pressure brought from 3 samples to the clock of the shape, 2 samples missing" in made.attrs["history"]
+    assert "pressure interpolated from 3 samples to the times of the shape, 2 samples missing" in made.attrs["history"]
 
 
 # repair
@@ -457,7 +459,7 @@ def test_turns_of_a_symmetry_are_alike_within_twenty_five_degrees(off, told):
     left = 2 * np.degrees(np.arctan2(made["quaternion"].values[:, 0, 2], made["quaternion"].values[:, 0, 3]))
     steps = np.abs((np.diff(left) + 180) % 360 - 180)
     assert steps.max() <= 30.0
-    assert ("frames turned back: none" in made.attrs["history"]) is False
+    assert ("frames rotated back: none" in made.attrs["history"]) is False
     np.testing.assert_allclose(rotation_angle(np.eye(3)[None]), 0.0)
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(rotation_angle(turned), np.pi / 2)
@@ -544,8 +546,8 @@ def test_the_first_motion_of_an_input_ends_the_rest():
     _, place = moving(0.2, count=100)
     late = make_recording(time, place, frame="planar", pressure=np.where(time >= 0.6, 1e5, 0.0))
     assert clock_finding(late) == [
-        ("the body moves before the pressure does (0.59 s): their clocks differ, or a hand moved it; rest is taken "
-         "from the shape")]  # fmt: skip
+        ("the body moves before the pressure does (0.59 s): their clocks differ, or the body was touched; rest is "
+         "taken from the shape")]  # fmt: skip
     fine = make_recording(time, place, frame="planar", pressure=np.where(time >= 0.2, 1e5, 0.0))
     assert clock_finding(fine) == []
     with pytest.raises(InputError, match="positions or angles"):

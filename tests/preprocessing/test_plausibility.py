@@ -152,7 +152,7 @@ def test_two_recordings_that_contradict_each_other_are_named():
     assert said.startswith("low and again hold the same numbers in 200 frames")
     (said,) = beside({"low": trial(4e4, reach=1.3), "high": trial(6e4, seed=3)})
     assert said.startswith("high moves by ")
-    assert "under only 40.1 kPa: are their pressures exchanged, or was high loaded or touched?" in said
+    assert "under only 40.1 kPa: are their pressure logs exchanged, or was the body in high loaded or touched?" in said
     short = np.where((TIME > 0.95) & (TIME < 1.05), 9e4, 0.0)  # a blow that the body cannot follow
     assert beside({"low": low, "blow": recording(trial(9e4, reach=0.2, seed=4)["position"].values, short)}) == []
 
@@ -227,7 +227,7 @@ def test_scale_and_offset_of_any_channel(tmp_path):
     ds = read(file, mapping={"linear": {"pressure": line}})
     np.testing.assert_allclose(ds["pressure"].values, pressure(), atol=70.0)
     assert quality(ds).doubts == {}
-    assert "pressure is 0.0666667 times what the file holds, plus -13.6 kPa" in ds.attrs["history"]
+    assert "pressure is 0.0666667 times the stored value, plus -13.6 kPa" in ds.attrs["history"]
     table = tmp_path / "table.txt"
     np.savetxt(table, np.column_stack([TIME, pressure() / 1e3, 2 * pressure() / 1e3, 100 + TIME]), delimiter=",")
     mapping = {"time": 0, "pressure": {"columns": [1, 2], "unit": "kPa", "chamber": ["left", "right"]}}
@@ -239,9 +239,9 @@ def test_scale_and_offset_of_any_channel(tmp_path):
 
 
 @pytest.mark.parametrize(("lines", "told"), [
-    ({"chamber_9": 2.0}, "names 'chamber_9', which is no channel"),
-    ({"pressure": {"offset": 3.0}}, "the unit of its offset"),
-    ({"pressure": 0.0}, "scales by 0"), ({"pressure": {"gain": 2}}, "unknown key 'gain'"), (3, "table by channel"),
+    ({"chamber_9": 2.0}, "names 'chamber_9', but the recording has no such channel"),
+    ({"pressure": {"offset": 3.0}}, "an offset without a unit"),
+    ({"pressure": 0.0}, "has scale = 0"), ({"pressure": {"gain": 2}}, "unknown key 'gain'"), (3, "table by channel"),
 ])  # fmt: skip
 def test_lines_that_do_not_fit(tmp_path, lines, told):
     with pytest.raises(InputError, match=told):

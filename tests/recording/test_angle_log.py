@@ -42,20 +42,20 @@ def test_the_header_may_state_units_and_several_angles(tmp_path):
     np.testing.assert_allclose(np.rad2deg(ds["angle"].values[:, 0]), [359.0, 359.5, 360.5])  # the whole turn is undone
     np.testing.assert_allclose(ds["time"].values, [0, 0.05, 0.1])
     np.testing.assert_allclose(ds["pressure"].values[1], 6894.757)
-    assert "1 jump(s) of an angle by a whole turn" in ds.attrs["history"]
+    assert "1 jump(s) of an angle by a full turn" in ds.attrs["history"]
 
 
 def test_times_that_are_no_seconds_are_not_taken_for_seconds(tmp_path):
     text = "time;angle_deg\n0;1\n50;2\n100;3\n"
-    with pytest.raises(InputError, match="in steps of 50, too long for seconds: state time_unit"):
+    with pytest.raises(InputError, match="are 50 apart, too long for seconds: set time_unit"):
         read(log_file(tmp_path, text))
     assert read(log_file(tmp_path, text), mapping={"time_unit": "ms"})["time"].values.tolist() == [0, 0.05, 0.1]
 
 
 def test_units_that_nobody_states_are_asked_for(tmp_path):
-    with pytest.raises(InputError, match="unit of angle: state angle_unit"):
+    with pytest.raises(InputError, match="unit of angle: set angle_unit"):
         read(log_file(tmp_path))
-    with pytest.raises(InputError, match="unit of pressure: state pressure_unit"):
+    with pytest.raises(InputError, match="unit of pressure: set pressure_unit"):
         read(log_file(tmp_path), mapping={"angle_unit": "deg"})
     with pytest.raises(InputError, match="several units of angle"):
         read(log_file(tmp_path, "t,angle_deg\n0,1\n1,2\n", "b.csv"), mapping={"angle_unit": "rad"})

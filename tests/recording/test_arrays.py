@@ -71,13 +71,13 @@ def test_strain_and_a_single_station(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "mapping", "message"),
     [
-        ({"position": POSITION}, None, "time. or rate_hz"),
+        ({"position": POSITION}, None, r"set time \(the name of the array\) or rate_hz"),
         ({"t": TIME, "time": TIME, "position": POSITION}, None, "t, both|time and t"),
-        ({"t": TIME, "q": POSITION}, None, r"its arrays are: t \(6,\), q \(6, 2, 3\)"),
+        ({"t": TIME, "q": POSITION}, None, r"Its arrays are: t \(6,\), q \(6, 2, 3\)"),
         ({"t": TIME, "position": POSITION}, {"position": "pos"}, "no array 'pos'"),
-        ({"t": TIME, "position": POSITION}, {"rate_hz": 5}, "must not be given too"),
-        ({"t": TIME[:3], "position": POSITION}, None, "do not fit"),
-        ({"t": TIME, "position": POSITION.astype(str)}, None, "no real numbers"),
+        ({"t": TIME, "position": POSITION}, {"rate_hz": 5}, "remove rate_hz from the mapping"),
+        ({"t": TIME[:3], "position": POSITION}, None, "do not match"),
+        ({"t": TIME, "position": POSITION.astype(str)}, None, "must hold real numbers"),
         ({"t": TIME, "position": POSITION, "p_kpa": TIME, "p_bar": TIME}, None, "several pressures"),
         ({"t": TIME, "position": np.zeros((6, 2, 3, 1))}, None, "2 or 3 dimensions"),
         ({"t": TIME, "position": np.zeros((6, 2, 5))}, None, "2 .planar. or 3"),
@@ -112,7 +112,7 @@ def test_one_of_several_trials_with_its_level(tmp_path):
     ds = read(tmp_path / "a.npz", mapping={"trial": 1})
     np.testing.assert_array_equal(ds["position"], POSITION + 1.0)
     assert ds.attrs["nominal_pressure"] == 1e4
-    with pytest.raises(InputError, match="has the trials 0 to 1, not 2"):
+    with pytest.raises(InputError, match="has no trial 2: choose one of 0 to 1"):
         read(tmp_path / "a.npz", mapping={"trial": 2})
     with pytest.raises(InputError, match="must have 2 or 3 dimensions"):
         read(tmp_path / "a.npz")

@@ -74,7 +74,7 @@ def test_poses_and_pressure_by_header_stamp(tmp_path, plugin):
 def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
     path = bag(tmp_path / "bag", StoragePlugin.MCAP)
     mapping = {"topics": {"end": "/mocap/tip"}, "pressure": {"left": "/valve/level"}}
-    with pytest.raises(InputError, match="plain number: state pressure_unit"):
+    with pytest.raises(InputError, match="plain numbers: set pressure_unit"):
         read(path, mapping=mapping)
     ds = read(path, mapping={**mapping, "pressure_unit": "kPa"})
     assert ds["station"].values.tolist() == ["end"]
@@ -86,7 +86,7 @@ def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
 def test_a_cut_bag_is_refused(tmp_path):
     path = bag(tmp_path / "bag", StoragePlugin.MCAP)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(InputError, match=r"is no readable ROS 2 bag file, or it is damaged"):
+    with pytest.raises(InputError, match=r"cannot be read as ROS 2 bag; it may be damaged"):
         read(path)
 
 
@@ -108,7 +108,7 @@ def test_another_definition_of_a_known_message_is_refused(tmp_path):
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         other = writer.add_connection("/level", kind, msgdef="float32 data\n", rihs01="RIHS01_" + 64 * "0")
         writer.write(other, NS, STORE.serialize_cdr(make(kind, data=0.5), kind))
-    with pytest.raises(InputError, match=r"defines std_msgs/msg/Float64 of topic /level otherwise than ROS 2 does"):
+    with pytest.raises(InputError, match=r"defines std_msgs/msg/Float64 of topic /level differently from ROS 2"):
         read(next((tmp_path / "bag").glob("*.mcap")))
 
 

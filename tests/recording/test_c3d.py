@@ -197,7 +197,7 @@ def test_blocks_of_zeros_behind_the_last_frame_are_read(tmp_path, blocks):
     ds = read(put(tmp_path, content))
     np.testing.assert_allclose(ds["position"], points / 1e3, rtol=0, atol=1e-12)
     assert "follow" not in ds.attrs["history"]
-    with pytest.raises(InputError, match="bytes follow the last frame that is announced"):
+    with pytest.raises(InputError, match="bytes follow the last frame that the header states"):
         read(put(tmp_path, content[:-600] + b"x" + content[-599:] if blocks > 1 else content + b"x" * 512))
 
 

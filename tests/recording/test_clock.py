@@ -38,7 +38,7 @@ def test_a_counter_that_wraps_goes_on(tmp_path: Path, unit: str, counter: int) -
 
 def test_a_logger_that_was_started_again_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", [10, 20, 30, 0, 10], [0, 1, 2, 3, 4])
-    with pytest.raises(InputError, match=r"goes back, from 30 to 0 ms at row 4 .* rows = \[first, last\]"):
+    with pytest.raises(InputError, match=r"goes back from 30 to 0 ms at row 4 .* rows = \[first, last\]"):
         read(path, mapping=LOG)
     assert read(path, mapping={**LOG, "rows": [0, 3]}).sizes["pressure_time"] == 3
 
@@ -46,12 +46,12 @@ def test_a_logger_that_was_started_again_is_refused(tmp_path: Path) -> None:
 def test_stamps_that_repeat_are_left_out_and_told(tmp_path: Path) -> None:
     ds = read(write(tmp_path / "log.csv", [10, 10, 20, 20, 30], [0, 1, 2, 3, 4]), mapping=LOG)
     assert ds["pressure"].values[1] == pytest.approx(2 * 6894.757293168361)
-    assert "2 of 5 rows of log.csv repeat the time stamp" in ds.attrs["history"]
+    assert "2 of 5 rows of log.csv repeat the previous time stamp" in ds.attrs["history"]
 
 
 def test_a_mapping_says_what_it_lacks(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", [10, 20], [0, 1])
-    with pytest.raises(InputError, match="stations, points or angles, or pressure"):
+    with pytest.raises(InputError, match="stations, points or angles; or, for a log without a shape, pressure"):
         read(path, mapping={"header": True, "time": "t_ms"}, format="columns")
     with pytest.raises(InputError, match="positions need length_unit"):
         read(path, mapping={"header": True, "time": "t_ms", "stations": {"a": {"position": [0, 1]}}})

@@ -36,7 +36,7 @@ def test_two_names_of_one_column_stay_as_they_are() -> None:
     assert standard_names(names, "a.csv").names == names
     assert standard_names(["t", "x_tip_mm", "y_tip_mm", "p_kPa", "pressure_kPa"], "a.csv") == (
         ["t", "x_tip", "y_tip", "p_kPa", "pressure_kPa"], "mm",
-        ["2 column(s) are read by other names, 'x_tip_mm' as 'x_tip' for one; positions are in mm"],
+        ["2 column(s) are read under standard names, such as 'x_tip_mm' as 'x_tip'; positions are in mm"],
     )
 
 
@@ -55,7 +55,7 @@ def test_a_table_in_millimetres_and_milliseconds(tmp_path) -> None:
     assert ds.time.values[-1] == pytest.approx(0.11)
     np.testing.assert_allclose(ds.position.values[3, 0], [3.5e-3, 6e-3, 0.0])
     np.testing.assert_allclose(ds.pressure.values[:2], [0.0, 100.0])
-    assert "5 column(s) are read by other names, 'tip_x_mm' as 'x_tip' for one; positions are in mm" in ds.history
+    assert "5 column(s) are read under standard names, such as 'tip_x_mm' as 'x_tip'; positions are in mm" in ds.history
     path.with_suffix(".json").write_text('{"length_unit": "m"}')
-    with pytest.raises(InputError, match=r"its columns state mm and length_unit m: keep one"):
+    with pytest.raises(InputError, match=r"the column names state mm, but length_unit is m: correct one"):
         read(path)

@@ -54,23 +54,23 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"select": {"column": "ID", "value": 7}}, "no row .* it holds 0, 3"),
+        ({"select": {"column": "ID", "value": 7}}, "no row .* the column holds 0, 3"),
         ({"select": {"column": "trial", "value": 3}}, "no column 'trial'; available: ID"),
         ({"stations": {"tip": {"position": [1, 2, 99]}}}, "no column 99"),
         ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
-        ({"stations": None, "pressure": None}, "stations, points or angles, or pressure"),
+        ({"stations": None, "pressure": None}, "stations, points or angles; or, for a log without a shape, pressure"),
         ({"stations": None, "points": {"count": 4e8}}, "points take columns 0 to 1199999999, but .* has"),
         ({"stations": None, "points": {"count": 1, "first": 9**9}}, "correct points.count, points.first"),
         ({"points": {"count": 2}}, "either stations or points"),
-        ({"rate_hz": None}, "either time, a column, or rate_hz"),
+        ({"rate_hz": None}, "either time \\(the column of time\\) or rate_hz"),
         ({"rate_hz": -1}, "rate_hz"),
         ({"length_unit": "elbow"}, "elbow"),
-        ({"colour": "red"}, "unknown key 'colour'; known are delimiter"),
-        ({"rows": [0, 9]}, "do not lie within the 2 rows"),
+        ({"colour": "red"}, "unknown key 'colour'; the known keys are delimiter"),
+        ({"rows": [0, 9]}, "is not within the 2 rows"),
         ({"header": False}, "line 1, cell 1 .* 'ID'"),
         ({"delimiter": ";"}, "no column 'ID'; available: ID,x1,y1"),
-        ({"skip_lines": 50}, "no row after"),
-        ({"arc_length": [0, 0.1, 0.2]}, "do not fit together"),
+        ({"skip_lines": 50}, "no table row after"),
+        ({"arc_length": [0, 0.1, 0.2]}, "do not match"),
         ({"time": "ID", "rate_hz": None}, "increase strictly"),
     ],
 )
@@ -81,7 +81,7 @@ def test_what_does_not_fit_is_named(table, change, message):
 
 def test_a_table_without_a_mapping_is_refused(tmp_path):
     (tmp_path / "a.txt").write_text("1 2 3\n")
-    with pytest.raises(InputError, match="a mapping must say its columns"):
+    with pytest.raises(InputError, match="give a mapping that names its columns"):
         read(tmp_path / "a.txt")
     with pytest.raises(InputError, match="must be a dict"):
         read(tmp_path / "a.txt", mapping=["points"])

@@ -65,7 +65,7 @@ def test_two_components_are_a_curvature_and_its_direction(tmp_path):
                                               np.interp(s, 1e-3 * S, k * np.sin(w))),
                       (0, 0.16), [0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0], rtol=1e-9, atol=1e-12)  # fmt: skip
     np.testing.assert_allclose(body["position"].values[0, -1], found.y[:3, -1], atol=3e-6)
-    with pytest.raises(InputError, match="columns kz<arc length> at other arc lengths"):
+    with pytest.raises(InputError, match="columns kz<arc length> at the same arc lengths"):
         read(tmp_path / "b.csv", mapping=mapping | {"components": ["kx ", "kz"]}, format="curvature")
 
 
@@ -77,7 +77,7 @@ def frame_rate(s, y, k1, k2):
 
 @pytest.mark.parametrize(("options", "said"), [
     ({}, "curvature_unit"), ({**UNIT, "curvature": "c"}, "has 0 columns of curvature, named c<arc length>"),
-    ({**UNIT, "skip_lines": 50}, "no row of names after its first 50"),
+    ({**UNIT, "skip_lines": 50}, "no row of column names after its first 50"),
 ])
 def test_what_is_no_table_of_curvature_is_refused(tmp_path, options, said):
     with pytest.raises(InputError, match=said):

@@ -71,7 +71,7 @@ def test_a_whole_c3d_file_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda d: d[:8] + struct.pack("<H", 19) + d[10:], "POINT:FRAMES is 20 where the header has 19"),
+        (lambda d: d[:8] + struct.pack("<H", 19) + d[10:], "POINT:FRAMES is 20, but the header has 19"),
         (lambda d: d[:20] + struct.pack("<f", 50) + d[24:], "POINT:RATE is 100"),
         (lambda d: d[:12] + struct.pack("<f", -0.2) + d[16:], "POINT:SCALE"),
         (lambda d: d[:16] + struct.pack("<H", 2) + d[18:], "begin in block 2"),
@@ -100,7 +100,7 @@ def test_a_number_that_a_cut_left_is_left_out(tmp_path, length):
 def test_a_last_line_without_an_end_is_told_where_it_cannot_be_judged(tmp_path):
     ds = read(put(tmp_path, WIDE[:-1], "a.csv"))
     assert ds.sizes["time"] == 3
-    assert "may be cut inside its last number" in ds.attrs["history"]
+    assert "may be truncated inside its last number" in ds.attrs["history"]
     assert "line end" not in read(put(tmp_path, WIDE, "b.csv")).attrs["history"]
 
 
@@ -111,7 +111,7 @@ def test_every_text_format_judges_its_end(tmp_path):
         (put(tmp_path, LUNA[:-4], "a.tsv"), None), (put(tmp_path, LUNA[:-5], "b.tsv"), None), (table, mapping),
     ):  # fmt: skip
         assert "has no line end" in read(path, mapping=given).attrs["history"], path
-    with pytest.raises(InputError, match="3 frames, but 2 came"):
+    with pytest.raises(InputError, match="3 frames, but it holds 2"):
         read(put(tmp_path, MOTIVE[:-3], "a.csv"))
 
 
@@ -127,14 +127,14 @@ def test_two_markers_of_one_name_stay_two(tmp_path):
     ds = read(put(tmp_path, MOTIVE, "a.csv"))
     assert ds["station"].values.tolist() == ["tip", "tip #2"]
     assert ds["position"].values[0].tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert "1 asset(s) have a name that repeats" in ds.attrs["history"]
+    assert "1 asset(s) have a repeated name" in ds.attrs["history"]
 
 
 def test_motive_headers_are_held_to_their_rows(tmp_path):
     history = read(put(tmp_path, MOTIVE.replace("100.0", "120.0"), "a.csv")).attrs["history"]
     assert "states 120 Hz" in history
     lost = MOTIVE.replace("1,0.01", "7,0.01")
-    assert "do not go on by one at 2 place(s)" in read(put(tmp_path, lost, "b.csv")).attrs["history"]
+    assert "do not increase by one at 2 frame(s)" in read(put(tmp_path, lost, "b.csv")).attrs["history"]
 
 
 def test_a_pitch_that_the_gauges_do_not_have_is_told(tmp_path):
@@ -180,7 +180,7 @@ def test_one_bit_of_a_recording_of_ours_is_noticed(tmp_path, recording, share):
     data = bytearray(path.read_bytes())
     data[int(share * len(data))] ^= 4
     path.write_bytes(data)
-    with pytest.raises(InputError, match="another checksum"):
+    with pytest.raises(InputError, match="its checksum is not the one"):
         read(path)
 
 
@@ -194,7 +194,7 @@ def test_an_npz_whose_index_hides_an_array_is_refused(tmp_path, recording):
     data[before + 32 : before + 34] = (end - last).to_bytes(2, "little")
     path.write_bytes(data)
     assert np.load(path).files == ["time", "position"]
-    with pytest.raises(InputError, match="its index shows 2 arrays, its end says 3"):
+    with pytest.raises(InputError, match="its index lists 2 arrays, its end record states 3"):
         read(path)
 
 
@@ -204,7 +204,7 @@ def test_a_checksum_that_was_damaged_itself_is_no_missing_one(tmp_path, recordin
     data = bytearray(path.read_bytes())
     data[at] ^= 4
     path.write_bytes(data)
-    with pytest.raises(InputError, match="another checksum"):
+    with pytest.raises(InputError, match="its checksum is not the one"):
         read(path)
 
 
@@ -238,13 +238,13 @@ def test_what_does_not_come_back_is_ended(tmp_path, monkeypatch):
     """The helper's two ends, a signal and no end at all, are one sentence each."""
     path = put(tmp_path, b"x", "a.mat")
     monkeypatch.setattr("pliant.recording.apart.START", "import os; os.abort()")
-    with pytest.raises(InputError, match="ended while reading"):
+    with pytest.raises(InputError, match="crashed while reading"):
         read_apart("mat5", path, ".mat")
     limited = "import sys; sys.path.append(sys.argv[1])\nfrom pliant.recording.apart_worker import limit\n"
     monkeypatch.setattr("pliant.recording.apart.SECONDS", 1)
     monkeypatch.setattr("pliant.recording.apart.WAIT_FACTOR", 20)
     monkeypatch.setattr("pliant.recording.apart.START", limited + "limit(1, 2**31)\nwhile True: pass")
-    with pytest.raises(InputError, match="did not come to an end within 1 s"):
+    with pytest.raises(InputError, match="did not finish within 1 s"):
         read_apart("mat5", path, ".mat")
 
 

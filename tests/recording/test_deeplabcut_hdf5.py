@@ -35,7 +35,7 @@ def test_several_animals_and_names_of_other_scripts(tmp_path, write):
     columns = [("net", a, p, c) for a in ("left", "right") for p in points for c in files.COORDS]
     values = np.concatenate([files.values_of(PIXELS), files.values_of(PIXELS + 50.0)], axis=1)
     path = write(tmp_path / "a.h5", columns, values, levels=levels)
-    with pytest.raises(InputError, match="say individual, one of left, right"):
+    with pytest.raises(InputError, match="set individual in the mapping to one of left, right"):
         read(path, mapping=CAMERA)
     ds = read(path, mapping={**CAMERA, "individual": "right"})
     assert ds["station"].values.tolist() == list(points)
@@ -101,7 +101,7 @@ def test_a_pickle_that_would_run_code_runs_none(tmp_path, attribute, protocol):
     if attribute in ("nan_rep", "any"):  # no reader looks at them
         assert read(path, mapping=CAMERA).sizes["station"] == 3
     else:
-        with pytest.raises(InputError, match="is no readable table of DeepLabCut"):
+        with pytest.raises(InputError, match="cannot be read as a DeepLabCut file"):
             read(path, mapping=CAMERA)
     assert not marker.exists()
     pickle.loads(hostile).close()  # the attack is one
@@ -124,7 +124,7 @@ def test_damaged_names_are_refused(tmp_path, text):
     facts = {"groups": attributes, "variables": {"t/table:index": ["v0", [], {}]}}
     with pytest.raises(InputError) as caught:
         read_frame({"v0": np.arange(3)}, facts, "a.h5")
-    assert str(caught.value).startswith("a.h5 is no readable table of DeepLabCut")
+    assert str(caught.value).startswith("a.h5 cannot be read as a DeepLabCut file")
     assert "\n" not in str(caught.value)
 
 

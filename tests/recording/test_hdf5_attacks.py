@@ -22,7 +22,7 @@ from pliant.recording.apart import SOURCES, read_apart
 from pliant.recording.apart_worker import WORKING, content_bound
 from pliant.recording.netcdf import read_groups
 from pliant.testbed.truth import read_truth
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 files = loaded("hdf5_files")
 CAMERA = {"camera": {"rate_hz": 60.0, "pixels_per_mm": 4.0}}

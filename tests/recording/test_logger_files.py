@@ -50,7 +50,7 @@ def test_lvm_of_every_layout(tmp_path, options):
 
 def test_a_channel_without_a_unit_is_named_by_the_mapping(tmp_path):
     path = lvm(tmp_path / "log.lvm", unit="Volts")
-    with pytest.raises(InputError, match=r"no channel whose unit is one of pressure: name .* Chamber \(Volts\)"):
+    with pytest.raises(InputError, match=r"no channel with a unit of pressure: name .* Chamber \(Volts\)"):
         read(path)
     ds = read(path, mapping={"pressure": ["Chamber"], "pressure_unit": "kPa", "linear": {"pressure": {"scale": 2.0}}})
     assert float(ds["pressure"].max()) == pytest.approx(20e3)
@@ -62,7 +62,7 @@ def test_damaged_lvm_is_refused(tmp_path):
     path = lvm(tmp_path / "log.lvm")
     text = path.read_text()
     for content, said in (
-        (text[: text.rindex("***End")], "1 headers where a LabVIEW measurement has two"),
+        (text[: text.rindex("***End")], "1 headers, but a LabVIEW measurement has two"),
         (text + text, "3 segments"), (text.replace("\t21.5\n0.500", "\tx\n0.500", 1), "is not a number: 'x'"),
     ):  # fmt: skip
         path.write_text(content)
@@ -89,7 +89,7 @@ def test_tdms_by_waveform_and_by_a_channel_of_time(tmp_path, step):
     assert "hold no numbers: note" in ds.attrs["history"]
 
 
-@pytest.mark.parametrize(("cut", "said"), [(150, "hold|no channel"), (-100, "is cut")])
+@pytest.mark.parametrize(("cut", "said"), [(150, "hold|no channel"), (-100, "is truncated")])
 def test_a_cut_tdms_is_refused(tmp_path, cut, said):
     path = tdms(tmp_path / "log.tdms")
     path.write_bytes(path.read_bytes()[:cut])

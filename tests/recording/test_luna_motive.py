@@ -70,7 +70,7 @@ def test_cores_are_joined(tmp_path):
         ("--------------------\n", "", "line of dashes"),
         ("x-axis", "axis", "no x-axis"),
         ("0.0013\n", "0.0001\n", "increase"),
-        ("\t-3\n", "\n", "2 cell.s. where 3"),
+        ("\t-3\n", "\n", "2 cell.s. instead of 3"),
         ("2023-09-06 12:51:28.908946", "later", "time stamp: 'later'"),
         ("28.908946", "28.888946", "increase strictly"),
         ("1.5", "1,5", "mixes decimal"),
@@ -95,7 +95,7 @@ def test_motive_bodies_and_markers(tmp_path):
     assert np.isnan(ds["position"].values[1, 1]).all()
     np.testing.assert_allclose(ds["quaternion"].values[1, 0], [0, 0, 0.6, 0.8])
     assert np.isnan(ds["quaternion"].values[:, 1]).all()
-    assert "3 columns of other kinds" in ds.attrs["history"]
+    assert "3 columns of assets other than" in ds.attrs["history"]
 
 
 def test_motive_3_has_a_row_of_parents(tmp_path):
@@ -109,10 +109,10 @@ def test_motive_3_has_a_row_of_parents(tmp_path):
     ("old", "new", "message"),
     [
         (",Length Units,Millimeters", "", "length_unit"),
-        (",Type,", ",Kind,", "no Motive export"),
-        ("Frame,Time", "Number,Time", "no Motive export"),
+        (",Type,", ",Kind,", "not a Motive export"),
+        ("Frame,Time", "Number,Time", "not a Motive export"),
         (",Name,base", ",Name,", r"row Name of a\.csv is empty in column 3"),
-        (",4,5,6", ",4,5", "15 cell.s. where 16"),
+        (",4,5,6", ",4,5", "15 cell.s. instead of 16"),
         ("10,20,31", "10,x,31", "cell 8 .* not a number: 'x'"),
         ("Position", "Place", "with a position"),
     ],

@@ -58,7 +58,7 @@ def test_a_failed_write_leaves_the_old_file(recording, tmp_path):
 def test_folders_that_are_not_there_and_unknown_endings_are_refused(recording, tmp_path):
     with pytest.raises(InputError, match="cannot write"):
         write(recording, tmp_path / "none" / "a.nc")
-    with pytest.raises(InputError, match=r"written as .nc or .csv"):
+    with pytest.raises(InputError, match=r"a file name that ends in .nc or .csv"):
         write(recording, tmp_path / "a.mat")
 
 
@@ -93,7 +93,7 @@ def test_text_in_an_encoding_that_there_is_not_is_refused(tmp_path):
     data = (tmp_path / "a.nc").read_bytes()
     assert b"utf-8" in data
     (tmp_path / "a.nc").write_bytes(data.replace(b"utf-8", b"utf.8"))
-    with pytest.raises(InputError, match=r"a\.nc is no readable netCDF file, or it is damaged: unknown encoding"):
+    with pytest.raises(InputError, match=r"a\.nc cannot be read as netCDF; it may be damaged: unknown encoding"):
         read(tmp_path / "a.nc")
 
 

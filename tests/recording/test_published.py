@@ -36,8 +36,8 @@ def mirror(tmp_path, monkeypatch):
 
 
 def test_a_file_is_brought_once_and_found_by_every_reader(mirror, tmp_path):
-    with pytest.raises(InputError, match=r"run `pliant data fetch push`, or without a network put log 1.csv from "
-                                         r"https://localhost:9/raw/log%201.csv into .*user/push"):
+    with pytest.raises(InputError, match=r"run `pliant data fetch push`, or download log 1.csv from "
+                                         r"https://localhost:9/raw/log%201.csv and put it into .*user/push"):
         read("data:push/log 1.csv")
     (path,) = fetch("push", mirror=mirror)
     assert path.read_bytes() == CONTENT
@@ -49,25 +49,25 @@ def test_a_file_is_brought_once_and_found_by_every_reader(mirror, tmp_path):
 def test_another_file_than_the_published_one_is_not_kept(mirror, tmp_path, monkeypatch):
     (tmp_path / "a mirror" / "push" / "log 1.csv").write_bytes(CONTENT + b"0.3,7\n")
     monkeypatch.setenv("PLIANT_DATA_MIRROR", mirror)
-    with pytest.raises(InputError, match="could not be brought from file://"):
+    with pytest.raises(InputError, match=r"cannot download .* from file://"):
         fetch("push")
     assert not list((tmp_path / "user").rglob("*.csv"))
     (tmp_path / "user" / "push").mkdir(parents=True, exist_ok=True)
     (tmp_path / "user" / "push" / "log 1.csv").write_bytes(b"t,p_kpa\n0,1\n")
-    with pytest.raises(InputError, match="checksum differs"):
+    with pytest.raises(InputError, match="differs from the published file \\(checksum\\)"):
         read("data:push/log 1.csv")
 
 
 def test_without_a_network_one_sentence_says_where_to_put_it(mirror, monkeypatch):
-    with pytest.raises(InputError, match=r"could not be brought from https://localhost:9/.*put it into .*by hand"):
+    with pytest.raises(InputError, match=r"cannot download .* from https://localhost:9/.*by hand.* put it into"):
         fetch("push")
-    for name, told in (("nothing", "no public recordings are called 'nothing': use one of push"),
-                       ("hand", "brought by hand")):  # fmt: skip
+    for name, told in (("nothing", "there is no public data set 'nothing': use one of push"),
+                       ("hand", "download it by hand")):  # fmt: skip
         with pytest.raises(InputError, match=told):
             fetch(name)
     with pytest.raises(InputError, match=r"push has no file 'b\.csv'"):
         read("data:push/b.csv")
-    with pytest.raises(InputError, match=r"begins with https://"):
+    with pytest.raises(InputError, match=r"must begin with https://"):
         fetch("push", mirror="ftp://somewhere")
 
 

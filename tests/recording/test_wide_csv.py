@@ -74,7 +74,7 @@ def test_metadata_stand_in_a_comment_or_beside_the_file(tmp_path):
 def test_a_misspelt_entry_of_the_metadata_is_named(tmp_path, name):
     ds = read(put(tmp_path, "# " + json.dumps({name: [0, 1], "operator": "anyone"}) + "\n" + SIMPLE))
     said = [line for line in ds.attrs["history"].split("\n") if "metadata entry" in line]
-    assert said == [f"the metadata entry {name!r} is not known and was not used: is it 'arc_length'?"]
+    assert said == [f"the metadata entry {name!r} is unknown and was not used: did you mean 'arc_length'?"]
 
 
 def test_empty_cells_are_drop_outs(tmp_path):
@@ -108,27 +108,27 @@ def test_columns_of_no_known_kind_are_told(tmp_path):
     [
         ("", "empty"),
         ("\n \n", "empty"),
-        ("# {}\n", "comments only"),
+        ("# {}\n", "only comments"),
         ("t,x_000,y_000,z_000\n", "no row"),
         (SIMPLE.replace("y_001", "temperature"), "lacks the column.s. y_001"),
         (SIMPLE.replace("_001", "_003"), "x_001"),
-        (SIMPLE.replace("y_001", "x_001"), "repeated columns: x_001"),
+        (SIMPLE.replace("y_001", "x_001"), "repeated column names: x_001"),
         (SIMPLE.replace("t,p", "moment,p"), "one column t"),
-        (SIMPLE.replace("p_kpa", "p"), "does not say its unit"),
-        ("t,q\n0,1\n", "neither stations"),
-        (SIMPLE[:-3] + "\n", r"line 3 .* 7 cell.s. where 8"),
+        (SIMPLE.replace("p_kpa", "p"), "does not state its unit"),
+        ("t,q\n0,1\n", "neither columns of stations"),
+        (SIMPLE[:-3] + "\n", r"line 3 .* 7 cell.s. instead of 8"),
         (SIMPLE.replace("0.1", "0,1"), "decimal commas"),
         (SIMPLE.replace(".5", "five"), "line 3, cell 7 .* 'five'"),
         (SIMPLE.replace(".5", "inf"), "infinite"),
         (SIMPLE.replace("0.1", "0"), "increase strictly"),
         (SIMPLE.replace("0.1", ""), "not finite"),
         ("# {not json\n" + SIMPLE, "not JSON"),
-        ('# {"rows": 3}\n' + SIMPLE, "may be cut"),
+        ('# {"rows": 3}\n' + SIMPLE, "may be truncated"),
         ('# {"length_unit": "furlong"}\n' + SIMPLE, "furlong"),
         ('# {"frame": "lab"}\n' + SIMPLE, "tracker, planar"),
         ('# {"station": ["one"]}\n' + SIMPLE, "need 2 names"),
         (SIMPLE.replace(",", ";").replace("0.1", "1.000,5"), "mixes decimal"),
-        ("x" * 5_000_000, "no table"),
+        ("x" * 5_000_000, "not a text table"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, text, message):
@@ -147,5 +147,5 @@ def test_other_encodings_are_refused(tmp_path, encoding):
 def test_two_clocks_do_not_fit_one_table(recording, tmp_path):
     shifted = recording.assign_coords(pressure_time=recording["pressure_time"] + 0.001)
     shifted["pressure_time"].attrs = recording["pressure_time"].attrs
-    with pytest.raises(InputError, match="two"):
+    with pytest.raises(InputError, match="pressure and shape have different times"):
         write(shifted, tmp_path / "a.csv")

@@ -204,7 +204,7 @@ def test_stretch_is_told():
     position = recording["position"].values * np.linspace(1, 1.1, 12)[:, None, None]
     result = select_order(make_recording(recording["time"].values, position, frame="planar"), max_order=3)
     assert any("length varies by" in note for note in result.notes)
-    assert any("joints keep their share of a length that changes" in note for note in result.notes)
+    assert any("joints keep their fraction of the length" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("boundary", BOUNDARIES)
@@ -234,7 +234,7 @@ def test_a_length_that_stays_leaves_the_slope_at_the_base_alone():
         ({"boundary": "periodic"}, "boundary must be one of natural"),
         ({"placement": "random"}, "placement must be one of equal, best"),
         ({"metric": "dtw"}, "metric must be one of arc, closest"),
-        ({"max_order": 1}, "at least 2 segments"),
+        ({"max_order": 1}, "2 segments or more"),
         ({"bound": -3}, "positive length in metres"),
         ({"bound": float("nan")}, "positive length in metres"),
     ],
@@ -247,12 +247,12 @@ def test_bad_options(options, message):
 def test_bad_recordings():
     with pytest.raises(InputError, match="at least 4 stations"):
         select_order(make_recording([0.0], np.zeros((1, 3, 3))))
-    with pytest.raises(InputError, match="stations 0 and 1 coincide"):
+    with pytest.raises(InputError, match="stations 0 and 1, counted from 0, coincide"):
         select_order(make_recording([0.0], np.zeros((1, 5, 3))))
     recording, _ = wavy(frames=2, stations=20)
     lost = recording.copy(deep=True)
     lost["position"][:, 4] = np.nan
-    with pytest.raises(InputError, match="station 4 is missing in 2 of 2 frames"):
+    with pytest.raises(InputError, match="station 4, counted from 0, is missing in 2 of 2 frames"):
         select_order(lost)
-    with pytest.raises(InputError, match="holds no position"):
+    with pytest.raises(InputError, match="the recording has no positions"):
         select_order(make_recording(pressure=[0.0, 1.0], pressure_time=[0.0, 1.0]))

@@ -170,11 +170,11 @@ def test_one_over_metre_is_35_microstrain():
 
 def test_layouts_that_cannot_work():
     line = CoreLayout([0, RADIUS, RADIUS], [0, 0, np.pi])
-    with pytest.raises(InputError, match="do not lie on one line"):
+    with pytest.raises(InputError, match="are not on one line"):
         curvature_from_strain(np.zeros((1, 3, 4)), np.arange(4.0), line)
     with pytest.raises(InputError, match="must not be negative"):
         CoreLayout([-1.0], [0.0])
-    with pytest.raises(InputError, match="finite radius and angle"):
+    with pytest.raises(InputError, match="radius and angle must be finite"):
         CoreLayout([1.0], [0.0, 1.0])
     layout = CoreLayout.symmetric(3, RADIUS)
     with pytest.raises(InputError, match="4 cores, 5 gauges"):
@@ -227,7 +227,7 @@ def test_recording_of_strain_becomes_a_recording_of_shape(rng):
     np.testing.assert_allclose(shape["pressure"].values, recording["pressure"].values)
     assert shape.attrs["source"] == "fibre.tsv"
     assert "shape from strain: 4 cores" in shape.attrs["history"]
-    assert "twist not seen" in shape.attrs["history"]
+    assert "twist not measured" in shape.attrs["history"]
     assert shape.attrs["tip_sigma_m"] == pytest.approx(tip_sigma(0.0233, S[1], 0.17), rel=0.1)
 
 
@@ -240,9 +240,9 @@ def test_gaps_are_bridged_when_asked_and_counted():
     assert np.isfinite(shape["position"].values[[0, 1, 3]]).all()
     assert np.isfinite(shape["position"].values[2, :100]).all()
     assert np.isnan(shape["position"].values[2, 100:]).all()
-    assert "2 missing strain value(s) bridged, 1 frame(s) unknown" in shape.attrs["history"]
+    assert "2 missing strain value(s) interpolated, 1 frame(s) unknown" in shape.attrs["history"]
     assert np.isnan(recording["strain"].values).sum() == 42
     with pytest.raises(InputError, match="holds none"):
         shape_from_strain(shape, layout)
-    with pytest.raises(InputError, match="must not be negative"):
+    with pytest.raises(InputError, match="must be 0 or a positive number"):
         shape_from_strain(recording, layout, bridge=-1)

@@ -12,7 +12,7 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.errors import InputError, SimulationError
 from pliant.model import Extension, Memory, Model
-from pliant.simulation import accurate, inputs, solve
+from pliant.simulation import extrapolation, inputs, solve
 from pliant.simulation.accuracy import AccuracyWarning, step_for, tip_error
 from pliant.simulation.balance import EnergyWarning, energy_defects
 from pliant.simulation.forces import PointForce
@@ -180,7 +180,7 @@ def test_the_accurate_method_follows_friction_and_forces():
 
 
 def test_the_accurate_method_refuses_what_it_cannot_bound(monkeypatch):
-    monkeypatch.setattr(accurate, "MOST_STEPS", 3000)
+    monkeypatch.setattr(extrapolation, "MOST_STEPS", 3000)
     with pytest.raises(SimulationError, match=r"cannot be computed to 1e-06 % of the length.*simulate a shorter time"):
         pliant.simulate(SWING, NOTHING, duration=1.0, method="accurate", tolerance=1e-8, initial_angle=[1.2])
     with pytest.raises(InputError, match="tolerance must be a positive fraction"):
@@ -191,7 +191,7 @@ def test_the_accurate_method_refuses_what_it_cannot_bound(monkeypatch):
 
 def test_missing_energy_alone_is_reported_beyond_a_tenth(monkeypatch):
     monkeypatch.setattr(solve, "energy_defects", lambda _motion: (0.0, 0.2))
-    with pytest.warns(EnergyWarning, match="the motion loses 20 % of its energy to nothing: the step of 0.1 ms"):
+    with pytest.warns(EnergyWarning, match="loses 20 % of its energy without dissipation: the step of 0.1 ms"):
         pliant.simulate(SWING, NOTHING, duration=0.1, step=1e-4, initial_angle=[0.5])
     monkeypatch.setattr(solve, "energy_defects", lambda _motion: (0.05, 0.0))
     pliant.simulate(SWING, NOTHING, duration=0.1, step=1e-4, initial_angle=[0.5])

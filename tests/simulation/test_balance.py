@@ -22,7 +22,7 @@ BENT = np.array([0.6, -0.6, 0.6])
 
 
 def test_a_chain_that_gains_energy_is_reported():
-    with pytest.warns(AccuracyWarning, match="of its energy from nothing: the step of 0.5 ms is too long"):
+    with pytest.warns(AccuracyWarning, match="of its energy without a source: the step of 0.5 ms is too long"):
         motion = pliant.simulate(HEAVY, inputs.step(0.0), duration=3.0, step=5e-4, initial_angle=BENT)
     total = motion.kinetic_energy + motion.elastic_energy
     assert motion.attrs["energy_gain"] > 0.01
@@ -37,7 +37,7 @@ def test_a_shorter_step_is_the_cure():
 def test_a_stepper_reports_it_too():
     stepper = pliant.Stepper(HEAVY, step=5e-4)
     stepper.angle[:] = mechanics_of(HEAVY).coordinates(BENT)
-    with pytest.warns(EnergyWarning, match="of its energy from nothing: the step of 0.5 ms"):
+    with pytest.warns(EnergyWarning, match="of its energy without a source: the step of 0.5 ms"):
         deque((stepper.step(0.0) for _ in range(6000)), maxlen=0)
     assert stepper.energy_gain > 0.01
 

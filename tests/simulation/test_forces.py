@@ -75,11 +75,11 @@ def test_the_stepper_moves_alike(request, which):
 
 
 def test_what_is_no_force_is_refused(body):
-    with pytest.raises(InputError, match="by method='midpoint' or 'accurate' alone"):
+    with pytest.raises(InputError, match="forces need method='midpoint' or method='accurate', got 'Radau'"):
         simulate(body, Pulse(0.0), duration=0.1, method="Radau", forces=[held()])
-    with pytest.raises(InputError, match="pulls at 'nowhere'"):
+    with pytest.raises(InputError, match="acts at 'nowhere'"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(at="nowhere")])
-    with pytest.raises(InputError, match=r"a known force is \[fx, fy\] for each of its times"):
+    with pytest.raises(InputError, match=r"a known force needs one row \[fx, fy\] for each time"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[PointForce([0.0, 1.0], [[0.0, 0.1]], "tip")])
-    with pytest.raises(InputError, match="a known force is finite"):
+    with pytest.raises(InputError, match="a known force and its times must be finite"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(force=np.array([np.nan, 0.0]))])

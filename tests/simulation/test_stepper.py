@@ -127,7 +127,7 @@ def test_a_snapshot_goes_on_as_if_nothing_had_been(awkward, memory):
     other = Stepper(model, 1e-3)
     other.restore(saved)
     assert np.array_equal([other.step(p)[0].copy() for p in HELD], first)
-    with pytest.raises(InputError, match="this snapshot is of a model with 3 links"):
+    with pytest.raises(InputError, match="this snapshot is of a model with 3 coordinates"):
         Stepper(model.with_(memory=Memory((0.1, 0.1, 0.1), (1.0, 2.0, 3.0))), 1e-3).restore(saved)
 
 
@@ -184,7 +184,7 @@ def test_a_point_force_does_the_work_that_it_gives(awkward):
     way = stepper.stations()[0][0] - start
     assert gained == pytest.approx(float(force @ way), rel=1e-4)
     assert abs(gained) > 1e-6
-    with pytest.raises(InputError, match="pulls at 'nowhere'"):
+    with pytest.raises(InputError, match="acts at 'nowhere'"):
         stepper.push(force, "nowhere")
-    with pytest.raises(InputError, match="a known force is"):
+    with pytest.raises(InputError, match="a known force needs one row"):
         stepper.push([1.0])

@@ -25,7 +25,7 @@ MODEL = pliant.chain_model(
     stations=(Station("tip", 0, 0.3),),
 )  # fmt: skip
 PULL = Pulse(2e-3, 2.5e-3, 1.0)  # at rest for two steps and a half
-WORDS = "tensions of the tendons find no agreement with the motion within a step: use a shorter step"
+WORDS = "iteration for the tensions of the tendons does not converge within a step: use a shorter step"
 
 
 @pytest.fixture

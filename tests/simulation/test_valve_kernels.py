@@ -114,7 +114,7 @@ def test_a_valve_starts_at_rest_at_the_pressure_before(valve):
         ({"rise_time": -0.01}, "rise_time must be finite and not negative"),
         ({"dead_time": np.nan}, "dead_time must be finite"),
         ({"fall_time": np.inf}, "fall_time must be finite"),
-        ({"natural_frequency": 5.0, "rise_time": 0.1}, "set one"),
+        ({"natural_frequency": 5.0, "rise_time": 0.1}, "set only one"),
         ({"natural_frequency": 5.0, "damping_ratio": 0.0}, "damping_ratio must be positive"),
     ],
 )
@@ -182,7 +182,7 @@ def test_a_body_behind_a_dead_band_rests_and_moves_as_under_less_pressure():
     batch = simulate_batch(banded, [Trace([0.0, 0.1, 0.1], [p, p, 0.0]) for p, _ in pairs[:2]], times=times)
     alone = simulate(banded, Trace([0.0, 0.1, 0.1], [9e4, 9e4, 0.0]), times=times)
     np.testing.assert_allclose(batch["tip_position"].values[0, :, -1], alone["tip_position"].values[:, -1], atol=1e-12)
-    with pytest.raises(InputError, match="a regulator with a dead band"):
+    with pytest.raises(InputError, match="a valve with a dead_band"):
         simulate(banded, Pulse(9e4), times=times, method="LSODA")
-    with pytest.raises(InputError, match="a Stepper takes an ideal or first-order valve"):
+    with pytest.raises(InputError, match="a Stepper supports an ideal or first-order valve only"):
         Stepper(banded)

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Station, chain_model, load_model
 from pliant.simulation import Trace, simulate
 from pliant.study import load_study, run_study
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 LAWS = {"left": 6e-7, "right": 4e-7}
 LEVELS = {"l": (90.0, 0.0), "r": (0.0, 110.0), "both": (80.0, 60.0)}  # kPa, of the left and the right chamber
@@ -111,10 +111,10 @@ BODY = {"length": 0.12, "mass": 0.05, "links": 2}
 
 
 @pytest.mark.parametrize(("changes", "sentence"), [
-    (driving(up=0), "recording l drives the chamber 'up'; the actuator has left, right"),
+    (driving(up=0), "recording l drives the chamber 'up', but the actuator has left, right"),
     (driving(left="c"), "no chamber 'c' to drive 'left': it has a, b"),
-    (driving(), "state with drive which of them drives which"),
-    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "turns joint 3, but the chain has joints"),
+    (driving(), "with drive which of them drives which"),
+    ({"actuator": {**BODY, "chambers": [{"name": "left", "joints": [3]}]}}, "acts on joint 3, but the chain has"),
     ({"actuator": {**BODY, "torque": [1e-7], "chambers": CHAMBERS}}, "or .*actuator.chambers"),
 ])  # fmt: skip
 def test_what_does_not_fit_together_is_refused(folder: Path, changes: dict[str, Any], sentence: str) -> None:
@@ -153,12 +153,12 @@ def test_no_wiring_is_warned_of_where_the_stated_one_wins(folder: Path) -> None:
 def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match=r"wiring other drives the chamber 'middle'"):
         loaded(folder, content(wiring={"drives": {"other": {"middle": "a"}}}))
-    with pytest.raises(InputError, match=r"\[wiring\] compares by fit 'none': use one of both_chambers"):
+    with pytest.raises(InputError, match=r"\[wiring\] uses unknown fit 'none': use one of both_chambers"):
         loaded(folder, content(wiring={"fit": "none"}))
 
 
 def test_a_rigid_part_lies_before_the_first_segment() -> None:
-    from pliant.study.prepare import study_model
+    from pliant.study.body import study_model
     from pliant.study.schema import ActuatorEntry
 
     entry = ActuatorEntry(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment")

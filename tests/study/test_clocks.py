@@ -76,7 +76,7 @@ def test_a_stated_offset_is_taken_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("entries", "said"), [
-    ({"pressure_file": None, "clock": "align"}, "holds none"),
+    ({"pressure_file": None, "clock": "align"}, "there is no measured pressure"),
     ({"pressure_file": "low.csv", "pressure_mapping": None}, "holds no pressure"),
     ({"pressure_file": "absent.csv"}, "absent"),
 ])

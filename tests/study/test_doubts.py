@@ -9,7 +9,7 @@ from small_study import AXES, LEVELS_KPA, TORQUE, changed, table, write_recordin
 from pliant.errors import InputError
 from pliant.study import load_study, run_study
 from pliant.study.draft import draft_study
-from pliant.study.new import look_at
+from pliant.study.trial import inspect_trial
 
 HANGS = (9.81 * AXES[:, 1]).tolist()  # along the base tangent
 
@@ -39,8 +39,8 @@ def exchange(columns):
     (None, add_atmosphere, "low: the pressure reads 101.3 kPa"),
     (changed("actuator", mass=50.0), None, "mass = 50 kg"),
     (changed("actuator", length=0.03, mass=0.001), None, "length = 0.03 m, but the recording reaches 0.12 m"),
-    (changed("actuator", gravity=(9.81 * AXES[:, 2]).tolist()), None, "across the plane of bending and are dropped"),
-    (None, exchange, "low: labels are exchanged: base-tip in 20 frames"),
+    (changed("actuator", gravity=(9.81 * AXES[:, 2]).tolist()), None, "across the plane of bending and are ignored"),
+    (None, exchange, "low: stations exchange their labels: base-tip in 20 frames"),
 ], ids=["absolute", "grams", "length", "gravity", "labels"])  # fmt: skip
 def test_a_run_names_what_is_wrong(tmp_path, content, edit, named):
     outcome, told = headline(tmp_path, content, edit)
@@ -124,8 +124,8 @@ def test_fits_with_joints_in_two_places_are_compared(tmp_path):
     assert base.base_length == 0
     assert middle.base_length == pytest.approx(0.03)
     assert middle.n == 2
-    (said,) = [line for line in outcome.verdict if "where the joints are assumed" in line]
-    assert "linear, each joint at the base of its segment: EI 0.03 N m^2, predicted to 0." in said
+    (said,) = [line for line in outcome.verdict if "assumed positions of the joints" in line]
+    assert "linear, each joint at the base of its segment: EI 0.03 N m^2, prediction error 0." in said
     assert "Middle, each joint in the middle of its segment: EI " in said
     errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]
     assert errors[0] < errors[1]
@@ -135,8 +135,8 @@ def test_fits_of_several_numbers_of_links_are_compared(tmp_path):
     """The small body has two links: one alone predicts it worse."""
     outcome, _ = headline(tmp_path, changed("fits", one={"like": "linear", "title": "One", "links": 1}))
     assert [f.result.model.n for f in outcome.fits] == [2, 1]
-    (said,) = [line for line in outcome.verdict if "where the joints are assumed to sit and how many there are" in line]
-    assert "linear, 2 links, each joint at the base of its segment: EI 0.03 N m^2, predicted to 0." in said
+    (said,) = [line for line in outcome.verdict if "assumed positions of the joints and their number" in line]
+    assert "linear, 2 links, each joint at the base of its segment: EI 0.03 N m^2, prediction error 0." in said
     assert "One, 1 link, each joint at the base of its segment: EI " in said
     errors = [next(r for r in f.records if r.role == "held_out").metrics["rmse_mm"] for f in outcome.fits]
     assert 2 * errors[0] < errors[1]
@@ -146,14 +146,14 @@ def test_fits_of_several_numbers_of_links_are_compared(tmp_path):
 def test_a_study_that_reduces_places_the_joints_itself(tmp_path, own, value):
     content = changed("reduction", links=2)
     content["fits"]["linear"][own] = value
-    with pytest.raises(InputError, match=rf"fit linear has {own}, and \[reduction\]"):
+    with pytest.raises(InputError, match=rf"fit linear states {own}, but \[reduction\]"):
         load_study(write_study(tmp_path, content))
 
 
 def test_a_fit_has_no_other_number_of_links_where_chambers_stand_on_joints(tmp_path):
     content = changed("actuator", chambers=[{"name": "left", "joints": [1]}, {"name": "right", "joints": [2]}])
     content["fits"]["linear"]["links"] = 3
-    with pytest.raises(InputError, match="fit linear has links of its own, and left acts on joints"):
+    with pytest.raises(InputError, match="fit linear states links, but left acts on numbered joints"):
         load_study(write_study(tmp_path, content))
 
 
@@ -171,8 +171,9 @@ EARLY = changed("alignment", "options", value={"base": "nobody"})
 
 @pytest.mark.parametrize("content", [EARLY, LATER], ids=["alignment", "experiment"])
 @pytest.mark.parametrize(("edit", "unit"), [
-    (in_millimetres, r"recording low: the stations lie within 12\d m: check the unit of length\. Then: "),
-    (in_milliseconds, r"recording low: the frames are 10 s apart: are the times ms or us, .* time_unit .*\. Then: "),
+    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: check the unit "
+                      r"of length\. Then: ")),
+    (in_milliseconds, r"recording low: the frames are 10 s apart: were times in ms or us .* time_unit .*\. Then: "),
     (None, "(?!.*unit)"),
 ])
 def test_a_wrong_unit_is_named_before_what_may_follow_from_it(tmp_path, content, edit, unit):
@@ -184,8 +185,9 @@ def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise InputError("the base moves by 3 m")
 
-    monkeypatch.setattr("pliant.study.new.align", refuse)
+    monkeypatch.setattr("pliant.study.trial.align", refuse)
     columns = table(60.0).copy()
     in_millimetres(columns)
-    look = look_at(write_recording(tmp_path / "a.csv", columns))
-    assert look.problem == "the stations lie within 123 m: check the unit of length. Then: the base moves by 3 m"
+    trial = inspect_trial(write_recording(tmp_path / "a.csv", columns))
+    assert trial.problem == ("all positions are within 123 m, implausible for a soft body: check the unit of length. "
+                             "Then: the base moves by 3 m")

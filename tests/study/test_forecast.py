@@ -47,7 +47,7 @@ def test_one_chamber_needs_no_name_in_the_recording():
 def test_pressures_go_with_a_measured_pressure():
     pulse = Experiment("r", TIME, SEEN, ("tip",), "pulse", level=1e4)
     study = Study.model_construct(forecasts={"f": ForecastEntry(like="r", pressures={"chamber": 1e4})})
-    with pytest.raises(InputError, match="forecast f: pressures go with a measured pressure, but 'r' is a pulse"):
+    with pytest.raises(InputError, match="forecast f: pressures needs a measured pressure, but 'r' is a pulse"):
         check_forecasts(study, {"r": pulse})
 
 

@@ -21,7 +21,7 @@ from pliant.files import DRAFTS, output_folder, replaced_together, writable
 from pliant.study import load_study, run_study
 from pliant.study.run import WRITTEN, write_outcome
 from pliant.validation.outcome import StudyOutcome
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 
 @pytest.mark.slow
@@ -34,7 +34,7 @@ def test_ctrl_c_ends_a_run_with_its_sentence(tmp_path: Path) -> None:
         running.send_signal(signal.SIGINT)
         said = running.communicate(timeout=60)[1]
     assert running.returncode == 130
-    assert said.endswith("pliant: interrupted; nothing half written was left behind\n")
+    assert said.endswith("pliant: interrupted; no incomplete files were written\n")
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "model.json").exists()
 

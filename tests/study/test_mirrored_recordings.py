@@ -13,8 +13,8 @@ from pliant.recording import make_recording, write
 from pliant.study import load_study, run_study
 from pliant.study.prepare import all_aligned
 from pliant.validation.outcome import StudyOutcome
-from pliant.validation.stored import load_outcome
-from pliant.view.played import played_from
+from pliant.validation.store import load_outcome
+from pliant.view.live import page_content
 
 MIRROR = np.array([-1.0, 1.0])
 GRAVITY = np.array([0.5, -9.0])
@@ -85,7 +85,7 @@ def test_the_live_page_plays_recordings_where_the_model_is(
     both: tuple[StudyOutcome, StudyOutcome], folder: Path,
 ) -> None:
     plain, _ = both
-    shown = played_from(folder / "out").records
+    shown = page_content(folder / "out").records
     for record in plain.fits[0].records:
         np.testing.assert_array_equal(shown[record.name].position, record.experiment.position)
 

@@ -11,9 +11,9 @@ from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording, write
 from pliant.simulation import Trace, simulate
 from pliant.study import run_study
+from pliant.study.body import study_model
 from pliant.study.draft import draft_study
-from pliant.study.new import azimuths
-from pliant.study.prepare import study_model
+from pliant.study.draft_inputs import azimuths
 from pliant.study.schema import load_study
 
 TIME = np.arange(0, 1.6, 0.02)
@@ -64,7 +64,7 @@ def test_a_body_in_space_is_recognised_and_both_options_are_offered(tmp_path):
     write(swinging(pressures=True), tmp_path / "run.nc")
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1, gravity=GRAVITY)
     assert "space = true  #" in draft.text
-    assert "of the motion is out of its best plane; without this line the study is in that plane" in draft.text
+    assert "of the motion is out of its best-fit plane; remove this line to model the motion in" in draft.text
     assert 'drive = { left = "left", right = "right" }' in draft.text
     found = [float(line.split()[2]) for line in draft.text.splitlines() if line.startswith("azimuth_deg")]
     assert (found[1] - found[0]) % 360 == pytest.approx(120, abs=1.1)  # whole degrees

@@ -13,9 +13,10 @@ from pliant.model import Tendon, chain_model
 from pliant.numerics.curve import spatial_curve
 from pliant.preprocessing.align import align
 from pliant.recording import make_recording, write
+from pliant.study.body import study_model
 from pliant.study.draft import draft_study
-from pliant.study.new import tendon_ends
-from pliant.study.prepare import aligned_recording, all_aligned, study_model
+from pliant.study.draft_inputs import tendon_ends
+from pliant.study.prepare import aligned_recording, all_aligned
 from pliant.study.schema import load_study
 
 TIME = np.arange(0, 4, 0.02)
@@ -50,7 +51,7 @@ def test_a_study_of_tendons_is_drafted_and_builds_a_model(tmp_path):
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
     assert len(draft.questions) == 2  # each once, though three tendons ask them
     assert draft.text.count("[[actuator.tendons]]") == 3
-    assert "pair = true  # its motor turns either way" in draft.text
+    assert "pair = true  # its motor turns both ways" in draft.text
     text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
     (tmp_path / "s.toml").write_text(text)
     study = load_study(tmp_path / "s.toml")

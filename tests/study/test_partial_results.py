@@ -15,12 +15,12 @@ from pliant.cli import app
 from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification import Parameter, Stage, select_model
 from pliant.identification.fit import parameters_from
-from pliant.study import load_study, run_study, side_by_side
+from pliant.study import load_study, parallel_fits, run_study
 from pliant.study.run import prepare_all
 from pliant.validation.draw import draw_figures
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import FitOutcome
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome
 
 FIT: dict[str, Any] = STUDY["fits"]["linear"] | {"train": ["low", "middle"], "held_out": ["high"]}
 KNOWN = {"stiffness": {"value": 0.5, "free": False}, "damping": {"value": 3e-3, "free": False}}
@@ -129,7 +129,7 @@ def test_a_band_that_cannot_be_computed_leaves_the_prediction(
     def fail(*_: Any, **__: Any) -> Any:
         raise error
 
-    monkeypatch.setattr("pliant.study.record_outcomes.prediction_band", fail)
+    monkeypatch.setattr("pliant.study.fits.prediction_band", fail)
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))), tmp_path / "out")
     (record,) = (r for r in outcome.fits[0].records if r.role == "held_out")
     assert record.band is None
@@ -143,9 +143,9 @@ def test_a_band_that_cannot_be_computed_leaves_the_prediction(
 
 def test_a_motion_that_is_not_finite_is_no_small_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames of NaN count as not seen: a diverged motion would look like a good one."""
-    from pliant.study import record_outcomes
+    from pliant.study import fits
 
-    predict = record_outcomes.predict
+    predict = fits.predict
 
     def diverging(model: Any, exp: Any, values: Any, step: float) -> Any:
         told = predict(model, exp, values, step)
@@ -153,7 +153,7 @@ def test_a_motion_that_is_not_finite_is_no_small_error(tmp_path: Path, monkeypat
             told["compared"][90:] = float("nan")
         return told
 
-    monkeypatch.setattr(record_outcomes, "predict", diverging)
+    monkeypatch.setattr(fits, "predict", diverging)
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))))
     assert [m.record for m in outcome.fits[0].missing] == ["high"]
     assert "not finite" in outcome.fits[0].missing[0].reason
@@ -195,15 +195,15 @@ def test_a_fit_that_fails_in_a_helper_is_one_result_among_others(
             helped.set()
 
     if workers == 2:  # this process begins its first fit when the helper has failed in the second
-        own = side_by_side.ended
+        own = parallel_fits.fit_or_error
 
-        def ended(*arguments: Any) -> Any:
+        def fit_or_error(*arguments: Any) -> Any:
             assert helped.wait(60.0)
             return own(*arguments)
 
-        monkeypatch.setattr(side_by_side, "HEAD_START", 0.0)
-        monkeypatch.setattr(side_by_side, "ended", ended)
-    ends = dict(side_by_side.run_fits(study, ready.experiments, ready.model, tell, workers=workers))
+        monkeypatch.setattr(parallel_fits, "HEAD_START", 0.0)
+        monkeypatch.setattr(parallel_fits, "fit_or_error", fit_or_error)
+    ends = dict(parallel_fits.run_fits(study, ready.experiments, ready.model, tell, workers=workers))
     assert list(ends) == ["good", "fixed", "soft"]
     assert isinstance(ends["fixed"], FitError)
     assert isinstance(ends["good"], FitOutcome)

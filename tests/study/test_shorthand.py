@@ -122,11 +122,11 @@ weighting = "metre"
 
 
 def test_what_is_written_out_changes_nothing_that_was_given(tmp_path: Path) -> None:
-    from pliant.study.shorthand import written_out
+    from pliant.study.shorthand import expanded
 
     content = tomllib.loads(SHORT)
     before = json.dumps(content)
-    written_out(content, tmp_path)
+    expanded(content, tmp_path)
     assert json.dumps(content) == before
 
 
@@ -139,25 +139,25 @@ def many(**entries: Any) -> dict[str, Any]:
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "like nothing": (changed("fits", other={"like": "lin"}), "fit other is like fit 'lin'; the others are linear"),
+    "like nothing": (changed("fits", other={"like": "lin"}), "fit other is like fit 'lin', not one of linear"),
     "like a list": (changed("fits", other={"like": ["linear"]}), "fit other is like fit ['linear']"),
     "like itself": (changed("fits", "linear", like="linear"), "fit linear is like itself"),
     "in a circle": (
         changed("fits", a={"like": "b"}, b={"like": "a"}), "fit a is like itself: a -> b -> a",
     ),
     "without what is not there": (
-        changed("fits", "linear", without=["mass"]), "without ['mass'], which must be a list of some of its parameters",
+        changed("fits", "linear", without=["mass"]), "without = ['mass'], which must be a list of some of its",
     ),
-    "without a word": (changed("fits", "linear", without="mass"), "is without 'mass', which must be a list"),
-    "select without values": (many(select={"column": "ID", "value": 3}), "recording many selects trials as select = {"),
-    "select no trial": (many(select={"column": "ID", "values": []}), "by whole numbers"),
-    "select by parts": (many(select={"column": "ID", "values": [0.5]}), "by whole numbers"),
+    "without a word": (changed("fits", "linear", without="mass"), "has without = 'mass', which must be a list"),
+    "select without values": (many(select={"column": "ID", "value": 3}), "recording many needs select = {"),
+    "select no trial": (many(select={"column": "ID", "values": []}), "values of select must be integers"),
+    "select by parts": (many(select={"column": "ID", "values": [0.5]}), "values of select must be integers"),
     "select twice": (many(select={"column": "ID", "values": [1, 1]}), "selects a trial twice"),
-    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] selects"),
+    "defaults select": (changed("recordings", defaults={"select": TRIALS["select"]}), "[recordings.defaults] has sel"),
     "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known"),
     "a typo in the trials": (many(hold="measured"), "'recordings.many_1.hold' is not a known entry"),
     "an unknown trial": (
-        {**many(), "fits": {"f": {"train": ["many_3"], "parameters": {}}}}, "uses recording 'many_3'; listed are low",
+        {**many(), "fits": {"f": {"train": ["many_3"], "parameters": {}}}}, "uses recording 'many_3', not one of low",
     ),
     "trained on and held out": (
         {**many(), "fits": {"f": {"train": ["many"], "held_out": ["many_2"], "parameters": {}}}}, "holds out 'many_2'",

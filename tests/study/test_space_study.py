@@ -13,8 +13,9 @@ from pliant.numerics.curve import spatial_curve
 from pliant.preprocessing.align import align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.recording import make_recording, write
+from pliant.study.body import in_base_frame, study_model
 from pliant.study.dense import body_of_fibre, shape_of
-from pliant.study.prepare import aligned_recording, all_aligned, in_base_frame, in_frame, study_model
+from pliant.study.prepare import aligned_recording, all_aligned, in_frame
 from pliant.study.schema import ActuatorEntry, Fibre, Reduction, Study, TendonTable, check_chambers
 
 TURN, SHIFT = Rotation.random(rng=8), np.array([0.2, 0.5, -0.1])
@@ -66,9 +67,9 @@ def test_recordings_aligned_otherwise_are_refused(study):
     flat = study.model_copy(update={"actuator": study.actuator.model_copy(update={"space": False})})
     raw = tracked(points(4, 1))
     spatial, planar = align(raw, space=True), align(raw)
-    with pytest.raises(InputError, match=r"holds positions in space, and .* space is false"):
+    with pytest.raises(InputError, match=r"holds positions in space, but .* space is false"):
         in_frame(flat, "one", spatial, flat.alignment, None)
-    with pytest.raises(InputError, match=r"holds positions in a plane, and .* space is true"):
+    with pytest.raises(InputError, match=r"holds positions in a plane, but .* space is true"):
         in_frame(study, "one", planar, study.alignment, None)
     assert in_frame(study, "one", spatial, study.alignment, None)[1] is spatial
     asked = study.alignment.model_copy(update={"options": {"space": True}})
@@ -128,7 +129,7 @@ def test_tendons_of_a_study_become_inputs_of_its_model():
 
 
 @pytest.mark.parametrize(("change", "sentence"), [
-    ({"joints": [5]}, "tendon red turns joint 5"), ({"pulley": 0.0}, "a pulley"),
+    ({"joints": [5]}, "tendon red acts on joint 5"), ({"pulley": 0.0}, "a pulley"),
     ({"driven_by": "tension", "pulley": 0.0, "lever": 1e3}, "lever must have a size"),
 ])  # fmt: skip
 def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
@@ -139,7 +140,7 @@ def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
 
 def test_tendons_of_a_body_in_a_plane_are_refused(study, tmp_path):
     flat = study.actuator.model_copy(update={"space": False, "tendons": [TendonTable(**TENDON)]})
-    with pytest.raises(InputError, match="pull at a body in space"):
+    with pytest.raises(InputError, match="needs a body in space"):
         check_chambers(study.model_copy(update={"actuator": flat}), tmp_path / "study.toml")
 
 

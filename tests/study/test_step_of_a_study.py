@@ -12,7 +12,7 @@ from pliant.identification import experiment
 from pliant.model import chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
-from pliant.study.record_outcomes import outcome_of, warn_of_step
+from pliant.study.fits import outcome_of, warn_of_step
 
 BODY = chain_model(length=0.12, mass=0.05, links=2, stiffness=0.5, damping=1e-5, torque=[6e-7])
 

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.model import load_model, save_model
 from pliant.recording import read
 from pliant.study import Study, load_study
-from pliant.study.prepare import hardly_moved, without
+from pliant.study.prepare import without, without_motion
 from pliant.units import metre_per
 
 TOML = """
@@ -60,12 +60,13 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         changed("fits", "linear", "parameters", stiffness={"value": "big"}), "value must be a float, got 'big'",
     ),
     "a force at no place": (
-        changed("recordings", "low", forces=[{"time_s": [0.0], "force_n": [[1.0, 0.0]]}]), "pulls at a station, or at",
+        changed("recordings", "low", forces=[{"time_s": [0.0], "force_n": [[1.0, 0.0]]}]),
+        "needs either station, or link",
     ),
     "a force at two places": (
         changed("recordings", "low", forces=[
             {"station": "tip", "link": 2, "along": 0.1, "time_s": [0.0], "force_n": [[1.0, 0.0]]}
-        ]), "pulls at a station, or at",
+        ]), "needs either station, or link",
     ),
     "a force of three numbers": (
         changed("recordings", "low", forces=[{"station": "tip", "time_s": [0.0], "force_n": [[1.0, 0.0, 0.0]]}]),
@@ -79,15 +80,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown known of a forecast": (
         changed("forecasts", heavy={"like": "low", "known": {"load": 0.1}}), "forecast heavy: unknown parameter 'load'",
     ),
-    "forecast like nothing": (changed("forecasts", heavy={"like": "lo"}), "is like recording 'lo'; listed are low"),
-    "forecast of no fit": (changed("forecasts", heavy={"like": "low", "fit": "lin"}), "of fit 'lin'; there are "),
-    "train on what is not listed": (changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo'; listed"),
-    "hold out what is not listed": (changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x'; listed"),
+    "forecast like nothing": (changed("forecasts", heavy={"like": "lo"}), "is like recording 'lo', not one of low"),
+    "forecast of no fit": (
+        changed("forecasts", heavy={"like": "low", "fit": "lin"}), "uses fit 'lin', which is not one of ",
+    ),
+    "train on what is not listed": (changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo', not one"),
+    "hold out what is not listed": (
+        changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x', not one",
+    ),
     "trained and held out": (changed("fits", "linear", held_out=["low"]), "trains on and holds out 'low'"),
     "trains on nothing": (changed("fits", "linear", train=[]), "trains on no recording"),
     "no fit": (changed("fits", value={}), "one under [fits]"),
-    "dot in a name": (changed("recordings", **{"a.b": {"file": "a.csv"}}), "has no dot, got 'a.b'"),
-    "dot in a forecast": (changed("forecasts", **{"a.b": {"like": "low"}}), "has no dot, got 'a.b'"),
+    "dot in a name": (changed("recordings", **{"a.b": {"file": "a.csv"}}), "must not have a dot, got 'a.b'"),
+    "dot in a forecast": (changed("forecasts", **{"a.b": {"like": "low"}}), "must not have a dot, got 'a.b'"),
     "too many links": (changed("actuator", links=65), "less than or equal to 64"),
     "step of zero": (changed(step=0.0), "'step' should be greater than 0"),
     "no starts": (changed("fits", "linear", starts=0), "greater than or equal to 1"),
@@ -125,12 +130,13 @@ HOSTILE = {
     "nested deep, TOML": ("a.toml", f"name = 'a'\nmapping.x = {'[' * DEEP}{']' * DEEP}", "levels|not valid TOML"),
     "nested deep, JSON": ("a.json", "[" * 100_000 + "]" * 100_000, "deeper than 32 levels"),
     "nested less deep": ("a.json", '{"name": ' + "[" * 100 + "]" * 100 + "}", "deeper than 32 levels at 'name'"),
-    "a tangent beyond numbers": ("a.toml", TOML + f"[alignment.options]\ntangent = [1{'0' * 400}, 0, 0]", "too large"),
-    "an integer of 5000 digits": ("a.json", '{"seed": 1' + "0" * 5000 + "}", "not valid JSON|too large"),
+    "a tangent beyond numbers": (
+        "a.toml", TOML + f"[alignment.options]\ntangent = [1{'0' * 400}, 0, 0]", "NaN or larger"),
+    "an integer of 5000 digits": ("a.json", '{"seed": 1' + "0" * 5000 + "}", "not valid JSON|NaN or larger"),
     "a path of 5000 characters": ("a.toml", TOML.replace("a.csv", "a" * 5000), "text of 5000 characters at 'file'"),
     "NUL in a folder": ("a.toml", TOML.replace("name =", 'folder = "a\\u0000b"\nname ='), "control character"),
-    "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is none"),
-    "infinite": ("a.toml", TOML.replace("0.01", "inf"), "too large"),
+    "not a number": ("a.toml", TOML.replace("0.01", "nan"), "a number that is NaN"),
+    "infinite": ("a.toml", TOML.replace("0.01", "inf"), "NaN or larger"),
     "a key of 40,000 parts": ("a.toml", ".".join(["a"] * 40_000) + " = 1", "key of more than 32 parts: 'a.a.a"),
     "a table of 40,000 parts": ("a.toml", "[" + ".".join(["a"] * 40_000) + "]", "key of more than 32 parts"),
     "a quoted key of 20,000 parts": (
@@ -156,7 +162,7 @@ def test_units_are_not_echoed_whole() -> None:
 
 
 def test_a_file_name_that_no_disk_takes_is_one_sentence() -> None:
-    with pytest.raises(InputError, match="no recording can be read"):
+    with pytest.raises(InputError, match="cannot read a recording"):
         read("a" * 3000 + ".csv")
 
 
@@ -182,10 +188,10 @@ def test_a_recording_that_hardly_moves_leaves_its_fits_and_a_fit_of_nothing_else
     two = study.model_copy(update={"fits": {name: entry.model_copy(update={"train": [still, "other"]})}})
     assert without(two, [still]).fits[name].train == ["other"]
     assert without(two, []) is two
-    with pytest.raises(InputError, match=f"fit {name} has nothing to learn from"):
+    with pytest.raises(InputError, match=f"fit {name} has no usable training recording"):
         without(two, [still, "other"])
     moves = [SimpleNamespace(travel=t, without_positions=False, shown_in=("mm", 1e3)) for t in (1e-2, 1e-4)]
-    said = hardly_moved(dict(zip(("a", "b"), moves, strict=True)), 0.1)
+    said = without_motion(dict(zip(("a", "b"), moves, strict=True)), 0.1)
     assert list(said) == ["b"]
     assert "0.1 mm" in said["b"]
 

@@ -27,9 +27,8 @@ from small_study import (
 from pliant.errors import FitError, InputError, PliantError
 from pliant.model import load_model
 from pliant.study import load_study, run_study
-from pliant.study.headline import largest_shortfall, record_warnings
 from pliant.study.schema import Targets
-from pliant.study.verdict import judged
+from pliant.study.verdict import judged, largest_shortfall, record_warnings
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.outcome import StudyOutcome
 
@@ -111,7 +110,7 @@ def test_the_report_stands_alone(done: tuple[StudyOutcome, Path, list[str]]) -> 
     page = (done[1] / "report.html").read_text()
     assert done[0].headline is not None
     assert done[0].headline.sentence in page
-    assert done[0].verdict[0].split(" has not been")[0] in page
+    assert done[0].verdict[0].split(" is predicted")[0] in page
 
 
 def test_the_headline_judges_what_was_held_out(done: tuple[StudyOutcome, Path, list[str]]) -> None:
@@ -127,10 +126,10 @@ def test_the_headline_names_what_is_worst_of_all_records(done: tuple[StudyOutcom
     """By hand: each flaw put into a record's metrics is what is named, when it is the greatest."""
     (record,) = (r for r in done[0].fits[0].records if r.role == "held_out")
     for key, value, said in (
-        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0}, "overshoot +9 points relative to the measured"),
-        ("frequency_hz", {"measured": 5.0, "modelled": 4.0}, "frequency -20 % relative"),
-        ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "damping ratio +60 % relative to the measured 0.1"),
-        ("within_band_percent", 50.0, "the 95 % band holds only 50 %"),
+        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0}, "model overshoot +9 points relative to measured"),
+        ("frequency_hz", {"measured": 5.0, "modelled": 4.0}, "model frequency -20 % relative"),
+        ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "model damping ratio +60 % relative to measured 0.1"),
+        ("within_band_percent", 50.0, "the 95 % prediction band contains only 50 %"),
     ):  # fmt: skip
         bad = replace(record, name="bad", metrics={**record.metrics, **UNSPLIT, key: value})
         assert largest_shortfall([record, bad, record]).startswith(f" Largest deviation: bad: {said}")
@@ -145,8 +144,8 @@ def test_large_and_small_swings_are_judged_apart(done: tuple[StudyOutcome, Path,
     split = {"frequency_large_hz": same, "frequency_small_hz": {"measured": 6.0, "modelled": 5.0},
              "damping_ratio_large": {"measured": 0.1, "modelled": 0.1}, "damping_ratio_small": off}  # fmt: skip
     told = list(record_warnings(replace(record, name="bad", metrics={**record.metrics, **split})))
-    assert told == ["bad: frequency of small swings -17 % relative to the measured 6 Hz.",
-                    "bad: damping ratio of small swings -50 % relative to the measured 0.1."]  # fmt: skip
+    assert told == ["bad: model frequency of small swings -17 % relative to measured 6 Hz.",
+                    "bad: model damping ratio of small swings -50 % relative to measured 0.1."]  # fmt: skip
     verdict = judged(split | {"steady_state_mm": same}, Targets(frequency_percent=5.0, damping_percent=15.0))
     assert verdict == (
         " (frequency of large swings +0.0 %, target 5 %: met; frequency of small swings -16.7 %, target 5 %: missed; "
@@ -170,9 +169,9 @@ def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) ->
 
 def test_the_verdict_speaks_of_held_out_records_first(done: tuple[StudyOutcome, Path, list[str]]) -> None:
     first, second, step, third = done[0].verdict
-    assert first.startswith("linear: record middle has not been seen by the fit and is predicted to 0.0")
+    assert first.startswith("linear: held-out record middle is predicted with an RMS error of 0.0")
     assert first.endswith("(target 5 %: met).")
-    assert "training records are followed to" in second
+    assert "training error at most" in second
     assert step.startswith("linear: The integration step of 2 ms biases stiffness by about ")
     assert third.startswith("Forecast")
     assert "20 g at the tip: frequency" in third
@@ -279,7 +278,7 @@ def test_a_nominal_level_without_its_unit_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_second_thing_that_stands_still_is_no_silent_tip(damaged: Any) -> None:
-    with pytest.raises(InputError, match="socket stands still beside the base 'base'; name the base"):
+    with pytest.raises(InputError, match="socket does not move, like the base 'base'; name the base"):
         damaged(bases=True)
     named = changed("recordings", "low", stations=["tip"])
     assert damaged(named, bases=True).fits[0].result.values["stiffness"] == pytest.approx(STIFFNESS, rel=5e-3)

@@ -10,8 +10,8 @@ from pliant.identification import Experiment
 from pliant.identification.parameters import apply
 from pliant.recording import make_recording
 from pliant.simulation import Trace
-from pliant.study.azimuths import tip_moves
-from pliant.study.prepare import part_of, study_model, tendon_of
+from pliant.study.body import study_model, tendon_of, tip_moves
+from pliant.study.prepare import part_of
 from pliant.study.schema import ActuatorEntry, TendonTable
 
 WIDE, THIN, LENGTH, E, DENSITY = 0.02, 0.01, 0.4, 3e5, 1200.0
@@ -57,7 +57,7 @@ def test_stations_lie_on_the_link_that_holds_their_place():
     assert rows[0] == ("low", -1, pytest.approx(0.02), 0.0, 0.0)
     assert rows[1] == ("mid", 1, pytest.approx(0.022), 0.01, 0.0)
     assert rows[2] == ("tip", 3, pytest.approx(0.05), 0.0, -0.02)
-    with pytest.raises(InputError, match="station far: at is from 0"):
+    with pytest.raises(InputError, match="station far: at must be between 0"):
         cone(stations=[{"name": "far", "at": 0.5}])
 
 
@@ -85,7 +85,7 @@ def test_the_motion_of_the_tip_shows_where_each_tendon_pulls():
     both = [experiment(rng.normal(size=(6, 2)), moves), experiment(rng.normal(size=(4, 2)), moves)]
     assert tip_moves(both, ["a", "b"]) == pytest.approx(moves)
     alike = rng.normal(size=(6, 1)) * [1.0, 1.0]
-    with pytest.raises(InputError, match="do not tell the tendons a, b apart"):
+    with pytest.raises(InputError, match="the azimuths of the tendons a, b cannot be estimated"):
         tip_moves([experiment(alike, moves)], ["a", "b"])
 
 
@@ -100,5 +100,5 @@ def test_a_part_of_a_recording_holds_those_rows_and_no_other():
                            frame="spatial")  # fmt: skip
     parts = [part_of("r", whole, *ends)["position"].values[:, 0, 0] for ends in ((0.0, 0.5), (0.5, 1.0))]
     assert np.concatenate(parts) == pytest.approx(np.arange(40.0))
-    with pytest.raises(InputError, match="part is from where to where"):
+    with pytest.raises(InputError, match="part must be"):
         part_of("r", whole, 0.5, 1.2)

@@ -79,7 +79,7 @@ def test_a_table_alone_runs_on_a_model_and_is_drawn(tmp_path):
     assert samples["final_tip"].attrs["units"] == "m"
     assert k * tip == pytest.approx(float(np.mean(k * tip)), rel=2e-3)
     bare = run(path, "-o", tmp_path / "out2")
-    assert "give a model by --model" in str(bare.exception)
+    assert "needs --model and kind design or monte_carlo" in str(bare.exception)
 
 
 def test_a_study_without_a_sweep_is_refused(tmp_path):
@@ -95,4 +95,4 @@ def test_a_fit_is_repeated_only_where_there_is_one(tmp_path):
     path.write_text(json.dumps({**study, "model_selection": {"train": train}}), encoding="utf-8")
     done = run(path, "-o", tmp_path / "out")
     assert isinstance(done.exception, InputError)
-    assert "has a [model_selection] alone" in str(done.exception)
+    assert "has only a [model_selection]" in str(done.exception)

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from pliant.compiler.choose import twin
-from pliant.testbed.rod import build_body
-from pliant.testbed.rod.body import material_fields
-from pliant.testbed.stepping.simulate import _clock, _work, rest_state
-from pliant.testbed.stepping.stepping_loops import gather
+from pliant.testbed.rod import build_body, material_fields
+from pliant.testbed.stepping import _clock, _work, rest_state
+from pliant.testbed.stepping_loops import gather
 
 NO_OBSTACLE = np.zeros((0, 7))
 

@@ -11,7 +11,7 @@ from pliant.errors import InputError
 from pliant.preprocessing.align import align
 from pliant.recording import read
 from pliant.study import run_study, space_study
-from pliant.study.new import azimuths
+from pliant.study.draft_inputs import azimuths
 from pliant.study.schema import load_study
 from pliant.testbed import space
 from pliant.testbed.bundle import FOLDER

@@ -151,16 +151,16 @@ def test_bad_requests_are_refused(tmp_path):
         scenario("pulse_900_100ms")
     with pytest.raises(InputError, match="seed must be >= 0"):
         generate(BRIEF, "a", -1)
-    with pytest.raises(InputError, match=r"written as \.nc"):
+    with pytest.raises(InputError, match=r"ending in \.nc"):
         generate_file(BRIEF, tmp_path / "rec.csv")
     with pytest.raises(InputError, match="two different files"):
         generate_file(BRIEF, tmp_path / "rec.nc", truth=tmp_path / "rec.nc")
     with pytest.raises(InputError, match="no bundled recording"):
         bundled_recording("pulse_1")
-    with pytest.raises(InputError, match="cannot read the truth"):
+    with pytest.raises(InputError, match="cannot read the file of true motion"):
         read_truth(tmp_path / "absent.nc")
     generate_file(BRIEF, tmp_path / "rec.nc")
-    with pytest.raises(InputError, match="holds no truth"):
+    with pytest.raises(InputError, match="no file of true motion"):
         read_truth(tmp_path / "rec.nc")
 
 
@@ -209,7 +209,7 @@ def test_command_line(tmp_path):
     path = tmp_path / "r.nc"
     arguments = ["pulse_60_100ms", "--actuator", "c", "--seed", "4", "-o", str(path), "--truth", str(tmp_path / "t.nc")]
     assert "recorded" in runner.invoke(app, arguments).output
-    assert "already there" in runner.invoke(app, arguments).output
+    assert "exists with this content" in runner.invoke(app, arguments).output
     assert read(path).attrs["seed"] == 4
     assert isinstance(runner.invoke(app, []).exception, InputError)
     assert isinstance(runner.invoke(app, ["still", "--record", "smell"]).exception, InputError)

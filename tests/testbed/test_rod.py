@@ -11,8 +11,7 @@ from scipy.linalg import eigh
 
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.laboratory import Laboratory, run_rod
-from pliant.testbed.rod import RodParameters, actuator, build_body
-from pliant.testbed.rod.body import material_fields
+from pliant.testbed.rod import RodParameters, actuator, build_body, material_fields
 from pliant.testbed.scenarios import SCENARIOS
 from pliant.testbed.stepping import settle, simulate
 
@@ -125,7 +124,7 @@ def test_hessian_is_the_derivative_of_the_gradient(rng):
 
 
 def test_pressure_forces_are_the_gradient_of_the_volume(rng):
-    from pliant.testbed.stepping.stepping_loops import curvatures, volume
+    from pliant.testbed.stepping_loops import curvatures, volume
 
     p = replace(actuator("b"), elements=20)
     body, x = build_body(p), settle(p, (1e5, 0.0, 0.0, 0.0)).x
@@ -216,7 +215,7 @@ def test_actuators_differ_and_fields_do_not_depend_on_the_mesh():
     ("change", "message"),
     [({"length": 0.0}, "length must be > 0"), ({"mass": np.nan}, "mass must be finite"),
      ({"elements": 2}, "4 elements"), ({"prony_time": (1.0,)}, "Prony"),
-     ({"slip_share": -0.1}, "slip_share must be >= 0"), ({"pushed_node": 102}, "cannot be pushed")],
+     ({"slip_share": -0.1}, "slip_share must be >= 0"), ({"pushed_node": 102}, "pushed_node must be at most 101")],
 )  # fmt: skip
 def test_bad_parameters_are_refused(change, message):
     with pytest.raises(InputError, match=message):

@@ -174,20 +174,20 @@ def test_every_instrument_records_two_chambers(output):
 
 def test_what_does_not_fit_together_is_refused():
     brief = replace(scenario("in_turn"), duration=0.3)
-    with pytest.raises(InputError, match=r"2 commands for a body of 1 chamber\(s\): give one, or one for each"):
+    with pytest.raises(InputError, match=r"got 2 commands for a body of 1 chamber\(s\): give one, or one for each"):
         generate(brief, "a")
     three = Laboratory(valve=(SupplyRegulator(),) * 3)
     with pytest.raises(InputError, match=r"3 valves for a body of 2 chamber\(s\)"):
         run_rod(brief, actuator("two_segment"), three)
     with pytest.raises(InputError, match="in 5 columns"):
         settle(actuator("two_segment"), (1e5, 0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match="has 2 chambers, the plant drives one"):
+    with pytest.raises(InputError, match="has 2 chambers: Plant supports one"):
         Plant("two_segment")
-    with pytest.raises(InputError, match="must turn a part of the body"):
+    with pytest.raises(InputError, match="must cover a part of the body"):
         ChamberParameters("x", 0.6, 0.4)
     with pytest.raises(InputError, match="gain of chamber 'x' must be finite and not 0"):
         ChamberParameters("x", gain=0.0)
-    with pytest.raises(InputError, match="each of its own name"):
+    with pytest.raises(InputError, match="with different names"):
         RodParameters(chambers=(ChamberParameters(), ChamberParameters()))
-    with pytest.raises(InputError, match="a level for each chamber"):
+    with pytest.raises(InputError, match="a pressure for each of several chambers"):
         scenario("pulse_120+400_500ms")

@@ -17,8 +17,7 @@ from pliant.testbed import Laboratory, generate
 from pliant.testbed.mocap import MotionCapture
 from pliant.testbed.rod import ChamberParameters, actuator, build_body
 from pliant.testbed.scenarios import scenario
-from pliant.testbed.stepping import settle, simulate
-from pliant.testbed.stepping.simulate import rest_state
+from pliant.testbed.stepping import rest_state, settle, simulate
 
 BAR = actuator("lengthening").uniform()
 AREA, EA, LENGTH = BAR.chamber_area, BAR.axial_stiffness, BAR.length

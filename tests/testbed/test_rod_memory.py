@@ -10,8 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import kstest
 
-from pliant.testbed.memory import prony_decay, slip_thresholds
-from pliant.testbed.rod import RodParameters
+from pliant.testbed.rod import RodParameters, prony_decay, slip_thresholds
 from pliant.testbed.stepping import simulate
 
 LINEAR = RodParameters().uniform()

@@ -30,8 +30,8 @@ def test_wanted_records_alone(outcome, tmp_path):
 
 
 @pytest.mark.parametrize(("asked", "sentence"), [
-    ({"kinds": ["gif"]}, "a figure is svg, pdf, png, not 'gif'"), ({"records": ["moon"]}, "no record 'moon'"),
-    ({"width_mm": 5.0}, "60 to 400 mm wide, not 5"),
+    ({"kinds": ["gif"]}, "must be one of svg, pdf, png, got 'gif'"), ({"records": ["moon"]}, "no record 'moon'"),
+    ({"width_mm": 5.0}, "must be 60 to 400 mm, got 5"),
 ])
 def test_what_cannot_be_drawn_is_one_sentence(outcome, tmp_path, asked, sentence):
     with pytest.raises(InputError, match=sentence):

@@ -13,11 +13,10 @@ from pliant.model import Space
 from pliant.recording import make_recording
 from pliant.reduction import links_of
 from pliant.simulation import Trace
-from pliant.validation import details, figures, metrics
+from pliant.validation import figures, metrics
 from pliant.validation.metrics import compare, response
-from pliant.validation.shape_figures import chain_through
-from pliant.validation.store import modelled, recorded, save_results
-from pliant.validation.stored import metrics_of
+from pliant.validation.selection_figures import chain_through
+from pliant.validation.store import metrics_of, modelled, recorded, save_results
 
 T = np.arange(0.0, 4.0, 0.01)
 LOG = Trace([0.0, 1.0, 1.01, 3.0, 3.01, 4.0], [0, 0, 1e4, 1e4, 0, 0])
@@ -93,12 +92,12 @@ def test_a_plateau_that_nobody_saw_has_no_steady_error():
 def test_swings_are_those_behind_the_release_alone():
     """What a point does before, or in one coordinate only, is no swing; of a step there is none."""
     path = ringing(0.3, 0.1)
-    found = details.two_amplitudes(released(path), path)
+    found = metrics.two_amplitudes(released(path), path)
     assert found["frequency_large_hz"] == pytest.approx(3.0, rel=3e-2)
-    far = details.two_amplitudes(released(path + np.array([5.0, -3.0])), path + np.array([5.0, -3.0]))
+    far = metrics.two_amplitudes(released(path + np.array([5.0, -3.0])), path + np.array([5.0, -3.0]))
     assert far["swing_large_mm"] == pytest.approx(found["swing_large_mm"], rel=1e-6)
     path[[50, 51], 1] = np.nan
-    part = details.two_amplitudes(released(path), path)
+    part = metrics.two_amplitudes(released(path), path)
     assert part["swing_large_mm"] == pytest.approx(found["swing_large_mm"], rel=0.05)
 
 

@@ -74,8 +74,8 @@ def test_a_lerobot_data_set_holds_the_measured_the_modelled_and_the_input(frames
 def test_gaps_of_a_lerobot_data_set_are_straight_lines_and_reported(outcome, tmp_path):
     pa = pytest.importorskip("pyarrow.parquet")
     done = export_results(outcome, "lerobot", tmp_path / "set")
-    assert "first: 7 frame(s) with a station that was not seen were interpolated in time" in done.notes
-    assert "later: 4 frame(s) at its ends were cut, in which a station was not seen" in done.notes
+    assert "first: 7 frame(s) in which a station was not measured were interpolated in time" in done.notes
+    assert "later: 4 frame(s) at its ends were cut, since a station was not measured" in done.notes
     state = matrix(pa.read_table(tmp_path / "set/data/chunk-000/file-000.parquet"), "observation.state")
     x = state[40:47, 2]
     ends = seen(0.0)[[39, 47], 1, 0]
@@ -208,10 +208,10 @@ def test_inputs_of_several_chambers_are_those_that_drove_each(outcome):
 
 @pytest.mark.parametrize(("change", "words"), [
     ({"target": "bag"}, "mcap or lerobot"),
-    ({"fit": "cubic"}, "no fit 'cubic' in these results; they have linear"),
+    ({"fit": "cubic"}, "these results have no fit 'cubic': choose from linear"),
     ({"records": ["x"]}, "no recording 'x'; it has later, first"),
-    ({"path": "nowhere/arm.mcap"}, "does not exist; make it first"),
-    ({"path": "arm.bag"}, "ends in .mcap"),
+    ({"path": "nowhere/arm.mcap"}, "does not exist; create it first"),
+    ({"path": "arm.bag"}, "must end in .mcap"),
     ({"fps": 30}, "fps is an option of lerobot"),
 ])  # fmt: skip
 def test_what_cannot_be_exported_is_refused(outcome, tmp_path, change, words):
@@ -238,7 +238,7 @@ def test_angles_go_to_lerobot_and_not_to_a_viewer_of_bodies(tmp_path):
     angle = 0.3 * np.sin(T)[:, None, None]
     side = Side("swing", "train", T, angle, angle, np.zeros((T.size, 2)), None)
     sides = Sides("hinge", "A hinge", "linear", ("tip",), ("angle",), ("a", "b"), ("N", "N"), (side,))
-    with pytest.raises(InputError, match="angles and no points"):
+    with pytest.raises(InputError, match="angles and no positions"):
         write_mcap(sides, tmp_path / "a.mcap")
     write_lerobot(sides, tmp_path / "set")
     info = json.loads((tmp_path / "set/meta/info.json").read_text(encoding="utf-8"))
@@ -250,7 +250,7 @@ def test_angles_go_to_lerobot_and_not_to_a_viewer_of_bodies(tmp_path):
 
 def test_the_command_exports_a_run_with_its_options(outcome, tmp_path, monkeypatch):
     pytest.importorskip("pyarrow")
-    monkeypatch.setattr("pliant.validation.stored.load_outcome", lambda _: outcome)
+    monkeypatch.setattr("pliant.validation.store.load_outcome", lambda _: outcome)
     export = ("export", tmp_path, "--to", "lerobot", "-o", tmp_path / "set")
     done = invoke(*export, "--set", "records=first", "--set", "fps=25", "--json")
     assert (done.exit_code, json.loads(done.stdout)["records"]) == (0, ["first"])

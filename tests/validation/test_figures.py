@@ -64,7 +64,7 @@ def test_comparison_has_one_column_a_fit_and_says_who_had_seen_the_record(outcom
     titles = [ax.get_title(loc="left") for ax in figure.axes if ax.get_title(loc="left")]
     assert len(titles) == 2
     assert all("training:\nRMSE" in t for t in titles)
-    with pytest.raises(InputError, match="no fit holds the record 'absent'"):
+    with pytest.raises(InputError, match="no fit has the record 'absent'"):
         figures.comparison_figure(outcome.fits, "absent")
 
 

@@ -18,8 +18,7 @@ from pliant.plotting import page
 from pliant.validation import figures, use_figures
 from pliant.validation.curves import slenderness
 from pliant.validation.motion import body_film, motion_figure
-from pliant.validation.selection_figure import selection_figure
-from pliant.validation.shape_figures import order_figure, shape_figure
+from pliant.validation.selection_figures import order_figure, selection_figure, shape_figure
 
 MEASURED, MODELLED = ("0.57", "-", 1.9, "None"), ("#0b2f6b", "-", 0.9, "None")
 X, Y, Z = ("black", "-", 0.85, "None"), ("#c1440e", "--", 0.85, "None"), ("#0b6b5b", "--", 0.85, "None")
@@ -381,7 +380,7 @@ def test_a_model_selection_in_bars():
     errors, *costs = figure.axes
     assert list(errors.get_subplotspec().get_gridspec().get_width_ratios()) == [2, 1, 1]
     assert [line.get_markersize() for line in errors.lines] == [4]
-    assert errors.get_xlabel() == "error (% of travel)"
+    assert errors.get_xlabel() == "error (% of peak displacement)"
     assert errors.patches[0].get_facecolor()[0] == pytest.approx(0.88)
     assert errors.patches[0].get_zorder() == 0
     for ax in costs:
@@ -441,7 +440,9 @@ def test_the_running_model(rng):
     figure = use_figures.contact_overview(xr.Dataset(rows, {"time": time}, {"threshold": 3.0}))
     assert figure.get_figheight() == 5.0
     assert aligned(figure) == [3] * 3
-    assert labels(figure) == [("", "test statistic (1)"), ("", "place along the body (mm)"), ("time (s)", "force (N)")]
+    assert labels(figure) == [
+        ("", "test statistic (1)"), ("", "position along the body (mm)"), ("time (s)", "force (N)"),
+    ]
     assert figure.axes[0].lines[1].get_linewidth() == 0.8
     assert figure.axes[1].collections[0].get_linewidth()[0] == 0
     figure = use_figures.control_figure(time, *(np.zeros(5),) * 4)

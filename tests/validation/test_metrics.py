@@ -10,8 +10,7 @@ import pytest
 
 from pliant.identification import Experiment
 from pliant.simulation import Trace
-from pliant.validation.extension import extension
-from pliant.validation.metrics import DEFINITIONS, FORMULAS, compare, response
+from pliant.validation.metrics import DEFINITIONS, FORMULAS, compare, extension, response
 
 T = np.arange(0.0, 4.0, 0.01)
 START, STOP, STEADY = 0.3, 2.5, 0.02

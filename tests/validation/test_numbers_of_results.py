@@ -15,14 +15,40 @@ from pliant.preprocessing.sync import Delay
 from pliant.recording import make_recording
 from pliant.reduction import links_of
 from pliant.simulation import Trace
-from pliant.validation import curves, details, draw
-from pliant.validation.axes import in_recorded_axes, turned_band, turned_forecast, turned_record, turned_shape
-from pliant.validation.extension import change, extension, extreme_frames, growth
-from pliant.validation.metrics import compare, definitions, on_window, response
-from pliant.validation.outcome import Clocks, WiringRow, Wirings
-from pliant.validation.shape_figures import chain_through
-from pliant.validation.store import forecast_dataset, plain, recorded, save_results, shaped
-from pliant.validation.stored import experiment_of, forecast_of, groups_of, selection_of, shape_of
+from pliant.validation import curves, draw, metrics
+from pliant.validation.metrics import (
+    change,
+    compare,
+    definitions,
+    extension,
+    extreme_frames,
+    growth,
+    on_window,
+    response,
+)
+from pliant.validation.outcome import (
+    Clocks,
+    WiringRow,
+    Wirings,
+    in_recorded_axes,
+    turned_band,
+    turned_forecast,
+    turned_record,
+    turned_shape,
+)
+from pliant.validation.selection_figures import chain_through
+from pliant.validation.store import (
+    experiment_of,
+    forecast_dataset,
+    forecast_of,
+    groups_of,
+    plain,
+    recorded,
+    save_results,
+    selection_of,
+    shape_of,
+    shaped,
+)
 from pliant.validation.wording import clip, digits, metric_label, readable, sized
 
 T = np.arange(0.0, 4.0, 0.01)
@@ -174,7 +200,7 @@ def test_figures_are_sixty_to_four_hundred_millimetres_wide(outcome, tmp_path, w
         draw, "figures_of", lambda shown, records, *, only: [(f"{len(shown.fits)}-{only}-{len(records)}", object)]
     )
     if not good:
-        with pytest.raises(InputError, match="60 to 400 mm wide"):
+        with pytest.raises(InputError, match="must be 60 to 400 mm"):
             list(draw.draw_figures(outcome, tmp_path, width_mm=width))
         return
     list(draw.draw_figures(outcome, tmp_path, width_mm=width, kinds=["svg", "png", "svg"]))
@@ -289,23 +315,23 @@ def test_joint_errors_at_the_end_and_swings_of_steps():
 
     exp = Experiment("p", T, chain(lean), ("mid", "tip"), "pulse", level=1e4)
     on = (T > 1.0) & (T < 3.0)
-    made = details.details(exp, chain(off), on)
+    made = metrics.swing_metrics(exp, chain(off), on)
     assert made["joint_steady_error_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)  # at the end of the plateau
-    made = details.details(exp, chain(off), None)
+    made = metrics.swing_metrics(exp, chain(off), None)
     assert made["joint_steady_error_mrad"] == pytest.approx([20.0, 0.0], abs=1e-9)  # at that of the record
     assert (
-        details.details(exp, chain(off), np.zeros(T.size, bool))["joint_steady_error_mrad"]
+        metrics.swing_metrics(exp, chain(off), np.zeros(T.size, bool))["joint_steady_error_mrad"]
         == made["joint_steady_error_mrad"]
     )
     gone = exp.position.copy()
     gone[T > 3.7] = np.nan
     lost = Experiment("p", T, gone, ("mid", "tip"), "pulse", level=1e4)
-    assert details.details(lost, chain(off), None)["joint_steady_error_mrad"] is None
-    assert details.details(lost, chain(off), None)["joint_rmse_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)
+    assert metrics.swing_metrics(lost, chain(off), None)["joint_steady_error_mrad"] is None
+    assert metrics.swing_metrics(lost, chain(off), None)["joint_rmse_mrad"] == pytest.approx([10.0, 0.0], abs=1e-9)
     wound = chain(np.array([[3.0, -3.0]]))
-    np.testing.assert_allclose(details.turns(wound), [[3.0, 2 * np.pi - 6.0]])
+    np.testing.assert_allclose(metrics.chord_angles(wound), [[3.0, 2 * np.pi - 6.0]])
     step = Experiment("p", T, chain(lean), ("mid", "tip"), "step", level=1e4)
-    swings = details.two_amplitudes(step, step.last_station)
+    swings = metrics.two_amplitudes(step, step.last_station)
     assert set(swings.values()) == {None}
 
 
@@ -322,12 +348,12 @@ def test_wirings_say_who_won_and_by_how_much():
     won = Wirings("fit", rows)
     assert won.winner is rows[0]
     assert won.sentence == (
-        "Wiring 'a' follows the training records best, to 1.23 % of travel; of 2 others the next is 'b', "
-        "2.50 %, its 2 ln L lower by 18."
+        "Wiring 'a' fits the training records best, with an error of 1.23 % of the peak displacement. The second best "
+        "of 3 is 'b' with 2.50 %; its 2 ln L is lower by 18."
     )
-    assert "; of 1 other the next is 'b'" in Wirings("fit", rows[:2]).sentence
-    assert Wirings("fit", rows[:1]).sentence.endswith("; no other wiring could be fitted.")
-    assert Wirings("fit", (rows[0], rows[3])).sentence.endswith("; no other wiring could be fitted.")
+    assert "The second best of 2 is 'b'" in Wirings("fit", rows[:2]).sentence
+    assert Wirings("fit", rows[:1]).sentence.endswith(". No other wiring could be fitted.")
+    assert Wirings("fit", (rows[0], rows[3])).sentence.endswith(". No other wiring could be fitted.")
     assert Wirings.from_dict(won.to_dict()) == won
     assert Wirings.from_dict(None) is None
 
@@ -491,4 +517,4 @@ def test_words_and_digits():
     assert sized({"rmse_mm": 2.0}, "rmse") == (2.0, "mm")
     assert sized({}, "rmse") == (None, "mm")
     assert metric_label("frequency_hz") == ("frequency", "Hz")
-    assert metric_label("rmse_percent_of_travel") == ("RMSE / travel", "%")
+    assert metric_label("rmse_percent_of_travel") == ("RMSE / peak displacement", "%")

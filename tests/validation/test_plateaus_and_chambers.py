@@ -10,7 +10,7 @@ import pytest
 from pliant.identification import Experiment
 from pliant.model import Chamber
 from pliant.simulation import Trace
-from pliant.validation import details
+from pliant.validation import metrics
 from pliant.validation.curves import laws_of
 
 T = np.arange(0.0, 4.0, 0.01)
@@ -30,9 +30,10 @@ def test_a_steady_error_is_that_of_the_end_of_a_plateau():
     moving[5:, 1, 0] += 1e-9  # a body that never moves is no recording
     exp = Experiment("p", T, moving, ("mid", "tip"), "pulse", level=1e4)
     on = (T > 1.0) & (T < 3.0)
-    assert details.details(exp, chain(off), on)["joint_steady_error_mrad"][0] == pytest.approx(30.0, abs=1e-3)
+    assert metrics.swing_metrics(exp, chain(off), on)["joint_steady_error_mrad"][0] == pytest.approx(30.0, abs=1e-3)
     for none in (None, np.zeros(T.size, bool)):
-        assert details.details(exp, chain(off), none)["joint_steady_error_mrad"][0] == pytest.approx(50.0, abs=1e-3)
+        errors = metrics.swing_metrics(exp, chain(off), none)["joint_steady_error_mrad"]
+        assert errors[0] == pytest.approx(50.0, abs=1e-3)
 
 
 def test_each_of_several_chambers_has_a_law_and_the_levels_of_its_own_records(outcome):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.validation.shape_figures import chain_through, order_figure, shape_figure
+from pliant.validation.selection_figures import chain_through, order_figure, shape_figure
 
 
 def test_chain_meets_the_measured_shape(shape):
@@ -19,7 +19,7 @@ def test_chain_meets_the_measured_shape(shape):
 
 
 def test_a_shape_and_a_chain_of_other_frames_are_refused(shape):
-    with pytest.raises(InputError, match="38 whole frames, but a chain through 39"):
+    with pytest.raises(InputError, match="38 complete frames, but links for 39"):
         chain_through(replace(shape, position=shape.position[:-1]))
 
 

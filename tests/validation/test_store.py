@@ -16,10 +16,9 @@ from pliant.exporters.provenance import standard_errors
 from pliant.exporters.randomisation import uncertainty_of
 from pliant.identification import Experiment
 from pliant.simulation import Trace
-from pliant.validation import stored
+from pliant.validation import store
 from pliant.validation.outcome import RecordOutcome
-from pliant.validation.store import recorded, save_results
-from pliant.validation.stored import load_outcome
+from pliant.validation.store import load_outcome, recorded, save_results
 
 
 @pytest.fixture(scope="module")
@@ -62,11 +61,11 @@ def test_others_can_read_it_with_names_and_units(kept):
     (lambda f: (f / "metrics.json").unlink(), "interrupted while it replaced its files: run the study again"),
     (lambda f: [p.unlink() for p in f.iterdir()], "name a folder that `pliant run` has written"),
     (lambda f: (f / "metrics.json").write_text((f / "metrics.json").read_text().replace(
-        '"run_id": ""', '"run_id": "other"')), "are of different runs"),
-    (lambda f: (f / "metrics.json").write_text("{"), "is no JSON"),
-    (lambda f: (f / "metrics.json").write_text("[]"), "is no metrics.json of"),
+        '"run_id": ""', '"run_id": "other"')), "are from different runs"),
+    (lambda f: (f / "metrics.json").write_text("{"), "is not valid JSON"),
+    (lambda f: (f / "metrics.json").write_text("[]"), "is not a metrics.json of"),
     (lambda f: (f / "results.nc").unlink(), "has no results.nc"),
-    (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "is no readable netCDF file"),
+    (lambda f: (f / "results.nc").write_bytes(b"nonsense"), "cannot be read as netCDF"),
     (lambda f: (f / "metrics.json").write_text(json.dumps({"schema": "pliant-metrics", "fits": {}})), "do not belong"),
 ])
 def test_what_is_no_result_is_one_sentence(kept, tmp_path, damage, sentence):
@@ -87,8 +86,8 @@ def entries(content, path=()):
 def test_any_entry_of_the_metrics_may_be_of_another_kind(kept, tmp_path, monkeypatch):
     """Whoever reads metrics.json takes it or refuses it in one sentence, such as `"parameters": null`."""
     whole, folder = kept
-    groups = stored.groups_of(folder)
-    monkeypatch.setattr(stored, "groups_of", lambda _: groups)
+    groups = store.groups_of(folder)
+    monkeypatch.setattr(store, "groups_of", lambda _: groups)
     content = json.loads((folder / "metrics.json").read_text())
     paths, refused = list(entries(content)), 0
     assert len([p for p in paths if p[-1] == "parameters"]) >= 2

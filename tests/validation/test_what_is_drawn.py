@@ -12,8 +12,7 @@ from pliant.errors import InputError
 from pliant.plotting import page
 from pliant.validation import figures
 from pliant.validation.motion import body_film
-from pliant.validation.selection_figure import selection_figure
-from pliant.validation.shape_figures import shape_figure
+from pliant.validation.selection_figures import selection_figure, shape_figure
 
 
 def legend(figure):
@@ -180,5 +179,5 @@ def test_a_film_shows_the_body_the_way_of_its_tip_and_the_pressure_now(tmp_path,
     assert place.get_ylim()[1] > 200.0
     np.testing.assert_allclose(np.stack([drawn.get_ydata() for drawn in side.lines[:chambers]], axis=1), pressure)
     monkeypatch.setattr(animation.writers, "is_available", lambda _: False)
-    with pytest.raises(InputError, match=r"needs ffmpeg.*take \.gif"):
+    with pytest.raises(InputError, match=r"needs ffmpeg.*use \.gif"):
         body_film(tmp_path / "f.mp4", time, base, tips, pressure)

@@ -11,12 +11,11 @@ from pliant.identification import Experiment
 from pliant.numerics.joint_rotations import link_frames, swings_along
 from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
-from pliant.validation.details import joint_errors
 from pliant.validation.figures import path_figure, record_figure, residual_figure
+from pliant.validation.metrics import joint_errors
 from pliant.validation.outcome import RecordOutcome, Shape
-from pliant.validation.shape_figures import chain_through, shape_figure
-from pliant.validation.store import recorded
-from pliant.validation.stored import experiment_of
+from pliant.validation.selection_figures import chain_through, shape_figure
+from pliant.validation.store import experiment_of, recorded
 
 TIME = np.arange(60) / 30
 ROUND = np.stack([0.3 * np.sin(5 * TIME), 0.4 * np.cos(4 * TIME) - 0.4], -1)  # rad, of every joint

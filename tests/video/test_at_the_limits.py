@@ -11,11 +11,11 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.recording import make_recording
-from pliant.video import pace, silhouette, track
+from pliant.video import silhouette, track
+from pliant.video.follow import mask_of, rough_line
 from pliant.video.marks import ChainOfDots, _first_dots
-from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel
-from pliant.video.rough import mask_of, rough_line
+from pliant.video.track import doubled_and_leaps, lost_in_times
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ from pliant.video.rough import mask_of, rough_line
 )
 def test_repeats_and_leaps_at_the_limits(monkeypatch, sizes, at, change, found):
     for name, value in {"MOVES": 0.75, "STANDS": 0.25, "LEAPS": 1.75, "ALIKE": 0.25}.items():
-        monkeypatch.setattr(pace, name, value)
+        monkeypatch.setattr(track, name, value)
     steps = np.full(9, sizes[0])
     steps[4], steps[5:] = sizes[1], sizes[2]
     changes = np.full(9, change)

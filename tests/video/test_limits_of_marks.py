@@ -13,9 +13,8 @@ from pliant.recording.camera import Camera
 from pliant.video import Tracking, marks
 from pliant.video.marks import ChainOfDots, Dots, _first_dots, _on_one_body, hexadecimal
 from pliant.video.overlay import _size, drawn, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel
-from pliant.video.track import _base_first, _even, _recording, _Seen, _stacked, _times
+from pliant.video.track import _base_first, _even, _recording, _Seen, _stacked, _times, doubled_and_leaps, lost_in_times
 
 cv2 = pytest.importorskip("cv2")
 GREY, RED = np.array([90.0, 90.0, 90.0]), (60.0, 40.0, 200.0)  # blue, green, red
@@ -93,7 +92,7 @@ def test_a_colour_differs_from_grey_by_forty_levels(red, grey):
     if not grey:
         Dots((100.0, 100.0, red))
         return
-    with pytest.raises(InputError, match="dots of the colour #946464 are nearly grey"):
+    with pytest.raises(InputError, match="the colour #946464 of the dots is nearly grey"):
         Dots((100.0, 100.0, red))
     assert hexadecimal((1.0, 2.4, 254.6)) == "#ff0201"
 
@@ -204,7 +203,7 @@ def test_the_dots_are_those_of_the_first_thirty_frames_with_most():
     assert sorted(mass.tolist()) == [4.1, 10.0, 10.0, 10.0, 24.9]
     place, _, _ = _first_dots(FILM, Sees(lambda k: [5.0] * (3 if k == 29 else 2)), RED, 3)
     assert place[0, 1] == 29.0
-    with pytest.raises(InputError, match=r"f\.mp4: 1 dots of the colour #c8283c are seen in its first frames"):
+    with pytest.raises(InputError, match=r"f\.mp4: 1 dots of the colour #c8283c were found in its first frames"):
         _first_dots(FILM, Sees(lambda k: [5.0] * (1 if k < 30 else 4)), RED, None)
     with pytest.raises(InputError, match=r"f\.mp4: 0 dots"):
         _first_dots(FILM, Sees(lambda _: []), RED, None)
@@ -242,7 +241,7 @@ def test_markers_are_sought_in_every_book_until_one_shows_some(monkeypatch):
     np.testing.assert_allclose(found[3], [20.0, 0.0])
     assert np.isnan(found[0]).all()
     monkeypatch.setattr(marks, "_markers", lambda _, picture: {7: np.zeros(2)} if picture == 3 else {})
-    with pytest.raises(InputError, match=r"f\.mp4: 1 ArUco or AprilTag markers are seen"):
+    with pytest.raises(InputError, match=r"f\.mp4: 1 ArUco or AprilTag markers were found"):
         marks.follow_aruco(FILM)
 
 
@@ -332,12 +331,13 @@ FREE = Camera(pixels_per_mm=1.0)
 def test_a_stated_rate_is_told_where_it_is_off_by_a_fiftieth(rate, told):
     _, said, _ = _times(REEL, Camera(pixels_per_mm=1.0, rate_hz=rate), np.arange(9) / 30.0)
     assert any("which is used" in line for line in said) == told
-    assert said[-2] == "0 frames are missing at 0 places of the file's times"
+    assert said[-2] == "0 frames are missing in 0 gap(s) of the file's times"
 
 
 @pytest.mark.parametrize(("exposure", "readout", "shift", "unsure", "told"), [
-    (8.0, None, 4e-3, 0.5 / 30, "known to 16.7 ms: shutter open for 8 ms, its rows within an unknown time"),
-    (None, 6.0, 0.5 / 30, 0.5 / 30 + 3e-3, "known to 19.7 ms: shutter open for an unknown time, its rows within 6 ms"),
+    (8.0, None, 4e-3, 0.5 / 30, "uncertain by 16.7 ms: shutter open for 8 ms, rows read within an unknown time"),
+    (None, 6.0, 0.5 / 30, 0.5 / 30 + 3e-3,
+     "uncertain by 19.7 ms: shutter open for an unknown time, rows read within 6 ms"),
 ])
 def test_what_is_not_known_of_the_shutter_makes_times_unsure(exposure, readout, shift, unsure, told):
     time = np.arange(9) / 30.0
@@ -345,7 +345,7 @@ def test_what_is_not_known_of_the_shutter_makes_times_unsure(exposure, readout, 
     np.testing.assert_allclose(at, time + shift)
     assert known == pytest.approx(unsure)
     assert said[-1] == f"times are the middle of the exposure, {told}"
-    with pytest.raises(InputError, match="its times do not increase"):
+    with pytest.raises(InputError, match="the frame times of the file do not increase"):
         _times(REEL, FREE, np.array([0.0, 0.1, 0.1, 0.2]))
 
 
@@ -371,13 +371,13 @@ def test_a_body_is_seen_in_half_of_the_frames_at_least(hidden, refused):
     partly[0] = np.nan  # counts as seen
     frames = [*gone, *[partly] * (10 - hidden)]
     if refused:
-        with pytest.raises(InputError, match=r"f\.mp4: the body is seen whole in 4 of 10 frames only"):
+        with pytest.raises(InputError, match=r"f\.mp4: the whole body was found in only 4 of 10 frames"):
             _stacked(frames, REEL)
         return
     made = _stacked(frames, REEL)
     assert np.isnan(made[:5]).all()
     np.testing.assert_array_equal(made[5:, 1:], np.broadcast_to(seen[1:], (5, 3, 2)))
-    with pytest.raises(InputError, match="in 0 of 0 frames"):
+    with pytest.raises(InputError, match="in only 0 of 0 frames"):
         _stacked([], REEL)
 
 
@@ -390,11 +390,11 @@ def test_marks_are_ordered_from_the_stated_base():
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    ({"stations": 4}, None), ({"stations": 200}, None), ({"stations": 3}, "between 4 and 200, got 3"),
-    ({"stations": 201}, "between 4 and 200, got 201"), ({"count": 2}, None), ({"count": 2.0}, "2 or more, got 2.0"),
-    ({"region": (1, 2, 3, 4)}, None), ({"region": [1.0, 2, 3, 4]}, None), ({"region": (3, 2, 3, 4)}, "region is"),
-    ({"region": (1, 4, 3, 4)}, "region is"), ({"region": (1, 2, 3)}, "region is"),
-    ({"region": (1, 2, "c", 4)}, "region is"), ({"region": 5}, "region is"),
+    ({"stations": 4}, None), ({"stations": 200}, None), ({"stations": 3}, "between 4 and 200, not 3"),
+    ({"stations": 201}, "between 4 and 200, not 201"), ({"count": 2}, None), ({"count": 2.0}, "2 or more, not 2.0"),
+    ({"region": (1, 2, 3, 4)}, None), ({"region": [1.0, 2, 3, 4]}, None), ({"region": (3, 2, 3, 4)}, "region must be"),
+    ({"region": (1, 4, 3, 4)}, "region must be"), ({"region": (1, 2, 3)}, "region must be"),
+    ({"region": (1, 2, "c", 4)}, "region must be"), ({"region": 5}, "region must be"),
 ])
 def test_options_of_tracking_at_their_limits(options, said):
     whole = {"method": "silhouette" if "stations" in options else "dots",
@@ -419,7 +419,7 @@ def test_a_recording_tells_what_was_hidden_repeated_and_missing(tmp_path):
                     _Seen(np.arange(14) / 30, points, quiet(5)))  # fmt: skip
     told = ds.attrs["history"]
     for line in ("followed dots through 14 frames of f.mp4", "1 of 14 frames are gaps: the body was hidden",
-                 "1 frames repeat the one before and are gaps", "1 steps are twice as long as their neighbours"):
+                 "1 frames repeat the previous frame and are gaps", "1 steps are twice as long as their neighbours"):
         assert line in told
     place = ds["position"].values
     assert np.flatnonzero(np.isnan(place).any(axis=(1, 2))).tolist() == [5, 12]
@@ -434,7 +434,7 @@ def test_a_recording_tells_what_was_hidden_repeated_and_missing(tmp_path):
     assert "twice as long" not in ds.attrs["history"]
     plain.points[3] *= 1.1
     told = _recording(reel, camera, Tracking(stations=5), [], plain).attrs["history"]
-    assert "1 frames in which its length differs by more than 3 % are gaps" in told
+    assert "1 frames in which the length differs by more than 3 % are gaps" in told
 
 
 @pytest.mark.parametrize(("width", "height", "most", "size"), [

@@ -12,12 +12,10 @@ import pytest
 from pliant.errors import InputError
 from pliant.testbed.camera.scene import coverage
 from pliant.video import silhouette
-from pliant.video.exposure import even_exposure
-from pliant.video.follow import Follower, Known
-from pliant.video.reel import Reel, open_reel
+from pliant.video.follow import Follower, Known, _distances, mask_of, rough_line
+from pliant.video.reel import Reel, even_exposure, open_reel
 from pliant.video.ribbon import BASIS, Basis, Ribbon, crossing, edges, share
-from pliant.video.rough import _distances, mask_of, rough_line
-from pliant.video.stillness import Stillness
+from pliant.video.silhouette import Stillness
 
 cv2 = pytest.importorskip("cv2")
 NONE = np.zeros((240, 320), bool)
@@ -365,7 +363,7 @@ def test_a_camera_may_tremble_in_two_frames_of_a_hundred(moved, refused):
     if not refused:
         watch.refuse()
         return
-    with pytest.raises(InputError, match=r"f\.mp4: the camera moves, by 1\.6 pixels or more, in 3 of 100 frames"):
+    with pytest.raises(InputError, match=r"f\.mp4: the camera moves by 1\.6 pixels or more in 3 of 100 frames"):
         watch.refuse()
     watch.shifts = []
     watch.refuse()
@@ -473,7 +471,7 @@ def test_a_picture_is_evened_level_by_level():
     assert Reel(Path("f.mp4"), 80, 20, 25.0, 20).coarse == 1
 
 
-@pytest.mark.parametrize(("frames", "said"), [(7, r"f\.mp4 has 7 frames: a motion needs 8 or more"), (8, None)])
+@pytest.mark.parametrize(("frames", "said"), [(7, r"f\.mp4 has 7 frames, but tracking needs 8 or more"), (8, None)])
 def test_a_film_has_eight_frames_at_least(tmp_path, frames, said):
     from pliant.video.movie import movie
 
@@ -486,9 +484,9 @@ def test_a_film_has_eight_frames_at_least(tmp_path, frames, said):
         return
     with pytest.raises(InputError, match=said):
         open_reel(tmp_path / "f.mp4")
-    with pytest.raises(InputError, match="it is a folder"):
+    with pytest.raises(InputError, match="this is a folder, not a file"):
         open_reel(tmp_path)
-    with pytest.raises(InputError, match="it is absent"):
+    with pytest.raises(InputError, match="there is no such file"):
         open_reel(tmp_path / "no.mp4")
 
 
@@ -510,7 +508,7 @@ def test_the_base_is_the_median_of_the_first_ten_frames_that_show_it(monkeypatch
     assert taken == list(range(28))
     taken.clear()
     monkeypatch.setattr(Every, "__call__", lambda _, picture: taken.append(picture))
-    with pytest.raises(InputError, match="no body is seen whole in the first 120 frames"):
+    with pytest.raises(InputError, match="no whole body was found in the first 120 frames"):
         silhouette.base_of(reel, None)
     assert len(taken) == 120
 

@@ -11,17 +11,15 @@ import pytest
 from pliant.errors import InputError
 from pliant.recording.camera import Camera
 from pliant.video import Tracking
-from pliant.video.follow import Follower, _median, longest_run
+from pliant.video.follow import Follower, _median, longest_run, mask_of, rough_line
 from pliant.video.marks import ChainOfDots, Dots, _markers, chain
 from pliant.video.movie import movie
 from pliant.video.overlay import drawn, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
 from pliant.video.reel import Reel, open_reel
 from pliant.video.ribbon import BASIS, POINTS, Sampler, crossing, edges, evenly, normals, share
-from pliant.video.rough import mask_of, rough_line
-from pliant.video.stillness import Stillness
+from pliant.video.silhouette import Stillness
 from pliant.video.surroundings import Surroundings
-from pliant.video.track import _base_first, _even, _times
+from pliant.video.track import _base_first, _even, _times, doubled_and_leaps, lost_in_times
 
 cv2 = pytest.importorskip("cv2")
 
@@ -208,7 +206,7 @@ def test_dots_are_weighed_where_they_are_and_told_by_shape():
     assert masses.max() < 1.1 * masses.min()
     inside, _ = Dots((60.0, 40.0, 200.0), (30.0, 50.0, 100.0, 70.0)).all(picture)
     assert len(inside) == 2
-    with pytest.raises(InputError, match="#808080 are nearly grey"):
+    with pytest.raises(InputError, match="#808080 of the dots is nearly grey"):
         Dots((128.0, 128.0, 128.0))
 
 
@@ -253,16 +251,16 @@ def test_the_times_of_frames_are_the_middle_of_the_exposure():
     at, told, unsure = _times(reel, known, time)
     np.testing.assert_allclose(at, time + 2e-3)
     assert unsure == pytest.approx(5e-3)
-    assert told[-1].endswith("known to 5.0 ms: shutter open for 4 ms, its rows within 10 ms")
+    assert told[-1].endswith("uncertain by 5.0 ms: shutter open for 4 ms, rows read within 10 ms")
     at, told, unsure = _times(reel, Camera(pixels_per_mm=1.0), time)
     np.testing.assert_allclose(at, time + 0.5 / 30)
     assert unsure == pytest.approx(1.0 / 30)
-    assert "open for an unknown time, its rows within an unknown time" in told[-1]
+    assert "open for an unknown time, rows read within an unknown time" in told[-1]
     at, told, _ = _times(reel, Camera(pixels_per_mm=1.0, rate_hz=60.0, exposure_ms=1.0), time)
     np.testing.assert_allclose(at, np.arange(9) / 60.0 + 0.5e-3)
-    assert told[0].startswith("the file says 30 frames a second, [camera] 60")
+    assert told[0].startswith("the file states 30 frames per second, [camera] 60")
     assert len(_times(reel, Camera(pixels_per_mm=1.0, rate_hz=30.3), time)[1]) == 2
-    with pytest.raises(InputError, match="its times do not increase"):
+    with pytest.raises(InputError, match="the frame times of the file do not increase"):
         _times(reel, Camera(pixels_per_mm=1.0), np.zeros(9))
 
 
@@ -337,7 +335,7 @@ def test_a_camera_that_moves_in_more_than_a_few_frames_is_refused(frames, moved,
         watch(cv2.warpAffine(board, shift, (320, 240), borderMode=cv2.BORDER_REPLICATE) if k < frames else board)
     assert watch.shifts[0] == pytest.approx(moved, rel=0.2)
     if refused:
-        with pytest.raises(InputError, match=r"the camera moves, by .* pixels or more, in 40 of 100 frames"):
+        with pytest.raises(InputError, match=r"the camera moves by .* pixels or more in 40 of 100 frames"):
             watch.refuse()
     else:
         watch.refuse()

@@ -38,8 +38,8 @@ def test_dots_are_found_again_where_they_come_back(tmp_path: Path) -> None:
     hidden = range(15, 24)
     truth = film(tmp_path / "f.mp4", hz=1.5, dots=True, hidden=hidden)
     ds = track_video(tmp_path / "f.mp4", CAMERA, DOTS)
-    assert "9 of 45 frames are gaps: the body was hidden, or not recognised" in ds.attrs["history"]
-    assert "0 frames repeat the one before" in ds.attrs["history"]
+    assert "9 of 45 frames are gaps: the body was hidden or not found" in ds.attrs["history"]
+    assert "0 frames repeat the previous frame" in ds.attrs["history"]
     places = in_pixels(ds)
     seen = np.isfinite(places).all(axis=(1, 2))
     assert not seen[list(hidden)].any()

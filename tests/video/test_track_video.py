@@ -18,7 +18,7 @@ from pliant.testbed.camera.scene import coverage
 from pliant.video import Tracking, track_video
 from pliant.video.marks import _on_one_body
 from pliant.video.movie import movie
-from pliant.video.pace import doubled_and_leaps, lost_in_times
+from pliant.video.track import doubled_and_leaps, lost_in_times
 
 SIDE = replace(VIEW, aside=0.3, tilt=0.12, coefficients=(-0.2, 0.06, 1e-3, -5e-4, 0.0))
 CASES = {
@@ -77,11 +77,11 @@ def test_hand_and_lost_and_doubled_frames_are_gaps_and_told(tmp_path: Path) -> N
     error = np.linalg.norm(place - true_stations(at, np.linspace(0, 1, 25)), axis=2)[seen]
     assert error.max() * 1e3 * VIEW.pixels_per_mm < 1.5  # never a wrong shape
     told = ds.attrs["history"]
-    assert "3 frames are missing at 2 places of the file's times" in told
-    assert "1 frames repeat the one before and are gaps" in told
-    assert f"{int((~seen).sum()) - 1} of 45 frames are gaps: the body was hidden, or not recognised" in told
+    assert "3 frames are missing in 2 gap(s) of the file's times" in told
+    assert "1 frames repeat the previous frame and are gaps" in told
+    assert f"{int((~seen).sum()) - 1} of 45 frames are gaps: the body was hidden or not found" in told
     assert ds.attrs["time_uncertainty_s"] == pytest.approx(0.5 / 60)
-    assert "shutter open for 1 ms, its rows within an unknown time" in told
+    assert "shutter open for 1 ms, rows read within an unknown time" in told
 
 
 @pytest.mark.parametrize(("marks", "options"), [("dots", {"colour": "#c8283c"}), ("aruco", {})])
@@ -114,22 +114,22 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(tmp_path: Path) -> Non
     with movie(path, 60.0, (320, 240)) as write:
         for k in range(20):
             write(np.roll(board, (k, 3 * k), axis=(0, 1)))
-    with pytest.raises(InputError, match="the camera moves, by up to"):
+    with pytest.raises(InputError, match="the camera moves by up to"):
         track_video(path, camera_of())
     (tmp_path / "no.mp4").write_text("no film")
-    with pytest.raises(InputError, match="no video that OpenCV can read"):
+    with pytest.raises(InputError, match="OpenCV cannot read"):
         track_video(tmp_path / "no.mp4", camera_of())
-    with pytest.raises(InputError, match="0 dots of the colour #00ff00 are seen"):
+    with pytest.raises(InputError, match="0 dots of the colour #00ff00 were found"):
         track_video(path, camera_of(), Tracking("dots", colour="#00ff00"))
     with pytest.raises(InputError, match="0 ArUco or AprilTag markers"):
         track_video(path, camera_of(), Tracking("aruco"))
-    for wrong, said in (({"method": "flow"}, "method is one of"), ({"colour": "#123456"}, "give colour as"),
-                        ({"stations": 2}, "stations lie between")):  # fmt: skip
+    for wrong, said in (({"method": "flow"}, "method must be one of"), ({"colour": "#123456"}, "needs colour as"),
+                        ({"stations": 2}, "stations must be between")):  # fmt: skip
         with pytest.raises(InputError, match=said):
             Tracking(**wrong)
-    with pytest.raises(InputError, match="a colour is written as"):
+    with pytest.raises(InputError, match="colour must be written as"):
         track_video(path, camera_of(), Tracking("dots", colour="red"))
-    with pytest.raises(InputError, match="an overlay is a sheet"):
+    with pytest.raises(InputError, match="an overlay must be a sheet"):
         track_video(path, camera_of(), Tracking("dots", colour="#ff0000", overlays=(tmp_path / "s.jpg",)))
 
 
@@ -220,7 +220,7 @@ def test_clutter_of_the_dots_colour_is_refused_and_left_out_on_request(tmp_path:
         assert np.nanmax(np.abs(places - true)) < 1.0
     assert "left out" not in told
     assert "left out, not on the body: marks at the pixels (300, 200)" in followed(path, count=5)[1]
-    with pytest.raises(InputError, match=r"5 dots are seen on one body, and .* count = 8"):
+    with pytest.raises(InputError, match=r"5 dots were found on one body, but count = 8"):
         followed(path, count=8)
 
 
@@ -232,7 +232,7 @@ def test_colour_that_touches_the_pictures_border_is_followed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    ({"method": "aruco", "count": 4}, "concern dots"),
+    ({"method": "aruco", "count": 4}, "apply to dots only"),
     ({"method": "dots", "colour": "#ff0000", "count": 1}, "2 or more"),
     ({"method": "dots", "colour": "#ff0000", "region": (5, 5, 1, 9)}, "left, top, right, bottom"),
 ])  # fmt: skip

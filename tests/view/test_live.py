@@ -21,8 +21,7 @@ from pliant.loop.run import log_columns
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium
-from pliant.view.live import Live, Played, Pull, Wish, sliders_of
-from pliant.view.played import played_from
+from pliant.view.live import Live, PageContent, PageRequest, Pull, page_content, sliders_of
 from pliant.view.watched import WatchedLoop
 
 
@@ -32,21 +31,21 @@ def model():
 
 
 @pytest.fixture
-def played(model):
-    return Played(model, sliders_of(model), {})
+def content(model):
+    return PageContent(model, sliders_of(model), {})
 
 
 def test_a_body_that_rings_takes_shorter_steps(model):
     ringing = model.with_(damping=1e-5)
-    live = Live(Played(ringing, sliders_of(ringing), {}))
+    live = Live(PageContent(ringing, sliders_of(ringing), {}))
     assert 1e-4 <= live.stepper.length < 1e-3
     live.advance(0.02)
     assert live.stepper.time == pytest.approx(0.02)
 
 
-def test_frames_of_any_length_are_the_steps_of_the_model(played, model):
-    live, alone = Live(played), Stepper(model, 1e-3)
-    live.ask(Wish(pressure_kpa=[20.0]))
+def test_frames_of_any_length_are_the_steps_of_the_model(content, model):
+    live, alone = Live(content), Stepper(model, 1e-3)
+    live.receive(PageRequest(pressure_kpa=[20.0]))
     for elapsed in (0.016, 0.017, 0.0004, 0.0166, 0.05):
         live.advance(elapsed)
     for _ in range(100):
@@ -55,19 +54,19 @@ def test_frames_of_any_length_are_the_steps_of_the_model(played, model):
     assert live.frame()["kpa"] == [20.0]
 
 
-def test_slow_motion_is_slow_and_a_late_frame_does_not_run_away(played):
-    live = Live(played)
-    live.ask(Wish(speed=0.25))
+def test_slow_motion_is_slow_and_a_late_frame_does_not_run_away(content):
+    live = Live(content)
+    live.receive(PageRequest(speed=0.25))
     live.advance(0.1)
     assert live.stepper.time == pytest.approx(0.025)
     live.advance(60.0)
     assert live.stepper.time == pytest.approx(0.125, abs=2e-3)
 
 
-def test_a_hand_that_holds_still_ends_in_the_equilibrium_of_its_force(played, model):
+def test_a_hand_that_holds_still_ends_in_the_equilibrium_of_its_force(content, model):
     """Against the equilibrium under a tip force, which comes from a root search."""
-    live = Live(played)
-    live.ask(Wish(pull=Pull(link=2, share=1.0, x_mm=40.0, y_mm=90.0)))
+    live = Live(content)
+    live.receive(PageRequest(pull=Pull(link=2, share=1.0, x_mm=40.0, y_mm=90.0)))
     for _ in range(30):
         live.advance(0.1)
     assert np.linalg.norm(live.force) > 0.05
@@ -79,39 +78,39 @@ def test_parameters_stay_within_their_intervals_and_the_motion_goes_on(model):
     fitted = (Parameter("stiffness", 0.6, std=0.01), Parameter("start", 0.01, std=1e-3), Parameter("damping", 8e-3))
     sliders = sliders_of(model, fitted)
     assert [s.name for s in sliders] == ["stiffness"]
-    live = Live(Played(model, sliders, {}))
-    live.ask(Wish(pressure_kpa=[20.0]))
+    live = Live(PageContent(model, sliders, {}))
+    live.receive(PageRequest(pressure_kpa=[20.0]))
     live.advance(0.08)
     before = live.stepper.angle.copy()
-    live.ask(Wish(parameters={"stiffness": 9.0, "moon": 1.0}, gravity=(0.0, -9.81)))
+    live.receive(PageRequest(parameters={"stiffness": 9.0, "moon": 1.0}, gravity=(0.0, -9.81)))
     live.build()
     assert live.model.stiffness[0] == pytest.approx(0.6 + 1.959964 * 0.01)
     assert live.model.gravity[1] == -9.81
     np.testing.assert_array_equal(live.stepper.angle, before)
 
 
-def test_what_no_body_follows_is_told_and_the_body_rests(played):
-    live = Live(played)
-    live.ask(Wish(pressure_kpa=[2000.0]))
+def test_what_no_body_follows_is_told_and_the_body_rests(content):
+    live = Live(content)
+    live.receive(PageRequest(pressure_kpa=[2000.0]))
     live.stepper.rate[:] = 5e3
     live.advance(0.002)
     frame = live.frame()
-    assert "back at rest" in frame["message"]
+    assert "put back to rest" in frame["message"]
     assert live.frame()["message"] == ""
 
 
 def test_a_recording_is_played_under_the_model(outcome):
     first = outcome.fits[0]
-    live = Live(Played(outcome.model, (), {r.name: r.experiment for r in first.records}))
+    live = Live(PageContent(outcome.model, (), {r.name: r.experiment for r in first.records}))
     trace = next(r for r in first.records if r.experiment.pressure is not None)
-    live.ask(Wish(record=trace.name))
+    live.receive(PageRequest(record=trace.name))
     live.build()
     for _ in range(3):
         live.advance(0.1)
     assert live.command[0] == trace.experiment.pressure(np.array([0.3]))[0]
     seen = live.frame()["measured"]
     np.testing.assert_allclose(seen[-1], 1e3 * trace.experiment.position[30, -1], atol=1e-3)
-    live.ask(Wish(record=None))
+    live.receive(PageRequest(record=None))
     live.build()
     assert live.frame()["measured"] is None
 
@@ -119,34 +118,34 @@ def test_a_recording_is_played_under_the_model(outcome):
 @pytest.mark.parametrize("by_hand", [0.0, 7.0])
 def test_a_recording_that_is_put_away_in_mid_pulse_leaves_the_pressure_to_the_sliders(outcome, by_hand):
     first = outcome.fits[0]
-    live = Live(Played(outcome.model, (), {r.name: r.experiment for r in first.records}))
+    live = Live(PageContent(outcome.model, (), {r.name: r.experiment for r in first.records}))
     trace = next(r for r in first.records if r.experiment.pressure is not None)
-    live.ask(Wish(pressure_kpa=[by_hand]))
-    live.ask(Wish(record=trace.name))
+    live.receive(PageRequest(pressure_kpa=[by_hand]))
+    live.receive(PageRequest(record=trace.name))
     live.build()
     for _ in range(3):
         live.advance(0.1)
     assert live.frame()["command"] == [20.0]  # on the plateau
-    live.ask(Wish(record=None))
+    live.receive(PageRequest(record=None))
     live.build()
     live.advance(0.1)
     assert live.frame()["command"] == live.frame()["kpa"] == [by_hand]
 
 
-def test_of_many_wishes_the_last_is_built_and_the_motion_goes_on_meanwhile(played, monkeypatch):
+def test_of_many_wishes_the_last_is_built_and_the_motion_goes_on_meanwhile(content, monkeypatch):
     built = []
     monkeypatch.setattr("pliant.view.live.apply", lambda model, numbers: built.append(dict(numbers)) or model)
-    live = Live(played)
-    live.ask(Wish(pressure_kpa=[20.0]))
+    live = Live(content)
+    live.receive(PageRequest(pressure_kpa=[20.0]))
     for k in range(3000):
-        live.ask(Wish(parameters={"stiffness x": 1.0}, gravity=(0.0, -k / 1000)))
+        live.receive(PageRequest(parameters={"stiffness x": 1.0}, gravity=(0.0, -k / 1000)))
     assert not built
     job = live.job()
     made = live.prepare(job)
     live.advance(0.05)
-    live.ask(Wish(gravity=(1.0, 1.0)))  # while that is built
+    live.receive(PageRequest(gravity=(1.0, 1.0)))  # while that is built
     before = live.stepper.angle.copy()
-    live.take(job, made)
+    live.replace_model(job, made)
     np.testing.assert_array_equal(live.stepper.angle, before)
     assert live.frame()["kpa"] == [20.0]
     assert live.model.gravity[1] == -2.999
@@ -252,20 +251,20 @@ def test_pressures_are_called_as_their_chambers(model):
     from pliant.view.server import live_page
 
     pair = [Chamber(np.array([3e-6]), sign * np.ones(3), name=name) for name, sign in (("left", 1.0), ("right", -1.0))]
-    both = Played(model.with_(chambers=tuple(pair)), (), {})
+    both = PageContent(model.with_(chambers=tuple(pair)), (), {})
     assert '"chambers":["left","right"]' in live_page(both, Live(both))
-    one = Played(model, (), {})
+    one = PageContent(model, (), {})
     assert '"chambers":["pressure"]' in live_page(one, Live(one))
 
 
 def test_what_is_no_log_is_one_sentence(model, tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n0,1\n")
-    with pytest.raises(InputError, match="is no log of a control loop"):
+    with pytest.raises(InputError, match="is not the log of a control loop"):
         WatchedLoop(tmp_path / "a.csv", model)
     with pytest.raises(InputError, match="cannot read the log"):
         WatchedLoop(tmp_path / "none.csv", model)
     LoopLog(tmp_path / "b.csv", log_columns(5)).close()
-    with pytest.raises(InputError, match="is of 5 links, the model has 3"):
+    with pytest.raises(InputError, match="has 5 links, but the model has 3"):
         WatchedLoop(tmp_path / "b.csv", model)
     LoopLog(tmp_path / "c.csv", log_columns(3)).close()
     with pytest.raises(InputError, match="body of fixed length"):
@@ -279,7 +278,7 @@ def served(model, tmp_path_factory):
 
     path = tmp_path_factory.mktemp("live") / "model.json"
     save_model(model, path)
-    server = Server(played_from(path))
+    server = Server(page_content(path))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     parts = urlsplit(server.address)
@@ -327,10 +326,10 @@ def test_another_page_cannot_open_the_socket(served, origin, token):
         connect(f"ws://{parts.netloc}{path}", origin=own if origin == "own" else origin)
 
 
-def test_the_address_is_listened_at_as_soon_as_it_is_known(played):
+def test_the_address_is_listened_at_as_soon_as_it_is_known(content):
     from pliant.view.server import Server
 
-    server = Server(played)
+    server = Server(content)
     parts = urlsplit(server.address)
     with socket.create_connection((parts.hostname, parts.port), timeout=5):
         pass

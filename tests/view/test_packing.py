@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.view.packing import LEVELS, Pack, unpack
+from pliant.view.data import LEVELS, Pack, unpack
 
 
 @pytest.mark.parametrize("shape", [(400,), (400, 3, 2), (1, 2), (0, 2)])

@@ -20,6 +20,6 @@ def test_rows_tell_each_order_and_link(shape):
 def test_report_has_the_shape_with_its_reason(outcome, shape, tmp_path):
     one = replace(outcome.fits[1], records=outcome.fits[1].records[:1])
     page = write_report(replace(outcome, fits=(one,), forecasts=(), shape=shape), tmp_path).read_text(encoding="utf-8")
-    assert "is the lowest order that keeps the bound of 1 mm" in page
+    assert "is the lowest order within the bound of 1 mm" in page
     assert "The tip was found by its cap." in page
     assert "plot-order" in page

@@ -17,9 +17,8 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.simulation import equilibrium
 from pliant.validation.outcome import RecordOutcome
-from pliant.view.data import modelled_of
-from pliant.view.live import Live, Played, Pull, Wish, sliders_of
-from pliant.view.packing import Pack, unpack
+from pliant.view.data import Pack, modelled_of, unpack
+from pliant.view.live import Live, PageContent, PageRequest, Pull, sliders_of
 from pliant.view.report import report_page
 from pliant.view.server import live_page
 
@@ -87,17 +86,17 @@ def test_the_canvas_turns_and_prints_three_views(tmp_path):
 
 
 def test_a_hand_in_space_ends_in_the_equilibrium_of_its_force(arm):
-    live = Live(Played(arm, sliders_of(arm), {}))
-    live.ask(Wish(pull=Pull(link=1, share=1.0, x_mm=120.0, y_mm=90.0, z_mm=200.0)))
+    live = Live(PageContent(arm, sliders_of(arm), {}))
+    live.receive(PageRequest(pull=Pull(link=1, share=1.0, x_mm=120.0, y_mm=90.0, z_mm=200.0)))
     for _ in range(15):
         live.advance(0.1)
     assert np.linalg.norm(live.force) > 0.02
     q = equilibrium(arm, np.zeros(3), live.force)
     np.testing.assert_allclose(live.stepper.angle, q, atol=2e-3)
-    live.ask(Wish(gravity=[0.0, 0.0, 5.0], pull=None))
+    live.receive(PageRequest(gravity=[0.0, 0.0, 5.0], pull=None))
     live.build()
     assert live.model.gravity.tolist() == [0.0, 0.0, 5.0]
-    live.ask(Wish(gravity=[0.0, 1.0]))
+    live.receive(PageRequest(gravity=[0.0, 1.0]))
     live.build()
     assert "gravity must be 3 numbers" in live.frame()["message"]
     assert np.shape(live.frame()["body"]) == (4, 3)
@@ -107,13 +106,13 @@ def test_tendons_are_moved_in_their_units(arm):
     cords = [Tendon.at_azimuth(0.0, np.ones(2), driven_by="displacement", lever=8e-3, line_stiffness=2e3, name="cord"),
              Tendon.at_azimuth(1.0, np.ones(2), lever=8e-3, name="pull"), replace(arm.chambers[0], name="bellows")]
     model = arm.with_(chambers=cords)
-    live = Live(Played(model, sliders_of(model), {}))
-    live.ask(Wish(pressure_kpa=[-2.0, 1.5, -20.0]))
+    live = Live(PageContent(model, sliders_of(model), {}))
+    live.receive(PageRequest(pressure_kpa=[-2.0, 1.5, -20.0]))
     assert live.command.tolist() == [-2e-3, 1.5, 0.0]  # a cord is let out, a chamber is not sucked empty
-    live.ask(Wish(pressure_kpa=[2.0, 1.5, 20.0]))
+    live.receive(PageRequest(pressure_kpa=[2.0, 1.5, 20.0]))
     live.advance(0.01)
     assert live.frame()["kpa"] == [2.0, 1.5, 20.0]
-    data = json.loads(live_page(live.played, live).split('id="data">')[1].split("</script>")[0])
+    data = json.loads(live_page(live.content, live).split('id="data">')[1].split("</script>")[0])
     assert data["units"] == ["mm", "N", "kPa"]
     assert data["lowest"][1:] == [0.0, 0.0]
     assert data["lowest"][0] == -data["highest"][0] < 0

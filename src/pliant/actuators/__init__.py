@@ -1,1 +1,1 @@
-"""Sourced numbers: one file for each actuator, named after its source."""
+"""Constants of published soft actuators with their sources, one module for each actuator."""

@@ -1,4 +1,4 @@
-"""The soft bending actuator of the paper, as printed, with its doubts.
+"""The soft bending actuator of the paper (Chen, Galloway and Godage), with the numbers printed there.
 
 Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators", Secs. II and III.
 """
@@ -35,10 +35,12 @@ BODY: dict[str, Any] = {
 
 
 def model(**changes: Any) -> Model:
-    """The paper's five-link model: K_b and D as printed, tau = p A d, masses at the link tips.
+    """Return the paper's five-link model of its soft bending actuator, with stiffness and damping as printed, masses at
+    the link tips.
 
-    The paper does not say where a link's mass sits. Its frames, taken literally, sit at the link tips and ring at
-    5.006 Hz, "about 5 Hz" as printed; uniform rods ring at 5.916 Hz.  # D11
+    `changes` replaces any argument of `chain_model`, for example ``links=7``. The paper does not say where on a link
+    its mass is. With the mass at the link tips, where the paper puts its frames, the first mode is at 5.006 Hz ("about
+    5 Hz" in the paper). With uniform rods it is at 5.916 Hz.  # D11
     """
     changed = {*changes, *(f"link_{name}" for name in changes)}
     source = {name: where for name, where in BODY["source"].items() if name not in changed}

@@ -1,7 +1,7 @@
-"""A beam of Dragon Skin 10 silicone, 3 x 3 x 10 cm.
+"""Constants of a beam of Dragon Skin 10 silicone, 3 x 3 x 10 cm, without actuation.
 
-Source: the recordings of srl-ethz/diffPD_sim2real (size, density as in its simulation); stiffness and damping are
-start values only, from a Young's modulus near 0.26 MPa.
+Source: the recordings of srl-ethz/diffPD_sim2real (size and density as in its simulation). Stiffness and damping are
+only starting values for a fit, from a Young's modulus near 0.26 MPa.
 """
 
 from __future__ import annotations

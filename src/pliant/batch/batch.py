@@ -128,10 +128,10 @@ def simulate_batch(
     schedule = Schedule(samples, many, times, step)
     start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])
     if device == "gpu":
-        made = run_gpu(samples, schedule, start, variables)
+        results = run_gpu(samples, schedule, start, variables)
     else:
-        made = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
-    return labelled(samples.template, times, made, failures, {"step_s": step, "device": device})
+        results = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
+    return labelled(samples.template, times, results, failures, {"step_s": step, "device": device})
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
@@ -200,10 +200,10 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
 
 
 def labelled(
-    model: Model, times: Array, made: dict[str, Array], failures: str, attributes: dict[str, Any],
+    model: Model, times: Array, results: dict[str, Array], failures: str, attributes: dict[str, Any],
 ) -> xr.Dataset:
     """Return the dataset of a batch; if a sample failed, raise SimulationError or set that sample to NaN."""
-    failed_at = made.pop("failed_at")
+    failed_at = results.pop("failed_at")
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":
         raise SimulationError(
@@ -211,10 +211,10 @@ def labelled(
             "by more than a radian within a step, a softening spring loses its stiffness, or the tensions of its "
             "tendons do not converge; use a shorter step, a smaller pressure, or failures='mark'"
         )
-    for a in made.values():
+    for a in results.values():
         a[bad] = np.nan
     dims, chain = dimensions(model), mechanics_of(model)
-    entries = {k: (dims[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in made.items()}
+    entries = {k: (dims[k], a, {"units": LABELS[k][0], "long_name": LABELS[k][1]}) for k, a in results.items()}
     failed = {"units": "s", "long_name": "time at which the sample's step failed, NaN where none did"}
     return xr.Dataset(
         {**entries, "failed_at": (("sample",), failed_at, failed)},

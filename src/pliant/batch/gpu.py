@@ -36,7 +36,7 @@ def check_gpu(samples: Samples) -> None:
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
     """Simulate all samples on the GPU; return the variables (N, T, ...) and failed_at (N,) [s]."""
-    made = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
+    results = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
     grids: dict[int, list[int]] = {}
     for i in range(samples.size):
         grids.setdefault(id(schedule.grid(i)), []).append(i)
@@ -44,39 +44,41 @@ def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Seque
         steps = schedule.grid(members[0]).keep.size
         part = max(1, BYTES // (8 * (steps + 4 * samples.template.n * schedule.times.size)))
         for first in range(0, len(members), part):
-            march(samples, schedule, start, np.array(members[first : first + part]), made)
-    return made
+            launch_samples(samples, schedule, start, np.array(members[first : first + part]), results)
+    return results
 
 
-def march(samples: Samples, schedule: Schedule, start: Array, own: Array, made: dict[str, Array]) -> None:
-    """Simulate on the GPU the samples with the indices `own`, which share their time steps, and fill `made`."""
+def launch_samples(
+    samples: Samples, schedule: Schedule, start: Array, indices: Array, results: dict[str, Array],
+) -> None:
+    """Simulate on the GPU the samples at `indices`, which share their time steps, and fill `results`."""
     from pliant.batch.gpu_loops import launch
 
-    n, rows, count = samples.template.n, schedule.times.size, own.size
-    grid = schedule.grid(own[0])
-    behind, which = inputs(samples, schedule, own)
+    n, rows, count = samples.template.n, schedule.times.size, indices.size
+    grid = schedule.grid(indices[0])
+    behind, which = inputs(samples, schedule, indices)
     h = np.ascontiguousarray(grid.steps[:, 0])
-    constants = [a[..., own] for a in constant_arrays(samples)]
-    law = samples.values["torque"][:, own]
+    constants = [a[..., indices] for a in constant_arrays(samples)]
+    law = samples.values["torque"][:, indices]
     given = (h, grid.keep, grid.intervals[:, 0], grid.parts, behind, which, law, *constants)
     scratch = ((n, n, count), (n, n, count), (6, n + 1, count), (h.size, count))
-    state, failed = start[..., own].copy(), np.full(count, -1)
+    state, failed = start[..., indices].copy(), np.full(count, -1)
     kept = Output(np.empty((rows, n, count)), np.empty((rows, n, count)), np.empty((rows, n, 2, count)), failed)
     launch(n, given, scratch, (state, *kept))
-    asked = {name: np.empty((count, *a.shape[1:])) for name, a in made.items() if name != "failed_at"}
-    unpack(samples, kept, constants[-2], constants[-1], asked)
-    for name, a in asked.items():
-        made[name][own] = a
+    part_results = {name: np.empty((count, *a.shape[1:])) for name, a in results.items() if name != "failed_at"}
+    unpack(samples, kept, constants[-2], constants[-1], part_results)
+    for name, a in part_results.items():
+        results[name][indices] = a
     for k in np.flatnonzero(failed >= 0):
-        made["failed_at"][own[k]] = schedule.times[0] + h[: failed[k] + 1].sum()
+        results["failed_at"][indices[k]] = schedule.times[0] + h[: failed[k] + 1].sum()
 
 
-def inputs(samples: Samples, schedule: Schedule, own: Array) -> tuple[Array, Array]:
+def inputs(samples: Samples, schedule: Schedule, indices: Array) -> tuple[Array, Array]:
     """Return the distinct pressures behind the valves (m, 4, K), and for each sample the index of its pressure."""
     places: dict[object, int] = {}
     tables: list[Array] = []
-    which = np.empty(own.size, dtype=np.int64)
-    for k, i in enumerate(own.tolist()):
+    which = np.empty(indices.size, dtype=np.int64)
+    for k, i in enumerate(indices.tolist()):
         key = (id(schedule.pressure(i)), samples.valves[i])
         if key not in places:
             places[key] = len(tables)

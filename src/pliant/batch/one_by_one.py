@@ -41,11 +41,11 @@ def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
 
 def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
     """Return the variables with ``joint_angle`` and ``joint_rate`` replaced by those about each axis, in space."""
-    made = []
+    names = []
     for v in variables:
         axes = [k for k in known if v in ("joint_angle", "joint_rate") and k.startswith(f"{v}_")]
-        made += axes or [v]
-    return made
+        names += axes or [v]
+    return names
 
 
 def motion_of(model: Model, x: Array, v: Array) -> Made:
@@ -93,24 +93,26 @@ def samples_alone(
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
             raise InputError("all parameters of a batch need the same number of samples")
-        made = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
+        sample_models = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
     else:
-        made = list(models)
-    if len(sets) not in (1, len(made)):
-        raise InputError(f"{len(made)} samples need one set of pressures, or one for each sample, got {len(sets)}")
+        sample_models = list(models)
+    if len(sets) not in (1, len(sample_models)):
+        raise InputError(
+            f"{len(sample_models)} samples need one set of pressures, or one for each sample, got {len(sets)}"
+        )
     shared = {
         "n": lambda m: m.n, "the names of their segments": lambda m: [e.name for e in m.extensions],
         "their joint coordinates": lambda m: (m.space is None, m.size),
     }
     for name, of in shared.items():
-        if any(of(m) != of(made[0]) for m in made):
+        if any(of(m) != of(sample_models[0]) for m in sample_models):
             raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
-    sets = sets * len(made) if len(sets) == 1 else sets
-    for model, inputs in zip(made, sets, strict=True):
+    sets = sets * len(sample_models) if len(sets) == 1 else sets
+    for model, inputs in zip(sample_models, sets, strict=True):
         inputs_of(model, inputs)
-    return made, sets
+    return sample_models, sets
 
 
 def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[Input]]:
@@ -162,8 +164,8 @@ def run_alone(
         angle, rate = start("initial_angle", i), start("initial_rate", i)
         q = state.equilibrium(model, plan.initial) if angle is None else angle
         turning = mechanics_of(model).rates(np.zeros(n) if rate is None else rate)
-        made, failed = march_alone(model, plan.steps, mechanics_of(model).coordinates(q), turning, times.size)
-        return made, np.nan if failed < 0 else float(times[0] + plan.h[: failed + 1].sum())
+        motion, failed = march_alone(model, plan.steps, mechanics_of(model).coordinates(q), turning, times.size)
+        return motion, np.nan if failed < 0 else float(times[0] + plan.h[: failed + 1].sum())
 
     with ThreadPoolExecutor(max_workers=how["threads"]) as pool:
         done = list(pool.map(one, range(size)))

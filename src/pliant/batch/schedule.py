@@ -63,8 +63,8 @@ class Schedule:
             _, corners, fine, keep = grid([source], [dead], self.times, self.step)
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
-            made = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
-            self._grids.setdefault(key, made)  # the first of two threads: grids are compared by identity
+            lane_grid = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
+            self._grids.setdefault(key, lane_grid)  # the first of two threads: grids are compared by identity
         return self._grids[key]
 
     def behind(self, i: int, *, shared: bool) -> Array:

@@ -24,8 +24,8 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
     """Return empty arrays (N, rows, ...) for the variables, and failed_at (N,) [s] filled with NaN."""
     n, size = samples.template.n, samples.size
     shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
-    made = {name: np.empty(shapes[name]) for name in variables}
-    return {**made, "failed_at": np.full(size, np.nan)}
+    results = {name: np.empty(shapes[name]) for name in variables}
+    return {**results, "failed_at": np.full(size, np.nan)}
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
@@ -49,23 +49,23 @@ def in_groups(a: Array) -> Array:
 
 
 def unpack(
-    samples: Samples, kept: Output, joints: Array, place: Array, asked: dict[str, Array],
+    samples: Samples, kept: Output, joints: Array, place: Array, requested: dict[str, Array],
 ) -> None:
     """Write the output rows (rows, n[, 2], W) of one group to the result arrays (samples, rows, n[, 2])."""
     n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
-    made = [asked[name] if name in asked else np.empty((0, rows, *tail)) for name, tail in tails.items()]
-    lane_twin(simd_loops.unpack_lanes, n)(kept, joints[0], place[-1], *made)
+    results = [requested[name] if name in requested else np.empty((0, rows, *tail)) for name, tail in tails.items()]
+    lane_twin(simd_loops.unpack_lanes, n)(kept, joints[0], place[-1], *results)
 
 
 class Groups:
     """The groups of a batch, with the arrays and the compiled loop to simulate them on several threads."""
 
-    def __init__(self, samples: Samples, schedule: Schedule, start: Array, made: dict[str, Array]) -> None:
+    def __init__(self, samples: Samples, schedule: Schedule, start: Array, results: dict[str, Array]) -> None:
         self.samples = samples
         self.schedule = schedule
         self.start = start
-        self.made = made
+        self.results = results
         self.count = -(-samples.size // WIDTH)
         self._left = iter(range(self.count))
         self._lock = Lock()
@@ -105,14 +105,14 @@ class Groups:
         *fixed, joints, place, moving = (a[group] for a in self.constants)
         kept.failed[:] = -1
         self.march(moving, h, torque, keep, Lane(tuple(fixed), joints, place), scratch, kept)
-        unpack(self.samples, kept, joints, place, {k: a[own] for k, a in self.made.items()})
+        unpack(self.samples, kept, joints, place, {k: a[own] for k, a in self.results.items()})
         for lane in np.flatnonzero(kept.failed[: own.stop - own.start] >= 0):
             last = kept.failed[lane]
-            self.made["failed_at"][own.start + lane] = self.schedule.times[0] + h[: last + 1, lane].sum()
+            self.results["failed_at"][own.start + lane] = self.schedule.times[0] + h[: last + 1, lane].sum()
         return torque
 
 
-class Alone(Groups):
+class ScalarGroups(Groups):
     """Groups of chains with hysteresis, each of which is simulated on its own.
 
     Slip elements switch at different times in different chains, which a SIMD vector cannot represent.
@@ -128,31 +128,31 @@ class Alone(Groups):
             own, members = self.members(group)
             h, torque, keep = self.schedule.group(members, torque)
             for lane, i in enumerate(range(own.start, own.stop)):
-                self.alone(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
+                self.simulate_one(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
 
-    def alone(self, i: int, h: Array, torque: Array, keep: Array) -> None:
+    def simulate_one(self, i: int, h: Array, torque: Array, keep: Array) -> None:
         """Simulate sample `i` and write its results."""
         model, times = self.samples.model(i), self.schedule.times
         steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
         angle, rate = self.start[:, :, i]
-        made, failed = march_alone(model, steps, angle.copy(), rate.copy(), times.size)
+        results, failed = march_alone(model, steps, angle.copy(), rate.copy(), times.size)
         if failed >= 0:
-            self.made["failed_at"][i] = times[0] + h[: failed + 1].sum()
-        for name in self.made.keys() & made.keys():
-            self.made[name][i] = made[name]
+            self.results["failed_at"][i] = times[0] + h[: failed + 1].sum()
+        for name in self.results.keys() & results.keys():
+            self.results[name][i] = results[name]
 
 
 def run_lanes(
     samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
 ) -> dict[str, Array]:
     """Simulate all samples on the processor; return the variables (N, T, ...) and failed_at (N,) [s]."""
-    made = outputs(samples, schedule.times.size, variables)
-    groups = (Alone if samples.template.memory else Groups)(samples, schedule, start, made)
+    results = outputs(samples, schedule.times.size, variables)
+    groups = (ScalarGroups if samples.template.memory else Groups)(samples, schedule, start, results)
     threads = min(threads, groups.count)
     if threads <= 1:
         groups.work()
-        return made
+        return results
     with ThreadPoolExecutor(max_workers=threads) as pool:
         for future in [pool.submit(groups.work) for _ in range(threads)]:
             future.result()
-    return made
+    return results

@@ -1,1 +1,1 @@
-"""Benchmarks of pliant beside other programs on this machine; an error accompanies every time."""
+"""Benchmarks of pliant compared with other programs on this machine, with the error of each computation."""

@@ -1,7 +1,7 @@
-"""The floor under the kernels: the same mathematics in plain C for five links, compiled on this machine if it can be.
+"""Reference times: the same mathematics in plain C for five links, compiled on this machine if it has a compiler.
 
-A time in nanoseconds says as much of the machine as of pliant; a time beside that of `floor.c` in the same minute says
-what is left to gain.
+A time in nanoseconds depends on the machine as much as on pliant. The ratio to the time of `floor.c`, measured in the
+same minute, shows how much faster pliant's kernels could still become.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from pliant.model import Model
 Array = np.ndarray
 LINKS = 5
 SOURCE = Path(__file__).with_name("floor.c")
-FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")  # contracted to fused operations, not reordered: as pliant's own
+FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")  # fused operations but no reordering, as in pliant's kernels
 POINTER = ctypes.POINTER(ctypes.c_double)
 
 
 @cache
 def library() -> Any:
-    """The compiled floor; None where there is no C compiler."""
+    """Return the compiled C library; None if there is no C compiler."""
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "floor.so"
+        binary = Path(folder) / "floor.so"
         done = subprocess.run(  # noqa: S603  a compiler of this machine, on a file of this package
-            [compiler, *FLAGS, str(SOURCE), "-o", str(made), "-lm"], capture_output=True, check=False
+            [compiler, *FLAGS, str(SOURCE), "-o", str(binary), "-lm"], capture_output=True, check=False
         )
-        return ctypes.CDLL(str(made)) if done.returncode == 0 else None
+        return ctypes.CDLL(str(binary)) if done.returncode == 0 else None
 
 
 def constants(model: Model) -> Array:
-    """All numbers of the chain in the order of `Chain` in floor.c."""
+    """Return all numbers of the chain in the order of `Chain` in floor.c."""
     body, joints = mechanics_of(model).body, mechanics_of(model).joints
-    second, third, scale = joints.hardening  # the law as floor.c has it
+    second, third, scale = joints.hardening  # the law in the form that floor.c uses
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, second,
         joints.unloaded, third, scale,
@@ -54,13 +54,13 @@ def constants(model: Model) -> Array:
 
 
 class Floor:
-    """The floor's kernels for one model of five links."""
+    """The C kernels for one model of five links."""
 
     def __init__(self, model: Model) -> None:
         self.constants, self.code = constants(model), library()
 
     def call(self, name: str, count: int, *arguments: Array | float) -> None:
-        """Call a function of floor.c so many times in its own loop."""
+        """Call a function of floor.c `count` times, in a loop in C."""
         given = [
             a.ctypes.data_as(POINTER) if isinstance(a, np.ndarray) else ctypes.c_double(a)
             for a in (self.constants, *arguments)
@@ -69,7 +69,10 @@ class Floor:
 
 
 def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, float]:
-    """Time of the floor's step, right-hand side, and right-hand side with Jacobian, ns; nothing without a compiler."""
+    """Return the times [ns] of the C step, right-hand side, and right-hand side with Jacobian.
+
+    The result is empty if there is no C compiler or the model does not have five links.
+    """
     made, n = Floor(model), LINKS
     if made.code is None or model.n != n:
         return {}

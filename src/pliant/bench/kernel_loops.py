@@ -1,4 +1,4 @@
-"""Loops that call one kernel many times, so that a call can be timed without Python between."""
+"""Loops that call a kernel many times, so that a call can be timed without the overhead of Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pliant.equations.motion import acceleration, acceleration_jacobian
 
 @cache
 def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
-    """A loop of this file, compiled about the fastest twin of its kernel for so many links."""
+    """Return a loop of this module, compiled with the fastest version of its kernel for this number of links."""
     from numba import njit
 
     few = links <= MOST_LINKS
@@ -21,14 +21,14 @@ def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
 
 
 def many_accelerations(count, phi, w, torque, parts, a):
-    """`count` right-hand sides; phi moves a little, so that no call can be left out."""
+    """Compute `count` right-hand sides; phi changes slightly each time, so that no call is optimised away."""
     for _ in range(count):
         acceleration(phi, w, torque, parts[0], parts[1], parts[2], a)
         phi[0] = phi[0] + 1e-18 * a[0]
 
 
 def many_jacobians(count, phi, w, torque, parts, out):
-    """`count` right-hand sides with full Jacobian."""
+    """Compute `count` right-hand sides with their full Jacobian."""
     for _ in range(count):
         acceleration_jacobian(phi, w, torque, parts[0], parts[1], parts[2], out)
         phi[0] = phi[0] + 1e-18 * out.a[0]

@@ -1,4 +1,4 @@
-"""One step, one right-hand side, one Jacobian: nanoseconds."""
+"""Timing of one step, one right-hand side and one Jacobian, in nanoseconds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ STEP = 1e-3  # s
 
 
 def kernels(links: int = 5) -> dict[str, float]:
-    """Time of one implicit step, one right-hand side, and one with its full Jacobian, ns; and over those in plain C."""
+    """Return the times [ns] of an implicit step, a right-hand side, and one with Jacobian, and the ratios
+    to plain C.
+    """
     model = chen2018.model(links=links)
     n, parts = links, mechanics_of(model).parts()
     out, torque = Slopes(np.zeros(n), np.zeros((n, n)), np.zeros((n, n))), np.full(n, TORQUE)
@@ -38,15 +40,15 @@ def kernels(links: int = 5) -> dict[str, float]:
         "rhs_ns": lambda: accelerate(CALLS, *at(), torque, parts, out.a),
         "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), torque, parts, out),
     }
-    found = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
-    found = {"step_ns": step_ns(model), **found}
+    times = {name: 1e9 * best(job, clock=process_time) / CALLS for name, job in jobs.items()}
+    times = {"step_ns": step_ns(model), **times}
     under = floor(model, CALLS, STEP, torque)
-    ratios = {f"{name.removesuffix('_ns')}_over_c": ns / under[f"c_{name}"] for name, ns in found.items() if under}
-    return {**found, **under, **ratios}
+    ratios = {f"{name.removesuffix('_ns')}_over_c": ns / under[f"c_{name}"] for name, ns in times.items() if under}
+    return {**times, **under, **ratios}
 
 
 def step_ns(model: Model) -> float:
-    """Time of one implicit step in the march that every simulation takes, its energies included; ns."""
+    """Return the time [ns] of one implicit step in a whole simulation, with its energies."""
     pressure = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
     ends = np.array([0.0, 4.0])
     plan = drive(model, pressure, ends, STEP)

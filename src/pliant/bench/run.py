@@ -1,43 +1,89 @@
-"""The parts of `pliant bench` by name, and their numbers as lines or JSON."""
+"""The parts of `pliant bench`: compiled kernels and start-up times, and output of their results as text or JSON."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pliant.bench import kernels, startup
-from pliant.bench.meaning import MEANING
+from pliant.bench.kernels import kernels
 from pliant.bench.timing import machine
 from pliant.errors import InputError
 from pliant.files import write_text
 from pliant.version import __version__
 
 Part = Callable[[], dict[str, Any]]
-PARTS: dict[str, Part] = {"kernels": kernels.kernels, "startup": startup.startup}
+FIRST = (
+    "from pliant.actuators import chen2018; import pliant; "
+    "pliant.simulate(chen2018.model(), pliant.Pulse(119e3, 0.12, 2.76), duration=4.0)"
+)
+MEANING = {
+    "step_ns": "one implicit step of five links in a simulation, with energies",
+    "rhs_ns": "one evaluation of the accelerations",
+    "rhs_jacobian_ns": "one evaluation of the accelerations and their exact Jacobian",
+    "c_step_ns": "one step in plain C, compiled on this machine, without energies",
+    "c_rhs_ns": "one evaluation of the accelerations in plain C",
+    "c_rhs_jacobian_ns": "one evaluation of the accelerations and their Jacobian in plain C",
+    "step_over_c": "step_ns divided by the time of plain C", "rhs_over_c": "rhs_ns divided by the time of plain C",
+    "rhs_jacobian_over_c": "rhs_jacobian_ns divided by the time of plain C",
+    "help_s": "pliant --help in a fresh process", "first_simulation_s": "import and one simulation in a fresh process",
+    "first_simulation_cold_s": "import and one simulation in a fresh process, with an empty cache of compiled code",
+}
+
+
+def startup() -> dict[str, float]:
+    """Return wall times [s] of fresh processes: `pliant --help`, and a first simulation with a full and an
+    empty cache.
+    """
+    simulation = [sys.executable, "-c", FIRST]
+    fresh(simulation)  # fills the cache
+    with tempfile.TemporaryDirectory() as empty:
+        cold = fresh(simulation, cache=empty)
+    return {
+        "help_s": min(fresh([sys.executable, "-m", "pliant", "--help"]) for _ in range(5)),
+        "first_simulation_s": min(fresh(simulation) for _ in range(3)), "first_simulation_cold_s": cold,
+    }
+
+
+def fresh(command: list[str], cache: str | None = None) -> float:
+    """Return the wall time [s] of a command in a new process; `cache` is the folder of Numba's cache."""
+    environment = {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {})}
+    start = perf_counter()
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
+    seconds = perf_counter() - start
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)[:80]} failed: {done.stderr[-500:]}")
+    return seconds
+
+
+PARTS: dict[str, Part] = {"kernels": kernels, "startup": startup}
 
 
 def measure(
     parts: Mapping[str, Part], meaning: Mapping[str, str] = MEANING, *,
     message: Callable[[str], None] = lambda _line: None,
 ) -> dict[str, Any]:
-    """Measure the parts, one after the other.
+    """Measure the parts one after the other and return their results.
 
     Parameters
     ----------
     parts : mapping
         Function that measures each part, by the part's name.
     meaning : mapping
-        What each number means, by the number's name.
+        Description of each number, by its name.
     message : callable
-        Gets the numbers of each part as text when they are there.
+        Called with the results of each part as text.
 
     Returns
     -------
     dict
-        Every number by its name, ``machine`` and ``pliant``.
+        Every number by its name, the facts of the machine under ``machine``, and the version under ``pliant``.
     """
     results: dict[str, Any] = {"pliant": __version__, "machine": machine()}
     for name, job in parts.items():
@@ -49,7 +95,7 @@ def measure(
 
 
 def chosen(name: str | None) -> dict[str, Part]:
-    """The part of this name, or all; InputError where there is no such part."""
+    """Return the part with this name, or all for None; InputError for an unknown name."""
     if name is None:
         return PARTS
     if name not in PARTS:
@@ -58,19 +104,19 @@ def chosen(name: str | None) -> dict[str, Part]:
 
 
 def lines(numbers: Mapping[str, Any], meaning: Mapping[str, str] = MEANING) -> list[str]:
-    """One line a number: its name in the JSON, its value, what it means."""
+    """Return a line of text for each number: its name in the JSON, its value and its description."""
     return [f"  {name:<30} {shown(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 
 def shown(value: Any) -> str:
-    """A number to four digits; a method's own numbers in one line."""
+    """Return a number as text with four digits; for a dictionary, its numbers in one line."""
     if isinstance(value, dict):
         return ", ".join(f"{k} {shown(v)}" for k, v in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def write(results: Mapping[str, Any], path: str | Path) -> Path:
-    """Write the numbers as JSON, whole or not at all."""
+    """Write the results as a JSON file, atomically."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_text(path, json.dumps(results, indent=1) + "\n")

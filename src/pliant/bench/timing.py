@@ -1,10 +1,10 @@
-"""Timing of a function, with the machine that it ran on."""
+"""Timing of a function, and facts about the machine."""
 
 from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -15,9 +15,11 @@ from pliant.cores import cores
 def best(
     job: Callable[[], Any], seconds: float = 0.5, repeats: int = 5, clock: Callable[[], float] = perf_counter,
 ) -> float:
-    """Shortest time of `job` [s] by `clock` over at least `repeats` runs and about `seconds`, one before not counted.
+    """Return the shortest run time of `job` [s] by `clock`, over at least `repeats` runs and about `seconds`.
 
-    The shortest is what the machine can do; the others are what it was disturbed by.
+    One run before the timing is not counted.
+
+    The shortest time is the best estimate, since other processes can only lengthen a run.
     """
     job()
     times: list[float] = []
@@ -27,20 +29,6 @@ def best(
         job()
         times.append(clock() - start)
     return min(times)
-
-
-def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
-    """Shortest wall time of each job [s], one run of each after the other: what disturbs one disturbs all alike."""
-    for job in jobs:
-        job()
-    times: list[list[float]] = [[] for _ in jobs]
-    began = perf_counter()
-    while perf_counter() - began < seconds or len(times[0]) < 5:
-        for job, own in zip(jobs, times, strict=True):
-            start = perf_counter()
-            job()
-            own.append(perf_counter() - start)
-    return [min(own) for own in times]
 
 
 def machine() -> dict[str, Any]:
@@ -61,19 +49,10 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Name of the processor, as the system tells it."""
+    """Return the name of the processor, as the system reports it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
     named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return named[0] if named else platform.processor()
-
-
-def processor_flags() -> set[str]:
-    """Return the processor's features, as Linux names them; empty on other systems."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return set()
-    return set(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())

@@ -1,4 +1,4 @@
-"""The command line: thin commands, one file each; everything heavy is imported when a command runs."""
+"""The command line: one file for each command. Heavy packages are imported only when a command runs."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ from pliant.cli.figures import figures
 from pliant.cli.inspect import inspect
 from pliant.cli.new import new
 from pliant.cli.order import order
-from pliant.cli.progress import ExampleCommand, can_be_quiet
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
 from pliant.cli.simulate import simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.sync import sync
-from pliant.cli.terminal import say
+from pliant.cli.terminal import ExampleCommand, can_be_quiet, say
 from pliant.cli.testbed import run_testbed
 from pliant.cli.track import track
 from pliant.cli.view import view
@@ -41,10 +40,10 @@ INTERRUPTED = 130
 
 
 class Panels(TyperGroup):
-    """Commands under the headings of their panels, in plain text: drawing boxes takes longer than all else here."""
+    """A group of commands that lists them under headings, in plain text, since drawing boxes would be slow."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
-        """Write the commands with the first line of their help, panel by panel."""
+        """Write each command with the first line of its help, heading by heading."""
         widest = max(map(len, self.commands))
         for panel, names in JOURNEY.items():
             with formatter.section(panel):
@@ -52,7 +51,7 @@ class Panels(TyperGroup):
 
 
 def version(asked: bool) -> None:
-    """Print the version and what a report of a fault needs, and leave."""
+    """If `--version` is given, print the versions that a bug report needs, and exit."""
     if asked:
         import platform
         from importlib.metadata import version as installed
@@ -66,10 +65,10 @@ def version(asked: bool) -> None:
 def common(
     _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show all versions."),
 ) -> None:
-    """Options of the program itself."""
+    """Declare the options of the program itself, which come before the command."""
 
 
-JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # panels of the help, in the order of the journey
+JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # headings of the help, in the order of an analysis
     "First steps": {"demo": demo, "data": data},
     "Your recording": {
         "inspect": inspect, "track": track, "sync": sync, "new": new, "shape": shape, "order": order,
@@ -85,8 +84,8 @@ COMMANDS = {name: command for panel in JOURNEY.values() for name, command in pan
 
 @cache
 def app_of(*names: str) -> typer.Typer:
-    """The command line with these commands."""
-    made = typer.Typer(
+    """Return the command line with the commands of these names."""
+    app = typer.Typer(
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,
         help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
@@ -94,25 +93,25 @@ def app_of(*names: str) -> typer.Typer:
         "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or "
         "bad input.",
     )
-    made.callback()(common)
+    app.callback()(common)
     for name in names:
-        made.command(name, cls=ExampleCommand)(can_be_quiet(COMMANDS[name]))
-    return made
+        app.command(name, cls=ExampleCommand)(can_be_quiet(COMMANDS[name]))
+    return app
 
 
 def __getattr__(name: str) -> Any:
-    if name == "app":  # with all commands, for who asks: one that runs does not wait for the options of the others
+    if name == "app":  # with all commands; `run` builds only the one it needs, which is faster
         return app_of(*COMMANDS)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without the place in the code that it comes from."""
+    """Print a warning to standard error as one line, without its file and line number."""
     say(escaped(f"warning: {message}", "line"), error=True)
 
 
 def run() -> None:
-    """Run the command line; a known error becomes one sentence and its exit code."""
+    """Run the command line; print a known error as one sentence and exit with its code."""
     asked = sys.argv[1:2]
     warnings.showwarning = show_warning
     try:
@@ -121,7 +120,7 @@ def run() -> None:
         say(f"pliant: {error}", error=True)
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, SystemExit) as left:
-        if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns the one into the other
+        if isinstance(left, SystemExit) and left.code != INTERRUPTED:  # typer turns Ctrl-C into this exit code
             raise
-        say("pliant: interrupted; nothing half written was left behind", error=True)
+        say("pliant: interrupted; no incomplete files were written", error=True)
         sys.exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""`pliant bench`: the speed of the kernels and of a start on this machine."""
+"""`pliant bench`: measure the speed of the kernels and the start-up time on this machine."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pliant.cli.terminal import say
 
 
 def bench(
-    part: Annotated[str | None, typer.Argument(help="kernels or startup; both when left out.")] = None,
+    part: Annotated[str | None, typer.Argument(help="kernels or startup; default: both.")] = None,
     *,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File for the numbers (.json).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Measure the kernels beside plain C, and how long pliant takes to start, on this machine.
+    """Measure the speed of the kernels compared with plain C, and the start-up time of pliant, on this machine.
 
     Example: pliant bench kernels
     """
     import json as jsonlib
 
     from pliant.bench.run import chosen, measure, write
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
 
     results: dict[str, Any] = {}
     for name, job in chosen(part).items():

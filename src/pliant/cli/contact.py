@@ -1,4 +1,4 @@
-"""`pliant contact`: when something touched the body, where, how hard, and a map of it."""
+"""`pliant contact`: find when and where something touched the body, and with what force."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MEANING = {
-    "highest_statistic": "likelihood ratio in units of its threshold: a contact is where it passes 1",
-    "first_onset_s": "when the force set in", "first_alarm_s": "when it was certain enough to tell",
-    "place_mm": "along the body from its base, median while in contact",
+    "highest_statistic": "likelihood ratio divided by its threshold; above 1 is a contact",
+    "first_onset_s": "estimated start of the force", "first_alarm_s": "time at which the contact was detected",
+    "place_mm": "along the body from its base, median during contact",
     "place_95_width_mm": "width of its 95 % interval, median", "normal_force_n": "across the body, median",
     "normal_force_sd_n": "its standard deviation, median", "tangential_force_n": "along the body, median",
-    "tangential_hidden_share": "of that force which no joint torque shows: 1 where nothing of it is seen",
+    "tangential_hidden_share": "fraction of the tangential force that no joint torque shows; 1: not seen at all",
 }
 
 
 def contact(
-    recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to judge; several make one map.")],
+    recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to search; all go into one map.")],
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     free: Annotated[
-        list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; again for each.")
+        list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; repeat for several.")
     ],
     false_alarms_per_hour: Annotated[
-        float, typer.Option("--false-alarms-per-hour", help="What the threshold allows.")
+        float, typer.Option("--false-alarms-per-hour", help="False alarms that the threshold allows per hour.")
     ] = 1.0,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
-    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's stamps, ms.")] = 0.0,
-    half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="From centreline to surface, mm.")] = 0.0,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first one (.nc).")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Figure of test, place and force.")] = None,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's time stamps, ms.")] = 0.0,
+    half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="Centreline to surface, mm.")] = 0.0,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first file (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of test statistic, position and force.")] = None,
     chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Find contact in recordings; the threshold comes from recordings in which nothing touched.
+    """Find contact in recordings, with a threshold estimated from recordings without contact.
 
     Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model
 
@@ -53,36 +53,36 @@ def contact(
     quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
-        found = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]
+        results = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]
     if output is not None:
-        save_trajectory(found[0], output)
+        save_trajectory(results[0], output)
     if figure is not None:
         from pliant.validation.use_figures import contact_overview
 
-        write_figure(contact_overview(found[0]), figure)
+        write_figure(contact_overview(results[0]), figure)
     if chart is not None:
         from pliant.contact.map_file import save_map
 
-        save_map(map_contacts(found, half_width=half_width_mm * 1e-3), chart)
-    for path, one in zip(recordings, found, strict=True):
+        save_map(map_contacts(results, half_width=half_width_mm * 1e-3), chart)
+    for path, one in zip(recordings, results, strict=True):
         numbers = report(one) if not json else {"recording": str(path), **report(one)}
         print_numbers(numbers, as_json=json, title=str(path), meaning=MEANING)
 
 
-def report(found: xr.Dataset) -> dict[str, float | int | str]:
-    """Return the summary of a contact: numbers and sentences."""
-    a = found.attrs
+def report(result: xr.Dataset) -> dict[str, float | int | str]:
+    """Return the summary of a contact result: numbers and sentences by name."""
+    a = result.attrs
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
-    made: dict[str, float | int | str] = {
-        "contacts": len(a["alarm_s"]), "frames_in_contact": int(found["in_contact"].sum()),
-        "highest_statistic": float(found["statistic"].max()) / a["threshold"],
+    numbers: dict[str, float | int | str] = {
+        "contacts": len(a["alarm_s"]), "frames_in_contact": int(result["in_contact"].sum()),
+        "highest_statistic": float(result["statistic"].max()) / a["threshold"],
         "threshold_from": f"{a['free_motion_s']:.3g} s of free motion, {a['false_alarms_per_hour']:g} alarm/h {said}",
     }
     if not a["alarm_s"]:
-        return made
-    touching = found.where(found["in_contact"], drop=True)
-    hidden = float(found["hidden_tangential"].values[found["in_contact"].values].mean())
-    return made | {
+        return numbers
+    touching = result.where(result["in_contact"], drop=True)
+    hidden = float(result["hidden_tangential"].values[result["in_contact"].values].mean())
+    return numbers | {
         "first_onset_s": a["onset_s"][0], "first_alarm_s": a["alarm_s"][0],
         "place_mm": 1e3 * float(touching["contact_arc_length"].median()),
         "place_95_width_mm": 1e3 * float((touching["arc_high"] - touching["arc_low"]).median()),

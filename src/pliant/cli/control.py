@@ -1,4 +1,4 @@
-"""`pliant control`: bring the tip of an actuator to where a task wants it, in the loop."""
+"""`pliant control`: control the tip of an actuator in closed loop, so that it follows a task."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pliant.cli.terminal import say
-from pliant.units import quantity
+from pliant.units import KIND_OF, quantity, shown_in
 
 if TYPE_CHECKING:
-    from pliant.loop.task import Done
+    from pliant.loop.task import TaskResult
 
-NO_VALVE = "The model holds no valve: these margins leave its lag out. Identify one before relying on them."
+NO_VALVE = "The model has no valve, so these margins ignore its lag: identify a valve before relying on them."
 MEANING = {
-    "settling_s": "of the tip as estimated, of each set-point: stays within 2 % of the step until the next one",
-    "command_change_rest_kpa": "root mean square from period to period, half a second after the last change",
-    "command_change_motion_kpa": "root mean square from period to period, sooner after a change",
-    "command_sd_rest_kpa": "standard deviation at rest",
-    "mean_error_mm": "of the tip as estimated, over the last fifth", "largest_error_mm": "the same, the largest",
-    "overruns": "periods whose work took longer than a period", "skipped": "periods left out after one that overran",
-    "worst_lateness_us": "of the beginning of a period; 0 off the clock",
-    "jitter_us": "of the same, standard deviation",
-    "frames_lost": "shapes with missing points", "frames_late": "older than one before",
-    "fault_time_s": "0 where there was none", "controller_faults": "periods that followed an earlier plan",
-    "commands_at_a_limit": "of pressure or its rate",
-    "rehearsed_settling_s": "on the model within the limits, the slowest set-point",
-    "rehearsed_error_mm": "on the model, at the end of the task, held",
-    "rehearsed_recovery_s": "on the model, after a disturbance as large as the largest displacement",
-    "effort_weight": "of the design, raised until the rehearsed loop settles",
+    "settling_s": "for each set-point: time until the estimated tip stays within 2 % of the step",
+    "command_change_rest_kpa": "RMS change of the command per period, later than 0.5 s after a set-point change",
+    "command_change_motion_kpa": "RMS change of the command per period, within 0.5 s of a set-point change",
+    "command_sd_rest_kpa": "standard deviation of the command, later than 0.5 s after a change",
+    "mean_error_mm": "mean error of the estimated tip over the last fifth of the run",
+    "largest_error_mm": "largest error of the estimated tip over the last fifth of the run",
+    "overruns": "periods whose computation took longer than a period", "skipped": "periods skipped after an overrun",
+    "worst_lateness_us": "largest delay of the start of a period; 0 if not in real time",
+    "jitter_us": "standard deviation of that delay",
+    "frames_lost": "shapes with missing points", "frames_late": "shapes older than an earlier one",
+    "fault_time_s": "0 without a fault",
+    "controller_faults": "periods in which the controller failed and an earlier plan was used",
+    "commands_at_a_limit": "commands cut to a limit of pressure or its rate",
+    "rehearsed_settling_s": "in simulation with the limits, for the slowest set-point",
+    "rehearsed_error_mm": "in simulation, at the end of the task",
+    "rehearsed_recovery_s": "in simulation, after a disturbance as large as the largest displacement",
+    "effort_weight": "weight of the design, raised until the simulated loop settles",
 }
 
 
 def print_task(wanted: bool) -> None:
-    """Print the example and leave, whatever else was or was not given."""
+    """If `--example` is given, print an example task and exit, whatever the other options are."""
     if wanted:
         from pliant.control.task import EXAMPLE
 
@@ -48,7 +50,7 @@ def control(
         Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.", show_default="the example")
     ] = None,
     plant: Annotated[
-        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or an installed plant.")
+        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or the name of a plug-in.")
     ] = "testbed:a",
     estimator: Annotated[str, typer.Option(help="observer, filter, differences, or an installed one.")] = "observer",
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(
@@ -62,12 +64,12 @@ def control(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the loop's summary as JSON.")] = False,
 ) -> None:
-    """Control the tip of an actuator: calibrate its rest, design the gains, run the loop, report.
+    """Control the tip of an actuator: calibrate its rest position, design the gains, run the loop, write a report.
 
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
     from pliant.cli.output import print_numbers, write_figure
-    from pliant.cli.progress import telling
+    from pliant.cli.terminal import progress_lines
     from pliant.control.task import read_task
     from pliant.files import output_folder, write_text
     from pliant.loop.task import make_plant, run_task
@@ -76,15 +78,15 @@ def control(
 
     wanted = read_task(task)
     with output_folder(output):
-        with telling() as tell:
+        with progress_lines() as notify:
             done = run_task(load_model(model), make_plant(plant), wanted, output, estimator=estimator,
-                            real_time=real_time, progress=tell)
+                            real_time=real_time, progress=notify)
         write_text(output / "report.md", report(plant, done))
         target, error, command, pressure = (
-            columns(done.log, name) for name in ("target", "error", "command", "pressure"))
+            columns(done.log, name) for name in ("target", "error", "command", KIND_OF[done.unit]))
         figure = control_figure(
             done.log["time_s"], target, target.to_numpy() + error.to_numpy(), command, pressure,
-            [str(name).removeprefix("target_").rpartition("_")[0] for name in target],
+            [str(name).removeprefix("target_").rpartition("_")[0] for name in target], done.unit,
         )
         for ending in (".png", ".svg"):
             write_figure(figure, output / f"control{ending}")
@@ -96,17 +98,17 @@ def control(
         return
     say("\n".join([f"stability margins of {plant} by pressure, full state known, no limits:",
                    str(done.prepared.design), *unmodelled(done), str(done.prepared.rehearsal)]))
-    print_numbers(reached(done), as_json=False, title="what was reached", meaning=MEANING)
+    print_numbers(reached(done), as_json=False, title="results of the run", meaning=MEANING)
     say(f"log, report and figures: {output}")
 
 
 def columns(log: Any, name: str) -> Any:
-    """The columns of a log that belong to a target, error, command or pressure, one or several."""
+    """Return the columns of a log whose names begin with `name`: target, error, command or pressure."""
     return log[[c for c in log.columns if c.startswith(f"{name}_")]]
 
 
-def reached_by_several(done: Done) -> dict[str, Any]:
-    """Return what each output reached, how high the commands went, and the counters of the loop."""
+def reached_by_several(done: TaskResult) -> dict[str, Any]:
+    """Return the tracking errors of each output, the highest commands and the counters of the loop."""
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
     numbers: dict[str, Any] = {}
@@ -117,39 +119,43 @@ def reached_by_several(done: Done) -> dict[str, Any]:
             unit, factor = "deg", 57.29577951308232
         numbers[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
         numbers[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
+    factor, shown = shown_in(done.unit)
     for name in columns(done.log, "command"):
-        numbers[f"highest_{str(name).removesuffix('_pa')}_kpa"] = 1e-3 * float(done.log[name].max())
+        command = str(name).removesuffix(f"_{done.unit.lower()}")
+        numbers[f"highest_{command}_{shown.lower()}"] = factor * float(done.log[name].max())
     return numbers | counters(done)
 
 
-def counters(done: Done) -> dict[str, Any]:
-    """The fault of a run and the counters of its loop, its sentences included."""
+def counters(done: TaskResult) -> dict[str, Any]:
+    """Return the fault of a run and the counters and sentences of its loop."""
     return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
-def reached(done: Done) -> dict[str, Any]:
-    """Return the reached displacement, how the valve was used, and the counters of the loop."""
+def reached(done: TaskResult) -> dict[str, Any]:
+    """Return the settling times, the errors, the activity of the command and the counters of the loop."""
     import numpy as np
 
     from pliant.control.activity import command_activity
 
     if "target_m" not in done.log:
         return reached_by_several(done)
-    log, settled = done.log, settling(done)
+    log, settled, name = done.log, settling(done), f"command_{done.unit.lower()}"
+    factor, shown = shown_in(done.unit)
     times = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
-    active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", "command_pa")))
+    active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", name)))
     error = 1e3 * log["error_m"]
     last = error.tail(max(len(log) // 5, 1))
     return {
         **({"settling_s": times} if settled else {}), "mean_error_mm": float(last.mean()),
-        "largest_error_mm": float(last.abs().max()), "highest_command_kpa": 1e-3 * float(log["command_pa"].max()),
-        **{f"{name}_kpa": 1e-3 * value for name, value in active.items() if np.isfinite(value)},
+        "largest_error_mm": float(last.abs().max()),
+        f"highest_command_{shown.lower()}": factor * float(log[name].max()),
+        **{f"{what}_{shown.lower()}": factor * value for what, value in active.items() if np.isfinite(value)},
         **counters(done),
     }
 
 
-def settling(done: Done) -> list[float | None]:
-    """Settling time of every set-point [s], of the tip as estimated; None where it does not settle."""
+def settling(done: TaskResult) -> list[float | None]:
+    """Return the settling time [s] of the estimated tip for each set-point; None if it does not settle."""
     from pliant.control.activity import settling_times
 
     if "target_m" not in done.log:
@@ -158,13 +164,13 @@ def settling(done: Done) -> list[float | None]:
     return settling_times(time, wanted + error, done.setpoints)
 
 
-def unmodelled(done: Done) -> list[str]:
-    """Return a sentence if the model holds no valve."""
+def unmodelled(done: TaskResult) -> list[str]:
+    """Return a warning that the model has no valve, in a list; empty if it has one."""
     valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 
 
-def report(plant: str, done: Done) -> str:
+def report(plant: str, done: TaskResult) -> str:
     """Return the summary of a run as Markdown."""
     lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
     lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",

@@ -1,4 +1,4 @@
-"""`pliant data`: recordings that other laboratories published."""
+"""`pliant data`: list or download published recordings of other laboratories."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pliant.cli.progress import busy
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 
 
 def data(
-    action: Annotated[Literal["list", "fetch"], typer.Argument(help="List the data sets, or fetch some.")],
-    names: Annotated[list[str] | None, typer.Argument(help="Names to fetch; all where none is given.")] = None,
+    action: Annotated[Literal["list", "fetch"], typer.Argument(help="list or fetch the data sets.")],
+    names: Annotated[list[str] | None, typer.Argument(help="Names of the data sets; default: all.")] = None,
     mirror: Annotated[
-        str | None, typer.Option(help="Address that has the files as NAME/FILE: https://..., file:///...")
+        str | None, typer.Option(help="Address of a mirror with the files as NAME/FILE: https://... or file:///...")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List or download the public recordings of the example studies; downloads are verified by checksum.
 
-    A study, or any command, then finds them as data:NAME/FILE. The folder is that of PLIANT_DATA, else in your caches.
+    Studies and commands then read them as data:NAME/FILE. They are stored in the folder PLIANT_DATA, by default in your
+    cache folder.
 
     Example: pliant data fetch silicone_cantilever && pliant run examples/silicone_cantilever.toml -o results/beam
     """
@@ -42,13 +42,13 @@ def data(
         return
     paths = []
     for name in names or data_sets():
-        with busy(f"bringing {name}"):
+        with busy(f"downloading {name}"):
             try:
                 paths += fetch(name, mirror=mirror)
             except InputError as error:
                 if names or any(f.address for f in data_set(name).files.values()):
                     raise
-                say(f"left out: {error}", error=True)  # of all, what has to be brought by hand
+                say(f"left out: {error}", error=True)  # data sets that can only be downloaded by hand
     say(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
 
 

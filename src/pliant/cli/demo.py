@@ -1,4 +1,4 @@
-"""`pliant demo`: the whole chain on the recordings that come with pliant."""
+"""`pliant demo`: run the whole analysis on the recordings that come with pliant."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import typer
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path("results/demo"),
     angles: Annotated[
-        bool, typer.Option("--angles", help="From logs of one angle and one pressure, as a flex sensor gives them.")
+        bool, typer.Option("--angles", help="Use logs of one angle (flex sensor) and one pressure.")
     ] = False,
-    space: Annotated[bool, typer.Option("--space", help="A body that moves in space, with three chambers.")] = False,
-    camera: Annotated[bool, typer.Option("--camera", help="Begin with a film, and follow the body in it.")] = False,
+    space: Annotated[bool, typer.Option("--space", help="Use a body in space with three chambers.")] = False,
+    camera: Annotated[bool, typer.Option("--camera", help="Start from a video, in which the body is tracked.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
-    """Run the whole chain on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
+    """Run the whole analysis on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
 
     Example: pliant demo -o results/demo
     """
@@ -33,8 +33,10 @@ def demo(
 
 
 def filmed(output: Path) -> Path:
-    """Follow the body through the bundled film, into `output`; the study of what was found there comes back."""
-    from pliant.cli.progress import counting
+    """Track the body in the bundled video, write the result into `output`, and return the path of a study
+    that uses it.
+    """
+    from pliant.cli.terminal import counting
     from pliant.files import output_folder, read_entries, write_text
     from pliant.recording import write
     from pliant.study import camera_study
@@ -43,12 +45,12 @@ def filmed(output: Path) -> Path:
 
     study = camera_study()
     with output_folder(output):
-        found, sheet = output / "film.nc", output / "film.png"
-        with counting("following the body through film.mp4") as progress:
+        tracked, sheet = output / "film.nc", output / "film.png"
+        with counting("tracking the body in film.mp4") as progress:
             seen = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
                                progress=progress)  # fmt: skip
-        write(seen, found)
+        write(seen, tracked)
         text = study.read_text(encoding="utf-8")
-        for bundled, here in (("film.csv", found), ("film_log.csv", FOLDER / "film_log.csv")):
+        for bundled, here in (("film.csv", tracked), ("film_log.csv", FOLDER / "film_log.csv")):
             text = text.replace(f"../../testbed/bundled/{bundled}", here.resolve().as_posix())
         return write_text(output / "study.toml", text)

@@ -1,4 +1,4 @@
-"""`pliant design`: what to record next."""
+"""`pliant design`: propose what to record next."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import progress_lines, say
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -21,11 +20,11 @@ def design(
         float | None, typer.Option("--max-kpa", help="Highest pressure, kPa gauge; default: the highest recorded.")
     ] = None,
     criterion: Annotated[
-        str, typer.Option("--criterion", help="E: shrink the weakest direction; D: shrink all together.")
+        str, typer.Option("--criterion", help="Reduce the largest uncertainty (E) or the mean uncertainty (D).")
     ] = "E",
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Rank pulses and chirps by how far one more recording of each would reduce the standard errors.
+    """Rank pulses and chirps by how much one more recording of each would reduce the standard errors.
 
     Example: pliant design study.toml --max-kpa 30
     """
@@ -33,23 +32,23 @@ def design(
     from pliant.study.design import design_study
 
     highest = None if max_kpa is None else max_kpa * 1e3
-    with telling() as tell:
-        found = design_study(load_study(study), highest=highest, criterion=criterion, progress=tell)
+    with progress_lines() as notify:
+        plan = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
     if json:
-        say(json_format.dumps(found.to_dict(), indent=2))
+        say(json_format.dumps(plan.to_dict(), indent=2))
         return
-    print_design(found)
+    print_design(plan)
 
 
-def print_design(found: Design) -> None:
-    """The proposals as a table: expected standard errors after one more recording."""
+def print_design(plan: Design) -> None:
+    """Print the proposals as a table of expected standard errors after one more recording."""
     from pliant.cli.output import aligned
 
     say(
-        f"Known worst: {', '.join(found.direction)}, to {100 * found.now.weakest:.3g} % along their weakest direction; "
-        f"all directions together {100 * found.now.volume:.3g} %."
+        f"Least certain: {', '.join(plan.direction)}, standard error {100 * plan.now.weakest:.3g} % along the worst "
+        f"combination; mean over all combinations {100 * plan.now.volume:.3g} %."
     )
-    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in found.proposals[:8]]
+    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
     say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
-    for line in found.refused:
-        say(f"  left out: {line}")
+    for line in plan.refused:
+        say(f"  not proposed: {line}")

@@ -1,4 +1,4 @@
-"""`pliant export`: a model, or the results of a run, for another tool."""
+"""`pliant export`: write a model, or the results of a run, in the format of another tool."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from pliant.errors import InputError
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model file; for mcap and lerobot a folder that `pliant run` wrote.")],
-    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf; of a run: mcap, lerobot.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the target's ending.")],
+    model: Annotated[Path, typer.Argument(help="Model file; for mcap and lerobot the folder of a run.")],
+    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf; for a run: mcap, lerobot.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the suffix of the format.")],
     approximate: Annotated[
-        bool, typer.Option("--approximate", help="Leave out what the target cannot express, and say what it costs.")
+        bool, typer.Option("--approximate", help="Omit features that the format cannot express, and state the error.")
     ] = False,
     fit: Annotated[
-        Path | None, typer.Option(help="metrics.json of the run: its standard errors go into the artefact.")
+        Path | None, typer.Option(help="metrics.json of the run, whose standard errors are written too.")
     ] = None,
     options: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="<name=value>", help="An option of the target, NAME=VALUE; may be repeated."),
+        typer.Option("--set", metavar="<name=value>", help="An option of the format, NAME=VALUE; may be repeated."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
-    """Write a model for MuJoCo, C, an FMU, state space or URDF; or recordings beside the model, for MCAP or LeRobot.
+    """Write a model for MuJoCo, C, an FMU, state space or URDF, or measured and modelled motion for MCAP or LeRobot.
 
-    MCAP files open in Foxglove and Rerun; a LeRobot data set is a folder. Both take --set fit=NAME and
-    --set records=A,B; LeRobot also --set fps=30.
+    MCAP files open in Foxglove and Rerun. A LeRobot data set is a folder. Both accept --set fit=NAME and
+    --set records=A,B; LeRobot also accepts --set fps=30.
 
     Example: pliant export results/demo/model.json --to mjcf -o finger.xml --set prefix=left_
     """
     import json as jsonlib
 
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
     from pliant.validation.export_results import TARGETS
 
     chosen = {}
@@ -48,7 +48,7 @@ def export(
     with busy("exporting"):
         if to in TARGETS:
             if approximate or fit:
-                raise InputError(f"--approximate and --fit are for models; {to} takes --set fit=, records=, fps=")
+                raise InputError(f"--approximate and --fit are for models: with {to} use --set fit=, records=, fps=")
             done: Any = results_written(model, to, output, chosen)
         else:
             from pliant.exporters import export as write
@@ -60,7 +60,7 @@ def export(
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
-    """Write the results of a run; the options come as text."""
+    """Write the results of a run in the target's format; the values of `options` are text."""
     from pliant.cli.figures import split
     from pliant.validation.export_results import export_results
 

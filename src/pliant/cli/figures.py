@@ -1,4 +1,4 @@
-"""`pliant figures`: a study's figures for a paper, drawn from what its run left behind."""
+"""`pliant figures`: draw the figures of a study for a paper, from the results of its run."""
 
 from __future__ import annotations
 
@@ -8,32 +8,31 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import busy, mention
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, mention, say
 
 
 def figures(
-    result: Annotated[Path, typer.Argument(help="Folder that `pliant run` or `pliant demo` has written.")],
+    result: Annotated[Path, typer.Argument(help="Results folder of `pliant run` or `pliant demo`.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the figures; by default RESULT/figures.")
+        Path | None, typer.Option("-o", "--output", help="Folder for the figures; default: RESULT/figures.")
     ] = None,
-    kinds: Annotated[str, typer.Option("--format", help="One or more of svg, pdf and png: pdf,svg.")] = "pdf",
+    kinds: Annotated[str, typer.Option("--format", help="One or more of svg, pdf and png, such as pdf,svg.")] = "pdf",
     width_mm: Annotated[
         float | None, typer.Option("--width-mm", help="Width, mm; 88 is one column. Default: two columns, 182 mm.")
     ] = None,
-    records: Annotated[str, typer.Option("--records", help="Only these records: a,b. Default: the whole study.")] = "",
-    all_fits: Annotated[bool, typer.Option("--all-fits", help="Every fit, not the chosen model alone.")] = False,
+    records: Annotated[str, typer.Option("--records", help="Recordings to draw: a,b. Default: all.")] = "",
+    all_fits: Annotated[bool, typer.Option("--all-fits", help="Draw all fits, not the chosen model alone.")] = False,
     letters: Annotated[bool, typer.Option("--letters", help="Mark the panels (a), (b), ...")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the files as JSON.")] = False,
 ) -> None:
     """Draw figures for a paper from the results of a study: motion, residual, path, torque law, order of the chain.
 
-    Figures have no title: the caption is yours. At 88 mm width none is higher than 120 mm.
+    Figures have no title, so that you can write the caption. At 88 mm width none is higher than 120 mm.
 
     Example: pliant figures results/demo --format pdf,svg --width-mm 88 --records pulse_119
     """
     from pliant.validation.draw import draw_figures
-    from pliant.validation.stored import load_outcome
+    from pliant.validation.store import load_outcome
 
     with busy("drawing"):
         files = list(draw_figures(
@@ -44,5 +43,5 @@ def figures(
 
 
 def split(text: str) -> list[str]:
-    """The words between commas."""
+    """Return the words of a comma-separated text, without blanks and empty words."""
     return [word.strip() for word in text.split(",") if word.strip()]

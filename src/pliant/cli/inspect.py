@@ -1,4 +1,4 @@
-"""`pliant inspect`: what is in a recording."""
+"""`pliant inspect`: show the content and the quality of a recording."""
 
 from __future__ import annotations
 

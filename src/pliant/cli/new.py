@@ -1,4 +1,4 @@
-"""`pliant new`: a commented study for the user's own files."""
+"""`pliant new`: write a commented study file for recordings."""
 
 from __future__ import annotations
 
@@ -16,54 +16,54 @@ if TYPE_CHECKING:
 def new(
     paths: Annotated[list[Path], typer.Argument(
         metavar="study",
-        help="Study file to write (.toml); an existing one is left alone. After it, recordings beside that of --from.",
+        help="Study file to write (.toml), which must not exist; then more recordings besides those of --from.",
     )],
     files: Annotated[
         list[Path],
         typer.Option("--from", metavar="<path>",
-                     help="Recordings, or logs of their pressures (push_log.csv for push.csv), such as --from *.csv"),
+                     help="Recordings, and logs of their pressures (push_log.csv for push.csv), e.g. --from *.csv"),
     ],
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
-    length: Annotated[float | None, typer.Option(help="Of the body, m.")] = None,
-    mass: Annotated[float | None, typer.Option(help="Of the body, kg.")] = None,
+    length: Annotated[float | None, typer.Option(help="Length of the body, m.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Mass of the body, kg.")] = None,
     level_kpa: Annotated[
-        float | None, typer.Option("--level-kpa", help="Level of pulses whose pressure was not recorded, kPa gauge.")
+        float | None, typer.Option("--level-kpa", help="Pressure of pulses that was not recorded, kPa gauge.")
     ] = None,
     gravity: Annotated[
-        str | None, typer.Option(help="In the tracker's axes, m/s^2: 'x,y,z', such as '0,0,-9.81'.")
+        str | None, typer.Option(help="Gravity in the tracker's axes, m/s^2: 'x,y,z', such as '0,0,-9.81'.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was written and asked as JSON.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the file, open questions and warnings as JSON.")] = False,
 ) -> None:
-    """Write a commented study file for recordings; entries that only you can know are marked "?".
+    """Write a commented study file for recordings; values that only you know are marked "?".
 
     Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import load_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.study.draft import draft_study
 
     study, *more = paths
     if study.suffix != ".toml":
-        raise InputError(f"a study file ends in .toml, not {study.name!r}")
+        raise InputError(f"the name of a study file must end in .toml, got {study.name!r}")
     if study.exists():
-        raise InputError(f"{study} exists and is left as it is: choose another name, or remove it first")
+        raise InputError(f"{study} exists and is not overwritten: choose another name, or remove it first")
     if not study.parent.is_dir():
-        raise InputError(f"there is no folder {study.parent}: make it first")
+        raise InputError(f"there is no folder {study.parent}: create it first")
     level = None if level_kpa is None else 1e3 * level_kpa
     direction, columns, given = vector(gravity), load_mapping(mapping), [*files, *more]
-    with busy("looking at the recordings"):
+    with busy("reading the recordings"):
         draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     try:
         with study.open("x", encoding="utf-8") as out:
             out.write(draft.text)
     except OSError as error:
         raise InputError(f"cannot write {study}: {error.strerror or error}") from None
-    tell(study, draft, as_json=json)
+    print_draft(study, draft, as_json=json)
 
 
 def vector(text: str | None) -> list[float] | None:
-    """Three numbers from 'x,y,z'; None stays None."""
+    """Return three numbers from 'x,y,z'; None if `text` is None."""
     from pliant.errors import InputError
 
     if text is None:
@@ -71,12 +71,12 @@ def vector(text: str | None) -> list[float] | None:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"--gravity is three numbers 'x,y,z', not {text!r}") from None
+        raise InputError(f"--gravity must be three numbers 'x,y,z', got {text!r}") from None
     return [x, y, z]
 
 
-def tell(study: Path, draft: Draft, *, as_json: bool) -> None:
-    """Print what was written, what looks wrong, what is open and what comes next."""
+def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
+    """Print the file written, the warnings, the open questions and the next command."""
     if as_json:
         import json
 
@@ -87,5 +87,5 @@ def tell(study: Path, draft: Draft, *, as_json: bool) -> None:
         say(f"! {doubt}")
     for question in draft.questions:
         say(f"? {question}")
-    answer = 'answer the "?" in it, then: ' if draft.questions else ""
+    answer = 'replace each "?" in it, then run: ' if draft.questions else ""
     say(f"next: {answer}pliant run {study} -o results/{study.stem}")

@@ -1,4 +1,4 @@
-"""`pliant order`: how many links a recorded shape asks for."""
+"""`pliant order`: determine how many links a recorded shape needs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pliant.cli.output import aligned
-from pliant.cli.progress import busy
 from pliant.cli.reading import read_with_mapping
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,20 +27,20 @@ def order(
         str, typer.Option("--boundary", help="natural, not-a-knot or clamped+not-a-knot.")
     ] = "clamped+not-a-knot",
     placement: Annotated[
-        str, typer.Option("--placement", help="equal: joints at equal arc length; best: smallest largest error.")
+        str, typer.Option("--placement", help="Joints at equal arc length (equal) or with the smallest error (best).")
     ] = "equal",
     metric: Annotated[
-        str, typer.Option("--metric", help="arc: error at equal arc length; closest: to the closest point.")
+        str, typer.Option("--metric", help="arc: error at equal arc length; closest: distance to the closest point.")
     ] = "arc",
     mapping: Annotated[
         Path | None, typer.Option("--mapping", help="TOML file that describes the columns of FILE.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option("--figure", help="Save a figure; without an ending as .svg and .png.")
+        Path | None, typer.Option("--figure", help="File for a figure; without a suffix, .svg and .png are written.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Choose the number of links: the error of the shape rebuilt from 2, 3, ... segments, and the lowest in a bound.
+    """Choose the number of links from the errors of the shape rebuilt with 2, 3, ... segments.
 
     Example: pliant order body.nc --bound-mm 3 --figure order.png
     """

@@ -1,4 +1,4 @@
-"""Files and tables that commands write and print."""
+"""Functions by which commands write files and print tables."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy, mention
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, mention, say
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity
@@ -25,9 +24,9 @@ if TYPE_CHECKING:
 
 
 def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
-    """Write a trajectory as netCDF or as a table of everything that has a time, whole or not at all."""
+    """Write a trajectory atomically as netCDF (.nc) or as a table with one row for each time (.csv)."""
     if path.suffix not in (".nc", ".csv"):
-        raise InputError(f"a trajectory is netCDF or a table: its file ends in .nc or .csv, not {path.name!r}")
+        raise InputError(f"a trajectory file must end in .nc (netCDF) or .csv (table), got {path.name!r}")
     with whole(path) as draft:
         if path.suffix == ".nc":
             trajectory.to_netcdf(draft, engine="h5netcdf")
@@ -37,7 +36,9 @@ def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
 
 
 def table(trajectory: xr.Dataset) -> pd.DataFrame:
-    """One row a time, one column a number, its unit in the name: ``tip_position_link_5_x (m)``."""
+    """Return a trajectory as a table with a row for each time and a unit in each name, as ``tip_position_link_5_x
+    (m)``.
+    """
     import pandas as pd
 
     columns = {"time (s)": trajectory["time"].to_numpy()}
@@ -51,41 +52,41 @@ def table(trajectory: xr.Dataset) -> pd.DataFrame:
 
 
 def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
-    """Write a film of the moving body, whole or not at all."""
+    """Write a video of the moving body (.gif or .mp4) atomically."""
     if path.suffix not in (".gif", ".mp4"):
-        raise InputError(f"a film ends in .gif or .mp4, not {path.name!r}")
+        raise InputError(f"the name of a video file must end in .gif or .mp4, got {path.name!r}")
     from pliant.validation.motion import body_film
 
     base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
-    with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the film"):
-        made = Path(folder) / f"film{path.suffix}"  # its writers go by the ending
-        body_film(made, time, base, tips, pressure)
-        draft.write_bytes(made.read_bytes())
+    with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the video"):
+        video = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
+        body_film(video, time, base, tips, pressure)
+        draft.write_bytes(video.read_bytes())
     mention(f"wrote {path}")
 
 
 def base_of(model: Model) -> list[list[float]]:
-    """Origin and first joint (2, 2), m."""
+    """Return the positions of the origin and of the first joint (2, 2) [m]."""
     return [[0.0, 0.0], model.first_joint.tolist()]
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as the ending of `path` says, whole or not at all."""
+    """Write a figure atomically in the format of the suffix of `path`."""
     if path.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError(f"a figure ends in .png, .svg or .pdf, not {path.name!r}")
+        raise InputError(f"the name of a figure file must end in .png, .svg or .pdf, got {path.name!r}")
     with whole(path) as draft:
         figure.savefig(draft, dpi=200, format=path.suffix[1:])
     mention(f"wrote {path}")
 
 
 def largest(pressure: np.ndarray) -> float:
-    """The value of the largest size, with its sign: a vacuum is no pressure of zero."""
+    """Return the value with the largest magnitude, with its sign, so that a vacuum counts too."""
     return float(pressure.flat[abs(pressure).argmax()])
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:
-    """The tip of a trajectory in a few numbers."""
+    """Return numbers that summarise a trajectory, most of them on its tip."""
     import numpy as np
 
     tip = trajectory["tip_position"].to_numpy()[:, -1]
@@ -105,7 +106,7 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
 def print_numbers(
     numbers: Mapping[str, Any], *, as_json: bool, title: str = "", meaning: Mapping[str, str] | None = None,
 ) -> None:
-    """Print named numbers as JSON, or as a table: what it is, its value, its unit, and what it means where stated."""
+    """Print named numbers as JSON, or as a table with name, value, unit and, if stated, meaning."""
     if as_json:
         say(jsonlib.dumps(numbers, default=float))
         return
@@ -120,7 +121,7 @@ def print_numbers(
 
 
 def shown(value: Any) -> str:
-    """A value in a table: four digits, a dash for what is not there."""
+    """Return a value as text for a table: four digits, and a dash for None."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):
@@ -129,7 +130,7 @@ def shown(value: Any) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The rows of a table as lines: columns of numbers to the right, of words to the left."""
+    """Return the rows of a table as lines of text, with numeric columns aligned to the right and others to the left."""
     width = [max(map(len, column)) for column in zip(*rows, strict=True)]
     right = [k > 0 and sum(c[:1].isdigit() or c[:1] in ("-", "+") for c in column) > len(rows) // 2
              for k, column in enumerate(zip(*rows, strict=True))]

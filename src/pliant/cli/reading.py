@@ -1,4 +1,4 @@
-"""Reading recordings for commands, and showing what is in them."""
+"""Functions by which commands read a recording and print its content."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import json as jsonlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.progress import busy
-from pliant.cli.terminal import say
+from pliant.cli.terminal import busy, say
 from pliant.files import read_entries
 from pliant.text import escaped
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def load_mapping(path: Path | None) -> dict[str, Any] | None:
-    """The mapping that a TOML file holds; None without a file."""
+    """Return the mapping in a TOML file; None if `path` is None."""
     if path is None:
         return None
     entries: dict[str, Any] = read_entries(path, "mapping")
@@ -24,7 +23,7 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
 
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
-    """Read a recording, with the mapping in a TOML file where one is given."""
+    """Read a recording, with the mapping in a TOML file if one is given."""
     from pliant.sensing import read_shape
 
     with busy(f"reading {path.name}"):
@@ -32,33 +31,33 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
 
 
 def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:
-    """Print what is in a recording and its quality."""
+    """Print the content of a recording and its quality, as text or JSON."""
     from pliant.preprocessing.quality import quality
 
-    with busy("judging the recording"):
-        found = quality(recording)
+    with busy("checking the recording"):
+        assessed = quality(recording)
     if as_json:
         content = {"file": str(path), "format": recording.attrs.get("source_format"), "sizes": dict(recording.sizes)}
         content["station_names"] = [str(s) for s in recording["station"].values] if "station" in recording else []
         content["history"] = history_of(recording)
-        say(jsonlib.dumps({**content, "quality": plain(found.to_dict())}))
+        say(jsonlib.dumps({**content, "quality": plain(assessed.to_dict())}))
         return
     say(escaped(f"{path} ({recording.attrs.get('source_format', 'unknown format')})", "line"))
     if "station" in recording:
         names = [str(s) for s in recording["station"].values]
         say(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
-    say(found.summary())
+    say(assessed.summary())
     for line in history_of(recording):
         say(f"  {line}")
 
 
 def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the history of a recording, one sentence for each step."""
+    """Return the history of a recording, one sentence for each processing step."""
     return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 
 def plain(value: Any) -> Any:
-    """The value with NaN as None, as JSON wants it."""
+    """Return `value` with every NaN replaced by None, since JSON has no NaN."""
     if isinstance(value, dict):
         return {k: plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

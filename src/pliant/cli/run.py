@@ -1,4 +1,4 @@
-"""`pliant run`: from a study file to a validated model."""
+"""`pliant run`: run a study from its file to a validated model."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import telling
-from pliant.cli.terminal import say
+from pliant.cli.terminal import progress_lines, say
 
 
 def run(
@@ -17,24 +16,24 @@ def run(
         Path | None,
         typer.Option(
             "-o", "--output", help="Folder for model, metrics, results and report.",
-            show_default="results/, named as the study file",
+            show_default="results/NAME of the study file",
         ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target of the study is missed.")] = False,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that fit side by side; default one for each core.")
+        int | None, typer.Option(min=1, help="Number of parallel processes for fits; default: one for each core.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
-    """Check, align, fit, predict and report: the whole chain from recordings to a validated model.
+    """Run a study, from recordings to a validated model: check, align, fit, predict, and write a report.
 
     Example: pliant run examples/pneumatic_arm_pulses.toml -o results/arm
     """
     from pliant.study import load_study, run_study
 
     output = output or Path("results") / study.stem
-    with telling() as tell:
-        outcome = run_study(load_study(study), output, progress=tell, workers=workers)
+    with progress_lines() as notify:
+        outcome = run_study(load_study(study), output, progress=notify, workers=workers)
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))
     else:

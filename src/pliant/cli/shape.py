@@ -1,4 +1,4 @@
-"""`pliant shape`: from a raw recording to a clean shape in the base frame."""
+"""`pliant shape`: convert a raw recording to a clean shape in the base frame."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ def shape(
     file: Annotated[Path, typer.Argument(help="Raw recording of a body's shape.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Clean recording to write (.nc or .csv).")],
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
-    base: Annotated[str | None, typer.Option(help="Station at the base; default: 'base', or the first.")] = None,
+    base: Annotated[str | None, typer.Option(help="Station at the base; default: 'base' or the first.")] = None,
     tangent: Annotated[
-        str, typer.Option(help="Base tangent: chord, clamp, station+x ..., or three numbers 'x,y,z'.")
+        str, typer.Option(help="Base tangent: chord, clamp, an axis of a station such as station+x, or 'x,y,z'.")
     ] = "chord",
-    plane: Annotated[str, typer.Option(help="Plane of bending: motion, body, input, or its normal: an axis such as +x "
+    plane: Annotated[str, typer.Option(help="Plane of bending: motion, body, input, or its normal, an axis such as +x "
                                              "or 'x,y,z'; in space the normal is x.")] = "motion",
-    cap_curvature: Annotated[float | None, typer.Option(help="Of a cap that marks a fibre's tip, 1/m, signed.")] = None,
-    cap_length: Annotated[float | None, typer.Option(help="Of that cap, m.")] = None,
-    body_length: Annotated[float | None, typer.Option(help="Of the body along the fibre, m: the base lies so far "
-                                                           "before the tip.")] = None,
-    start: Annotated[float | None, typer.Option(help="Length of fibre before the body, m, where no cap marks its "
+    cap_curvature: Annotated[float | None, typer.Option(help="Signed curvature of the tip's cap, 1/m.")] = None,
+    cap_length: Annotated[float | None, typer.Option(help="Length of that cap, m.")] = None,
+    body_length: Annotated[float | None, typer.Option(help="Length of the body along the fibre, m, from the "
+                                                           "base to the tip.")] = None,
+    start: Annotated[float | None, typer.Option(help="Length of fibre before the body, m, if no cap marks the "
                                                      "tip.")] = None,
     space: Annotated[bool, typer.Option("--space", help="Keep three dimensions: base tangent along +z.")] = False,
-    clamp_length: Annotated[float, typer.Option(help="Straight clamped fibre at its start, m.")] = 0.012,
+    clamp_length: Annotated[float, typer.Option(help="Length of straight, clamped fibre at its start, m.")] = 0.012,
     gauge_length: Annotated[float | None, typer.Option(help="Length over which the sensor averages, m.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the processing steps as JSON.")] = False,
 ) -> None:
-    """Find the tip, cut lead and tail, align: a raw shape becomes one with its base at the origin, planar or in space.
+    """Convert a raw shape to a clean one with its base at the origin: find the tip, cut lead and tail, align.
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.preprocessing.align import align
     from pliant.preprocessing.quality import quality
@@ -45,11 +45,11 @@ def shape(
     from pliant.study.schema import Fibre
 
     raw = read_with_mapping(file, mapping)
-    found, status = quality(raw).summary(), ""
+    summary, status = quality(raw).summary(), ""
     cap = cap_curvature is not None and cap_length is not None
     if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
         if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
-            raise InputError("a fibre's body is found by its cap or its start: give --cap-curvature, --cap-length and "
+            raise InputError("the body of a fibre needs its cap or its start: give --cap-curvature, --cap-length and "
                              "--body-length together, or --start and --body-length")  # fmt: skip
         fibre = Fibre(
             body_length=body_length, cap_curvature=cap_curvature, cap_length=cap_length, gauge_length=gauge_length,
@@ -61,21 +61,21 @@ def shape(
         with busy("aligning"):
             clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
-    tell(found.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
+    print_result(summary.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
 
 
-def tell(found: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
-    """Print what was found in the raw recording, how the tip was found, the steps taken, and the file written."""
+def print_result(summary: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
+    """Print the quality of the raw recording, how the tip was found, the processing steps and the file written."""
     if as_json:
         import json
 
-        say(json.dumps({"quality": found, "tip": status or None, "history": history, "recording": str(output)}))
+        say(json.dumps({"quality": summary, "tip": status or None, "history": history, "recording": str(output)}))
         return
-    say("\n".join([*found, *([status] if status else []), *history, f"wrote {output}"]))
+    say("\n".join([*summary, *([status] if status else []), *history, f"wrote {output}"]))
 
 
 def direction(text: str) -> str | list[float]:
-    """Three numbers as a vector; anything else as the name of a method."""
+    """Return 'x,y,z' as a list of three numbers; return any other text unchanged, as the name of a method."""
     parts = text.split(",")
     try:
         return [float(p) for p in parts] if len(parts) == 3 else text

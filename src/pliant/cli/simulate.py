@@ -1,4 +1,4 @@
-"""`pliant simulate`: what a model does under a pressure."""
+"""`pliant simulate`: simulate the motion of a model under a pressure."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ def simulate(
     ] = None,
     start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
-    trace: Annotated[Path | None, typer.Option(help="Recording whose measured pressure is used instead.")] = None,
+    trace: Annotated[Path | None, typer.Option(help="Recording whose pressure is used instead of a pulse.")] = None,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     duration: Annotated[
         float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
     ] = None,
     step_ms: Annotated[
         float | None,
-        typer.Option("--step-ms", help="Longest step, ms.", show_default="1, or shorter where the tip needs it"),
+        typer.Option("--step-ms", help="Longest step, ms.", show_default="1, or shorter for an accurate tip"),
     ] = None,
     method: Annotated[
         str, typer.Option(help="midpoint, extrapolated, accurate, LSODA, BDF or Radau.")
     ] = "midpoint",
     load_g: Annotated[
-        float, typer.Option("--load-g", help="Mass attached to the tip, g; its weight counts if the model has gravity.")
+        float, typer.Option("--load-g", help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
     force: Annotated[
-        str, typer.Option(help="Force FX,FY[@POINT] in N on an observed point (the last), while the pulse lasts.")
+        str, typer.Option(help="Force FX,FY[@POINT] in N during the pulse, on an observed point (default: the last).")
     ] = "",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc or .csv).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of the moving body (.gif, or .mp4 with ffmpeg).")] = None,
+    film: Annotated[Path | None, typer.Option(help="Video of the moving body (.gif, or .mp4 with ffmpeg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
     """Simulate a model under a pressure pulse or a measured pressure.
@@ -53,7 +53,7 @@ def simulate(
     Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, summary, write_figure, write_film
-    from pliant.cli.progress import busy
+    from pliant.cli.terminal import busy
     from pliant.model import load_model
     from pliant.simulation import Pulse
     from pliant.simulation import simulate as solve
@@ -84,14 +84,14 @@ def simulate(
 
 
 def with_load(model: Model, grams: float) -> Model:
-    """The model with a mass more at its tip."""
+    """Return the model with an additional mass [g] at its tip."""
     if not (math.isfinite(grams) and model.tip_mass + 1e-3 * grams >= 0):
-        raise InputError(f"--load-g must be a mass in grams, and no lighter than nothing, got {grams}")
+        raise InputError(f"--load-g must be a mass in grams, and the tip mass with it not below 0, got {grams}")
     return model.with_(tip_mass=model.tip_mass + 1e-3 * grams) if grams else model
 
 
 def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[PointForce, ...]:
-    """The force of ``FX,FY[@POINT]`` from `start` to `stop` [s]; none for an empty text."""
+    """Return the force of ``FX,FY[@POINT]`` from `start` to `stop` [s]; () for an empty text."""
     import numpy as np
 
     from pliant.simulation.forces import PointForce
@@ -102,14 +102,14 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
     try:
         fx, fy = (float(part) for part in numbers.split(","))
     except ValueError:
-        raise InputError(f"--force takes FX,FY or FX,FY@POINT with numbers in N, got {text!r}") from None
+        raise InputError(f"--force must be FX,FY or FX,FY@POINT with numbers in N, got {text!r}") from None
     force, time = np.array([[0.0, 0.0], [fx, fy], [fx, fy], [0.0, 0.0]]), np.array([start, start, stop, stop])
     return (PointForce(time, force, point or model.points[-1].name),)
 
 
 def own_levels(model: Model) -> list[float]:
-    """Pressures [Pa] for a model that is given none: the first chamber alone."""
-    from pliant.simulation.levels import first_alone, typical_pressure
+    """Return default pressures [Pa] for a model: the first chamber bends it by 0.5 rad, the others are at 0."""
+    from pliant.simulation.state import first_alone, typical_pressure
 
     level = typical_pressure(model)
     if not level:
@@ -120,7 +120,7 @@ def own_levels(model: Model) -> list[float]:
 def measured_pressures(
     path: Path, model: Model, drive: str, duration: float | None, step: float | None
 ) -> tuple[list[Input], Any]:
-    """The pressure of a recording for each chamber, and the output times (T,) [s] from its first sample on."""
+    """Return the recorded pressure for each chamber, and the output times (T,) [s] from its first sample on."""
     from pliant.identification.drives import measured
     from pliant.recording import read
     from pliant.simulation import Trace

@@ -1,4 +1,4 @@
-"""`pliant sweep`: many simulations or fits of a study, on one machine or a cluster."""
+"""`pliant sweep`: run many simulations or fits of a study, on one machine or a cluster."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    study: Annotated[Path, typer.Argument(help="Study with a [sweep] table; with --model that alone.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the samples; a sweep goes on there.")],
+    study: Annotated[Path, typer.Argument(help="Study with a [sweep] table; with --model, [sweep] alone is enough.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for samples; continues a stopped sweep.")],
     scheduler: Annotated[str, typer.Option(help="local, processes, or tcp://host:port of a Dask scheduler.")] = "local",
     *,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default one for each core.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Model file to start from, in place of the study's body.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed, in place of the file's.")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Figure of the tips and of every number (.png or .svg).")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model file to use instead of the study's body.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed to use instead of the file's.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of the tips and of every result (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit; go on where one stopped.
+    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue one that stopped.
 
-    The samples do not depend on the scheduler, nor on who worked on them.
+    The samples do not depend on the scheduler or the number of workers.
 
     Example: pliant sweep sweep.toml --model results/arm/model.json -o results/sweep --figure spread.png
     """
     import json as jsonlib
 
     from pliant.cli.output import aligned, write_figure
-    from pliant.cli.progress import busy, counting, mention
+    from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
 
     with busy("preparing the model"):
@@ -59,7 +59,7 @@ def sweep(
 
 
 def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Model, dict[str, Any]]:
-    """The sweep, the model it starts from, and for fits the recordings and parameters."""
+    """Return the sweep, the model that it starts from, and for fits the recordings and parameters."""
     from pliant.errors import InputError
     from pliant.files import read_entries
     from pliant.model import load_model
@@ -70,12 +70,12 @@ def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Mo
     if set(content) == {"sweep"}:
         alone = sweep_from(content["sweep"])
         if model is None or alone.kind in ("bootstrap", "multi_start"):
-            raise InputError(f"{path} holds a [sweep] table alone: give a model by --model, and simulations to make of "
-                             "it (kind design or monte_carlo); a fit needs a study with its recordings")
+            raise InputError(f"{path} holds a [sweep] table alone, which needs --model and kind design or monte_carlo; "
+                             "to repeat a fit, use a study with its recordings")
         return alone if seed is None else alone.model_copy(update={"seed": seed}), load_model(model), {}
     study = load_study(path)
     if study.sweep is None:
-        raise InputError(f"study {path} has no [sweep] table: it says what to vary, and how often")
+        raise InputError(f"study {path} has no [sweep] table: add one that says what to vary, and how often")
     wanted = study.sweep if seed is None else study.sweep.model_copy(update={"seed": seed})
     if wanted.kind in ("bootstrap", "multi_start"):
         return (wanted, *fitted(study, wanted, model))
@@ -83,8 +83,8 @@ def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Mo
 
 
 def body_of(study: Study) -> Model:
-    """The study's body; its recordings are read only where they give it its links or its gravity."""
-    from pliant.study.prepare import study_model
+    """Return the model of the study's body; recordings are read only if its links or its gravity depend on them."""
+    from pliant.study.body import study_model
     from pliant.study.run import prepare_all
 
     if study.reduction is None and study.actuator.gravity is None:
@@ -93,7 +93,7 @@ def body_of(study: Study) -> Model:
 
 
 def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict[str, Any]]:
-    """The model, and what `pliant.fit` takes, of the fit that a sweep repeats."""
+    """Return the model and the arguments of `pliant.fit` for the fit that a sweep repeats."""
     from pliant.errors import InputError
     from pliant.identification.fit import parameters_from
     from pliant.identification.initial_guess import prepare as prepare_fit
@@ -102,12 +102,12 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
 
     if not study.fits:
         raise InputError(
-            f"a {wanted.kind} sweep repeats a fit, and study {study.name} has a [model_selection] alone: add what "
-            "its stage frees as a [fits.NAME] table"
+            f"a {wanted.kind} sweep repeats a fit, but study {study.name} has only a [model_selection]: add the "
+            "free parameters of its stage as a [fits.NAME] table"
         )
     name = wanted.fit or next(iter(study.fits))
     if name not in study.fits:
-        raise InputError(f"[sweep] names the fit {name!r}; the study has {', '.join(study.fits)}")
+        raise InputError(f"[sweep] names the fit {name!r}, but the study has {', '.join(study.fits)}")
     entry = study.fits[name]
     ready = prepare_all(study, lambda _line: None)
     start = load_model(model) if model else ready.model

@@ -1,4 +1,4 @@
-"""`pliant sync`: the clock of a pressure log against that of a shape."""
+"""`pliant sync`: estimate the offset of a pressure log's clock from the clock of a shape."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pliant.cli.terminal import say
 def sync(
     shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
     pressure: Annotated[
-        Path | None, typer.Argument(help="Log of the pressure; default: the one in the shape's file.")
+        Path | None, typer.Argument(help="Log of the pressure; default: the pressure in the shape's file.")
     ] = None,
     mapping: Annotated[Path | None, typer.Option(help="TOML file that describes the shape's columns.")] = None,
     pressure_mapping: Annotated[
@@ -23,40 +23,40 @@ def sync(
         float | None, typer.Option("--largest-s", help="Largest offset to try, s; default: half of the overlap.")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Overlay to draw (.png, .svg or .pdf).")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="Figure of the clocks (.png, .svg or .pdf).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Find the offset between a pressure log's clock and the shape's, from when the body moves.
+    """Estimate the offset between the clocks of a pressure log and a shape, from when the body moves.
 
     Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
     """
     from pliant.cli.output import write_figure
-    from pliant.cli.progress import busy
     from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
     from pliant.preprocessing.sync import shift_pressure
     from pliant.preprocessing.sync import sync as find
     from pliant.recording import write
-    from pliant.study.clocks import with_pressure
+    from pliant.study.aligned import with_pressure
 
     recording = read_with_mapping(shape, mapping)
     if pressure is not None:
         recording = with_pressure(recording, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
     with busy("comparing the clocks"):
-        found = find(recording, largest_s=largest_s, drift=True)
+        offset = find(recording, largest_s=largest_s, drift=True)
     if figure is not None:
         from pliant.plotting import clock_figure
         from pliant.validation.outcome import Clocks
 
-        c = Clocks.of(recording, found)
-        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * found.uncertainty_s:.1f} ms"
+        c = Clocks.of(recording, offset)
+        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * offset.uncertainty_s:.1f} ms"
         write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
     if output is not None:
-        write(shift_pressure(recording, found.delay_s, found.drift), output)
+        write(shift_pressure(recording, offset.delay_s, offset.drift), output)
     if json:
         from dataclasses import asdict
         from json import dumps
 
-        say(dumps(asdict(found)))
+        say(dumps(asdict(offset)))
         return
-    say(found.summary())
-    say(f'in a study: clock = {found.delay_s:.4f}, or clock = "align"')
+    say(offset.summary())
+    say(f'in a study: clock = {offset.delay_s:.4f}, or clock = "align"')

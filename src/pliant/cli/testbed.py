@@ -1,4 +1,4 @@
-"""`pliant testbed`: a recording of the virtual actuator."""
+"""`pliant testbed`: record a scenario with the virtual actuator."""
 
 from __future__ import annotations
 
@@ -8,32 +8,31 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.progress import counting
-from pliant.cli.terminal import say
+from pliant.cli.terminal import counting, say
 
 
 def run_testbed(
     scenario: Annotated[
-        str | None, typer.Argument(help="Name of a scenario, see --list; or pulse_<kPa>_<ms>ms, pulse_120+60_500ms")
+        str | None, typer.Argument(help="Name of a scenario (see --list), or pulse_<kPa>_<ms>ms, pulse_120+60_500ms.")
     ] = None,
     *,
     actuator: Annotated[
-        str, typer.Option(help="a, b, c, two_segment, antagonistic, lengthening, or a seed of the family, e.g. 7")
+        str, typer.Option(help="a, b, c, two_segment, antagonistic, lengthening, or a seed for a random one, e.g. 7.")
     ] = "a",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Recording to write (.nc).")] = None,
     truth: Annotated[Path | None, typer.Option(help="Separate file for the true states (.nc).")] = None,
     record: Annotated[str, typer.Option(help="Sensor: position, strain, markers, flex or imu.")] = "position",
     show: Annotated[bool, typer.Option("--list", help="List the scenarios and exit.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the recording, or the list, as JSON.")] = False,
 ) -> None:
-    """Record a scenario of a simulated actuator, whose true states are known.
+    """Record a scenario with a simulated actuator whose true states are known.
 
-    The recording looks like any laboratory's: raw sensor frame, its own pressure clock, noise and
-    drop-outs. A file that already holds this content is left as it is. A number in place of a, b or c is another
-    laboratory, drawn by that seed: body, valve and sensors; its working pressure is what the scenarios call 180 kPa.
-    two_segment, antagonistic and lengthening have two chambers, each behind its own valve, which lengthen the last;
-    pulse_120+60_500ms gives each its level.
+    The recording resembles one from a laboratory: raw sensor frame, separate pressure clock, noise and drop-outs. A
+    file that already holds this content is not written again. A number instead of a, b or c is a seed that draws a
+    random body, valve and sensors; a scenario's 180 kPa then stands for its working pressure. two_segment, antagonistic
+    and lengthening have two chambers with a valve each; pulse_120+60_500ms gives the pressure of each. Pressure
+    lengthens the body of lengthening.
 
     Example: pliant testbed pulse_119 --actuator b --seed 7 -o pulse.nc --truth truth.nc
     """
@@ -43,9 +42,9 @@ def run_testbed(
         _list_scenarios(as_json=json)
         return
     if scenario is None:
-        raise InputError("name a scenario; --list shows them")
+        raise InputError("a scenario is missing: name one that --list shows")
     if record not in ("position", "strain", "markers", "flex", "imu"):
-        raise InputError(f"--record takes position, strain, markers, flex or imu, not {record!r}")
+        raise InputError(f"--record must be position, strain, markers, flex or imu, got {record!r}")
     from dataclasses import replace
 
     from pliant.testbed.angle_sensor import FLEX, IMU
@@ -60,7 +59,7 @@ def run_testbed(
     if json:
         say(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
         return
-    say(f"{path}: {'recorded' if ran else 'already there, nothing to do'}")
+    say(f"{path}: {'recorded' if ran else 'exists with this content, not written again'}")
 
 
 def _list_scenarios(*, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""`pliant track`: from a video to a recording of the body's shape."""
+"""`pliant track`: convert a video to a recording of the body's shape."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pliant.cli.terminal import say
 
 
 def track(
-    video: Annotated[Path, typer.Argument(help="Video of the body, anything that OpenCV reads.")],
+    video: Annotated[Path, typer.Argument(help="Video of the body, in any format that OpenCV reads.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write (.nc or .csv).")],
-    camera: Annotated[Path, typer.Option(help="TOML file with a [camera] table: scale, view, lens; a study will do.")],
+    camera: Annotated[Path, typer.Option(help="TOML file with a [camera] table (scale, view, lens), such as a study.")],
     method: Annotated[str, typer.Option(help="silhouette, dots or aruco.")] = "silhouette",
-    colour: Annotated[str | None, typer.Option(help="Of the dots, '#rrggbb'.")] = None,
-    base: Annotated[str | None, typer.Option(help="Where the body begins, 'x,y' in pixels; default: found.")] = None,
-    overlay: Annotated[list[Path] | None, typer.Option(help="The shape over some frames on a sheet (.png), or over all "
-                                                      "as a film (.mp4); may be given twice.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
+    colour: Annotated[str | None, typer.Option(help="Colour of the dots, '#rrggbb'.")] = None,
+    base: Annotated[str | None, typer.Option(help="Position of the base, 'x,y' in pixels; default: detected.")] = None,
+    overlay: Annotated[list[Path] | None, typer.Option(help="Picture of the shape over some frames (.png), or video "
+                                                      "over all (.mp4); may be given twice.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the processing steps as JSON.")] = False,
 ) -> None:
     """Track a bending body in a video: its silhouette, dots of one colour, or ArUco markers.
 
     Example: pliant track push.mp4 -o push.nc --camera camera.toml --overlay push.png
     """
-    from pliant.cli.progress import counting
     from pliant.cli.reading import history_of
+    from pliant.cli.terminal import counting
     from pliant.errors import InputError
     from pliant.files import read_entries
     from pliant.recording import write
@@ -35,13 +35,13 @@ def track(
     entries = read_entries(camera, "camera")
     options = entries.pop("tracking", {})
     if not isinstance(options, dict):
-        raise InputError(f"[tracking] of {camera} is a table with count and region")
+        raise InputError(f"[tracking] of {camera} must be a table with count and region")
     if unknown := sorted(set(options) - {"count", "region"}):
-        raise InputError(f"[tracking] of {camera} has count and region, not {unknown[0]}")
+        raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count and region")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
-        raise InputError(f"recordings are written as .nc or .csv, not {output.name!r}")
+        raise InputError(f"the name of the recording must end in .nc or .csv, got {output.name!r}")
     how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
-    with counting(f"following the body through {video.name}") as progress:
+    with counting(f"tracking the body in {video.name}") as progress:
         recording = track_video(video, entries.get("camera", entries), how, progress=progress)
     write(recording, output)
     written = [str(p) for p in (output, *how.overlays)]
@@ -54,7 +54,7 @@ def track(
 
 
 def pixels(text: str | None) -> tuple[float, float] | None:
-    """Two numbers from 'x,y'."""
+    """Return two numbers from 'x,y'; None if `text` is None."""
     from pliant.errors import InputError
 
     if text is None:
@@ -62,5 +62,5 @@ def pixels(text: str | None) -> tuple[float, float] | None:
     try:
         x, y = map(float, text.split(","))
     except ValueError:
-        raise InputError(f"--base takes two numbers of pixels, 'x,y', not {text!r}") from None
+        raise InputError(f"--base must be two numbers of pixels, 'x,y', got {text!r}") from None
     return x, y

@@ -1,1 +1,3 @@
-"""How one text becomes what runs: compiled twins, straight lines, SIMD vectors, and the choice among them."""
+"""Compilation of numerical kernels: by Numba, as straight-line code, for SIMD vectors, for dual numbers, and
+translation to C.
+"""

@@ -1,9 +1,10 @@
-"""From the text of a kernel to C: its Python is run on names of C, and writes down what it does.
+"""Translation of numerical Python kernels to C: the Python source is interpreted on symbolic values, and C code is
+written.
 
-As `trace`, with branches: what depends on numbers that are not known yet becomes an ``if``, a ``goto`` or a loop of C.
-Shapes, indices and loops over links are known and leave no trace: every element of an array is a name of its own, and
-scratch arrays become local numbers. Every call is written out where it stands, so that one kernel becomes one function
-of C without memory, and the operations are those of the compiled twin, in its order.
+Unlike `trace`, it keeps branches: a condition on numbers which are unknown at translation time becomes an ``if``, a
+``goto`` or a loop of C. Shapes, indices and loops over links are known and are unrolled: every element of an array is a
+separate name, and scratch arrays become local variables. Every call is inlined, so that one kernel becomes one function
+of C without allocation. The operations and their order are those of the kernel compiled by Numba.
 """
 
 from __future__ import annotations
@@ -22,32 +23,32 @@ from pliant.compiler.c_values import CScope, Expressions, Real, Truth, Turn
 from pliant.errors import InputError
 from pliant.numerics import trig
 
-LONG = 16  # a loop that may be left early, turns more often and whose counter is no index stays a loop
+LONG = 16  # a loop with more iterations than this, an early exit and no indexing by its counter is not unrolled
 
 
-class Stop(Exception):  # control flow of the text that is run, known beforehand
-    """A `return`, `break` or `continue` that is certain."""
+class Stop(Exception):  # control flow of the interpreted source, known at translation time
+    """Exception that ends the interpretation of a Python block at an unconditional `return` or `break`."""
 
 
 class Returned(Stop):
-    """A certain return."""
+    """Exception for an unconditional `return` in the interpreted Python source."""
 
 
 class Broken(Stop):
-    """A certain break."""
+    """Exception for an unconditional `break` in the interpreted Python source."""
 
 
 @cache
 def tree_of(kernel: FunctionType) -> ast.FunctionDef:
-    """The syntax tree of a kernel."""
+    """Return the syntax tree of the source code of a Python function."""
     return ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]  # type: ignore[return-value]
 
 
 class CWriter(Expressions):
-    """Writes the body of one function of C: calls, branches and loops."""
+    """Writer that translates a Python kernel, with its calls, branches and loops, to the body of one C function."""
 
     def call(self, kernel: Any, *arguments: Any) -> Any:
-        """Write a call of a kernel out; returns what it returns."""
+        """Write the C code of a call of `kernel` with symbolic arguments, inlined, and return the symbolic result."""
         self.count += 1
         kernel = self.instead.get(kernel, kernel)
         frame = CScope(self.count, {**kernel.__globals__, **self.constants})
@@ -65,7 +66,9 @@ class CWriter(Expressions):
         return frame.result
 
     def passed(self, value: Any, name: str, *, changes: bool) -> Any:
-        """An argument: a number that is not its caller's own, or that the kernel changes, is held under a new name."""
+        """Return an argument of an inlined call as a C variable, which is a copy where the called function might change
+        it.
+        """
         if changes and isinstance(value, (Real, float)):
             held = self.local(name)
             self.say(f"{held} = {self.number(value)};")
@@ -78,7 +81,7 @@ class CWriter(Expressions):
         return self.keep(value, name)
 
     def block(self, frame: CScope, statements: list[ast.stmt]) -> None:
-        """One statement after the other."""
+        """Write the C code of Python statements, one after the other."""
         for statement in statements:
             getattr(self, f"do_{type(statement).__name__}")(frame, statement)
 
@@ -92,7 +95,7 @@ class CWriter(Expressions):
             self.assign(frame, target, value)
 
     def assign(self, frame: CScope, target: ast.expr, value: Any) -> None:
-        """Give a name or an element a value."""
+        """Write the C code that assigns a value to a name, an array element or a tuple of these."""
         if isinstance(target, ast.Tuple):
             if len(target.elts) > 1:
                 value = self.keep(tuple(value), f"pair_{self.fresh()}")
@@ -112,7 +115,7 @@ class CWriter(Expressions):
 
     def do_Return(self, frame: CScope, node: ast.Return) -> None:
         value = self.value(frame, node.value) if node.value else None
-        if not frame.depth and not frame.jumped:  # the only one
+        if not frame.depth and not frame.jumped:  # the only `return`, without a condition
             frame.result = self.keep(value, f"result_{frame.number}")
             raise Returned
         frame.result = self.returned(value, f"result_{frame.number}")
@@ -122,7 +125,9 @@ class CWriter(Expressions):
         self.say(f"goto {frame.label};")
 
     def returned(self, value: Any, name: str) -> Any:
-        """What is returned, in names that are the same for every `return` of a call."""
+        """Copy the result of an inlined call to C variables that all its `return` statements share, and return these
+        variables.
+        """
         if isinstance(value, tuple):
             parts = [self.returned(v, f"{name}_{i}") for i, v in enumerate(value)]
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -149,14 +154,18 @@ class CWriter(Expressions):
         self.say("}")
 
     def branch(self, frame: CScope, statements: list[ast.stmt]) -> None:
-        """Statements that may or may not be reached."""
+        """Write the C code of statements that are executed only under a condition.
+
+        An array name which the branch binds to another array raises InputError, since C has no names for arrays here.
+        """
         frame.depth += 1
         self.indent += 1
         before = dict(frame.names)
         self.block(frame, statements)
         for name, value in before.items():
             if not isinstance(value, Real) and frame.names[name] is not value and isinstance(value, np.ndarray):
-                raise InputError(f"C export: {name} is one of two arrays by a choice at run time: choose by element")
+                raise InputError(f"C export: the array {name} is chosen by a condition at run time, which the C writer "
+                                 "cannot translate: choose each element instead")
         self.indent -= 1
         frame.depth -= 1
 
@@ -180,7 +189,7 @@ class CWriter(Expressions):
             self.say(f"{mark[0]}:;")
 
     def loop(self, frame: CScope, node: ast.For, name: str, turns: range) -> None:
-        """A loop that C turns."""
+        """Write a Python loop over the range `turns` as a `for` loop of C."""
         turn = f"{name.strip('_') or 'turn'}_{self.fresh()}"
         self.say(f"for (int {turn} = {turns.start}; {turn} < {turns.stop}; {turn}++) {{")
         frame.names[name] = Turn(turn)
@@ -196,14 +205,20 @@ class CWriter(Expressions):
 
 
 def only_counts(loop: ast.For, name: str) -> bool:
-    """Return whether the counter of a loop is at most compared with a number: elements of arrays are names in C."""
+    """Return whether a Python loop uses its counter `name` in comparisons only, not as an array index."""
     nodes = [node for statement in loop.body for node in ast.walk(statement)]
     compared = {id(node.left) for node in nodes if isinstance(node, ast.Compare)}
     return all(id(node) in compared for node in nodes if isinstance(node, ast.Name) and node.id == name)
 
 
 def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
-    """A function of C with the text of `numerics.trig.cos_sin`."""
+    """Return the source of a C function that computes cosine and sine of one angle with the same operations as the
+    Python kernels.
+
+    The operations are those of `numerics.trig.cos_sin`.
+
+    `kind` is the C type of its numbers, `prefix` the prefix of its name.
+    """
     writer = CWriter(single)
     pair = writer.call(trig.cos_sin, Real("x"))
     for place, name in zip(pair, "cs", strict=True):

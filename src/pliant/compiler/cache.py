@@ -1,7 +1,7 @@
-"""Kernels compiled by Numba, kept between runs, and shared by processes that start together.
+"""Compilation of kernels by Numba, with a cache on disk that all processes of a user share.
 
-What is kept, and where, says `pliant.compiler.kernel_cache`. It uses names that Numba keeps to itself; with a Numba
-that lacks one, kernels are compiled anew in every process, which is said once.
+`pliant.compiler.kernel_cache` describes the contents and the folder of this cache. It uses private names of Numba. With
+a version of Numba that lacks one of them, kernels are compiled again in every process, with one warning.
 """
 
 from __future__ import annotations
@@ -21,28 +21,31 @@ from numba.core.compiler_lock import global_compiler_lock
 
 try:
     from pliant.compiler import kernel_cache
-except (ImportError, AttributeError):  # a Numba whose inner names are others
+except (ImportError, AttributeError):  # a Numba version with other private names
     kernel_cache = None  # type: ignore[assignment]
 
 try:
     import fcntl
-except ImportError:  # no such locks on this system: processes compile side by side, and only one of them saves well
+except ImportError:  # no such locks on this system: processes may compile the same kernel at the same time
     fcntl = None  # type: ignore[assignment]
 
 LONGEST_WAIT = 120.0  # s, for another process that compiles the same kernel; then this one compiles for itself
 
 
 def has_array(kind: Any) -> bool:
-    """Whether a type of Numba is that of an array, or of a record with one."""
+    """Return whether a Numba type is an array, or a tuple or record that contains one."""
     parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
     return isinstance(kind, types.Array) or any(map(has_array, parts))
 
 
 def kept(function: Any, **options: Any) -> Any:
-    """`function` compiled by Numba (nopython, fastmath off) when it is first called, or taken from the shared cache.
+    """Return `function` compiled by Numba, with the machine code loaded from the cache on disk, or compiled at the
+    first call.
 
-    Where several processes ask for one kernel at once, one compiles it and the others wait for it. Where nothing can be
-    written, it is compiled anew in every process, with one warning.
+    Numba's options are nopython, and fastmath off.
+
+    If several processes need the same kernel at once, one compiles it and the others wait. If the cache cannot be
+    written, every process compiles the kernel, with one warning.
     """
     options["no_cfunc_wrapper"] = True  # an interface for C, which is not used
     made = njit(**options)(function)
@@ -52,7 +55,7 @@ def kept(function: Any, **options: Any) -> Any:
         return made
     try:
         made._cache = kernel_cache.KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
-    except RuntimeError:  # no folder takes a file: neither the shared one, nor those that Numba tries
+    except RuntimeError:  # no writable folder, neither the shared one nor Numba's defaults
         tell_uncached()
         return made
     lock = made._cache.index.with_suffix(".lock")  # noqa: SLF001
@@ -62,12 +65,12 @@ def kept(function: Any, **options: Any) -> Any:
         entry = compile_unchecked(signature)
         handed = [done.signature.return_type for done in made.overloads.values()]
         if not options.get("_nrt", True) and any(map(has_array, handed)):
-            raise TypeError(f"{function.__qualname__} hands an array back whose references nobody counts: write into "
-                            "one of the caller's")  # fmt: skip
+            raise TypeError(f"{function.__qualname__} returns an array, but is compiled without reference counting: "
+                            "write into an array of the caller")  # fmt: skip
         return entry
 
     def compile_alone(signature: Any) -> Any:
-        with global_compiler_lock:  # first: two threads of which each holds one of both locks would wait for ever
+        with global_compiler_lock:  # before the file's lock: in another order two threads could deadlock
             with alone(lock) as first:
                 if first:
                     return compile_now(signature)
@@ -83,10 +86,10 @@ def kept(function: Any, **options: Any) -> Any:
 
 @cache
 def part(whole: Any) -> Any:
-    """A kernel of `kept` as those take it that call it and are compiled themselves: cheap, and of no use to Python.
+    """Return a compiled kernel in a form that only other compiled kernels can call, which is faster to compile.
 
-    A third of the time that compiling takes goes into interfaces for Python, which are not used there, and into
-    optimising what is optimised again in its callers.
+    It saves a third of the compile time: there is no interface for Python, and less optimisation, which is repeated
+    where its callers are optimised.
     """
     function = whole.py_func
     copy = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
@@ -99,27 +102,33 @@ def part(whole: Any) -> Any:
 
 @cache
 def tell_uncached() -> None:
-    """Warn, once, that nothing can be kept."""
+    """Warn once that compiled kernels cannot be stored on disk, because no cache folder can be written."""
     warn(
-        "no folder takes compiled kernels, so each start compiles them again, which takes seconds: let the environment "
-        "variable NUMBA_CACHE_DIR name a folder that can be written",
+        "compiled kernels cannot be stored, so each start compiles them again, which takes seconds: set the "
+        "environment variable NUMBA_CACHE_DIR to a folder that can be written",
         RuntimeWarning, stacklevel=2,
     )
 
 
 @cache
 def warn_of_numba() -> None:
-    """Warn, once, that this Numba is another than those that pliant was tried with."""
+    """Warn once that compiled kernels cannot be stored on disk, because the installed Numba version
+    is not supported.
+    """
     warn(
-        f"Numba {numba.__version__} lacks names that keep compiled kernels between runs, so each start compiles them "
-        "again, which takes seconds: install a version that pliant was tried with (pip install 'numba<0.69')",
+        f"compiled kernels cannot be stored with Numba {numba.__version__}, so each start compiles them again, which "
+        "takes seconds: install a version that pliant was tested with (pip install 'numba<0.69')",
         RuntimeWarning, stacklevel=2,
     )
 
 
 @contextmanager
 def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
-    """Whether this process alone holds the lock `file`; False after `wait` seconds (default: `LONGEST_WAIT`)."""
+    """Context manager that locks `file` against other processes; yields True if locked, False if the lock was not free
+    within `wait` seconds.
+
+    `wait` None means `LONGEST_WAIT`. Systems without file locks always yield True.
+    """
     if fcntl is None:
         yield True
         return
@@ -129,11 +138,11 @@ def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
             yield got
         finally:
             if got:
-                fcntl.flock(handle, fcntl.LOCK_UN)  # said, not left to closing: a forked child holds the handle too
+                fcntl.flock(handle, fcntl.LOCK_UN)  # explicit, since a forked child may hold the handle too
 
 
 def taken(handle: IO[bytes], wait: float) -> bool:
-    """Whether the lock of an open file came within so many seconds."""
+    """Return whether an open file could be locked against other processes within `wait` seconds."""
     end = monotonic() + wait
     while True:
         try:

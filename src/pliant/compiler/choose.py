@@ -1,7 +1,7 @@
-"""Compiled kernels: `twin` returns the one of a plain function, with the fastest step for its number of links inside.
+"""Choice of the compiled form of a kernel: `twin` returns it with the fastest time step for the number of links.
 
-Few links take the dense step, many take articulated bodies, both as straight lines where they may: compiling a straight
-line takes the longer the more links it has, so beyond some number the loops run.
+Chains with few links use the dense step, long chains use articulated bodies. Both are compiled as straight-line code up
+to a number of links, beyond which compiling takes too long and loops are used.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pliant.equations import (
     energy,
     extension,
     extension_linearised,
+    extension_memory,
     linearised,
     memory,
     motion,
@@ -36,24 +37,24 @@ from pliant.equations import (
 )
 from pliant.numerics import trig
 
-MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies take less time, and compiling it takes seconds
-STRAIGHT_LINKS = 64  # a straight line of so many articulated bodies compiles in about 2 s
-JACOBIAN_LINKS = 8  # so does the Jacobian of a step
+MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and the dense kernel compiles for seconds
+STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
+JACOBIAN_LINKS = 8  # the same for the Jacobian of a step
 STRAIGHT_SOURCES = (
     trace.__file__, trig.__file__,
     *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
-# Not the steps in the plane: side by side and alone, they give the same bits.
+# Not the steps in the plane, so that batches and single simulations give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step,
                    spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut}
-# So long that each caller that took them in would take as long to compile again.
+# Not inlined: they are so long that each caller would take as long to compile again.
 CALLED: set[Any] = {
     linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
     spatial_memory.step_with_memory,
     spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
     poses.forces_after,
 }
-SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where joints turn in space
+SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them for a chain in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
     observation.observe: spatial_points.observe, observation.observe_rows: spatial_observation.observe_rows,
@@ -63,27 +64,36 @@ SPATIAL: dict[Any, Any] = {  # what stands for the kernels of the plane where jo
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
-MOST_TURNS = 24  # coordinates of a step in space as a straight line: that takes 4 s to compile, 30 take 6 s
-SOURCES = (  # of a twin whose steps are made here
-    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, spatial.__file__,
+AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments have hysteresis too
+    memory.step_with_memory: extension_memory.step_with_axial_memory, memory.relax: extension_memory.relax_all,
+    memory.follow_change: extension_memory.follow_all,
+}
+MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
+SOURCES = (  # source files of a compiled kernel with replaced steps
+    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, extension_memory.__file__,
+    spatial.__file__,
     spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__,
     spatial_observation.__file__, spatial_points.__file__, spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
-def twin(kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """The compiled twin of a plain kernel; see `pliant.compiler.twin.compiled_twin`.
+def twin(
+    kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return the compiled form of a plain Python `kernel`, with the same arguments, optimised for a chain of the given
+    size.
 
-    Made for a number of `links`, it takes its steps by what is fastest for so many; see `substitutes`. Where so many
-    `segments` lengthen, its steps are those of `equations.extension`; where each joint has 2 or 3 `turns`, those of
-    `equations.spatial`, with so many `tendons`.
+    With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
+    segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
+    (`turns`), the steps are those of `equations.spatial`, with the number of `tendons`.
+    `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`: laws of segments beyond linear springs and dampers.
     """
-    return made(kernel, links, segments, turns, tendons)
+    return made(kernel, links, segments, turns, tendons, axial)
 
 
 @cache
 def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
-    """The one `twin` of a kernel, however it was asked for."""
+    """Return the compiled form of a plain Python kernel, created once for each chain size."""
     fast = substitutes(kernel, links, *sizes) if links else {}
     if kernel in fast:
         return fast[kernel]
@@ -92,44 +102,52 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
         return compiled_twin(kernel, tag, lambda callee: twin(callee, links, *sizes), SOURCES, replaced=fast)
     if links:
         return twin(kernel)
-    return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals come by too
+    return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals use these too
 
 
 @cache
 def straight(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> Any:
-    """The compiled straight-line twin of a kernel for n links; same signature, see `trace.example_arguments`.
+    """Return a plain kernel compiled as straight-line code, without loops, for a chain of n links, with the same
+    arguments as the kernel.
 
-    Recorded only where the disk cache has none.
+    `trace.example_arguments` lists the arguments that a kernel may have. The kernel is recorded only if the cache on
+    disk does not contain the result.
     """
     from pliant.compiler.llvm import compiled
 
-    size = size_tag(n, segments, turns, tendons) + "_fused" * (kernel in FUSED) + "_memory" * remembers
+    size = size_tag(n, segments, turns, tendons, axial) + "_fused" * (kernel in FUSED) + "_memory" * remembers
     name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
-    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, remembers=remembers)
+    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, axial, remembers=remembers)
     return compiled(name, recorded, fused=kernel in FUSED)
 
 
-def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0) -> str:
-    """Return what tells the twins of one kernel apart: links, segments that lengthen, turns of each joint, tendons."""
+def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
+    """Return the part of a compiled kernel's name that states the chain size: links, extensible segments, joint angles,
+    tendons, and which laws the segments have.
+    """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
-    return "_".join(map(str, [links or "n", *behind]))
+    return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
 
 
 def substitutes(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, loops: bool = False,
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    loops: bool = False,
 ) -> dict[Any, Any]:
-    """Compiled twins for so many links that stand in for kernels that `kernel` reaches, itself included.
+    """Return {plain kernel: compiled replacement} for all functions called by `kernel` that have a faster form for this
+    chain size.
 
-    `loops`: of a chain in space as loops, since straight lines on duals take minutes to compile.
+    Kernels which need no replacement are left out. `loops` replaces straight-line code in space by loops, since
+    straight-line code on dual numbers takes minutes to compile.
     """
     found, made = reached(kernel), {}
     if turns > 1:
         sizes = links, segments, turns, tendons
         return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
-        made[motion.step] = extensible_step(links, segments) if segments else fast_step(links)
+        made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
     if linearised.step_jacobian in found:
         jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
         made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
@@ -137,13 +155,23 @@ def substitutes(
             made[jacobian] = twin(extension_linearised.step_jacobian)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
+    if axial & trace.REMEMBERS:
+        steps: dict[Any, Any] = {extension.step: extensible_step(links, segments, axial)}
+        for plain, own in AXIAL.items():
+            if plain in found:
+                made[plain] = compiled_twin(
+                    own, size_tag(links, segments, axial=axial), lambda callee: steps.get(callee) or twin(callee),
+                    SOURCES, replaced=steps,
+                )
     if segments and contact.add_link_loads in found:
         made[contact.add_link_loads] = twin(extension.add_link_loads)
     return made
 
 
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
-    """The compiled twin of a kernel of a chain in space; `sizes` are links, segments, turns and tendons of `twin`."""
+    """Return the compiled form of a kernel for chains in space of the given `sizes` (links,
+    segments, turns, tendons).
+    """
     lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:
         return spatial_step(*sizes, lines=lines)
@@ -164,7 +192,10 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
 
 @cache
 def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: bool, remembers: bool = False) -> Any:
-    """The compiled step of a chain in space: as straight `lines`, of a chain with tendons its parts without them."""
+    """Return the compiled time step of a chain in space, as straight-line code if `lines`, else as loops.
+
+    With tendons, only the parts of the step without tendons are straight-line code.
+    """
     if not lines:
         return twin(tendon.step if tendons else spatial.step)
     if not tendons:
@@ -177,7 +208,7 @@ def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: 
 
 
 def fast_step(links: int) -> Any:
-    """The fastest compiled `motion.step` for so many links."""
+    """Return the fastest compiled time step for a planar chain of `links` links and constant length."""
     if links <= MOST_LINKS:
         return straight(motion.step, links)
     if links <= STRAIGHT_LINKS:
@@ -185,13 +216,13 @@ def fast_step(links: int) -> Any:
     return twin(articulated.step_articulated)
 
 
-def extensible_step(links: int, segments: int) -> Any:
-    """The compiled step of a body of so many links, so many segments of which lengthen."""
+def extensible_step(links: int, segments: int, axial: int = 0) -> Any:
+    """Return the compiled time step of a planar chain of `links` links with `segments` extensible segments."""
     if links + segments <= MOST_LINKS:
-        return straight(extension.step, links, segments)
+        return straight(extension.step, links, segments, axial=axial)
     return twin(extension.step)
 
 
 def tuples(record: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A record, and those within it, as plain tuples: what a twin that Python calls often is given."""
+    """Return a record, and all records in it, as plain tuples, which compiled kernels accept faster from Python."""
     return tuple(tuples(x) if isinstance(x, tuple) else x for x in record)

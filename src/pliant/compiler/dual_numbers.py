@@ -1,4 +1,6 @@
-"""The scalar type of `compiler.duals` for Numba: a float and its derivatives, how they add, multiply and divide.
+"""Numba type for dual numbers: a float with a vector of derivatives, and its arithmetic.
+
+The module `compiler.duals` compiles kernels for this type.
 
 Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
 """
@@ -26,22 +28,24 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from pliant.compiler.simd import NUMBERS, WIDTH, Wide, vector
 from pliant.numerics.trig import cos_sin
 
-SLOTS = 2 * WIDTH  # floats in memory: the value, a gap up to where a register may be loaded from, the derivatives
-_CONTRACT = ("contract",)  # of derivatives: a product and a sum may be rounded once
+SLOTS = 2 * WIDTH  # floats in memory: the value, padding for alignment, the derivatives
+_CONTRACT = ("contract",)  # LLVM may fuse the multiplications and additions of derivatives
 
 
 class Dual(Wide):
-    """A double with `WIDTH` derivatives; a float mixes in as one without."""
+    """Numba type of a dual number: a double with `WIDTH` derivatives. A float is converted to one whose derivatives are
+    0.
+    """
 
     def __init__(self) -> None:
         super().__init__("dual", SLOTS)
 
     @property
     def cos_sin(self) -> Any:
-        """What `trig.pair` compiles of it."""
+        """The function of cosine and sine that Numba compiles for dual numbers."""
         return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
 
-    mixes = True  # `llvm` leaves the floats among operands as they are
+    mixes = True  # `llvm` does not convert float operands
 
 
 dual = Dual()
@@ -58,7 +62,9 @@ make_attribute_wrapper(Dual, "slopes", "slopes")
 
 
 def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
-    """Value and derivatives; None for those of a float."""
+    """Return the LLVM values of a dual number: its value and its derivatives, or None instead of the derivatives of a
+    float.
+    """
     if kind == dual:
         return builder.extract_value(value, 0), builder.extract_value(value, 1)
     return context.cast(builder, value, kind, types.float64), None
@@ -72,7 +78,7 @@ def _made(context: Any, builder: Any, real: Any, slopes: Any) -> Any:
 
 @intrinsic
 def _joined(_context: Any, real: Any, slopes: Any) -> Any:
-    """The dual of a value and its derivatives."""
+    """Return the dual number of a value and its derivatives."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return _made(context, builder, *args)
@@ -88,18 +94,18 @@ def _constant(context: Any, builder: Any, kind: Any, _dual: Any, value: Any) -> 
 
 
 class _Rules:
-    """Value and derivatives (in LLVM) of an operation on a, with derivatives da, and b; None are those of a float."""
+    """LLVM code for operations on a and b, with derivatives da and db, which are None for floats."""
 
     def __init__(self, context: Any, builder: Any) -> None:
         self.context, self.builder = context, builder
 
     def scaled(self, da: Any, x: Any) -> Any:
-        """Derivatives times a float; None without any."""
+        """Return LLVM code for the derivatives `da` times the float `x`; None stands for zero derivatives."""
         build, cast = self.builder, self.context.cast
         return None if da is None else build.fmul(da, cast(build, x, types.float64, vector), flags=_CONTRACT)
 
     def sum(self, da: Any, db: Any) -> Any:
-        """Of derivatives, either of which may be None."""
+        """Return LLVM code for the sum of two vectors of derivatives; None stands for zero derivatives."""
         if da is None or db is None:
             return da if db is None else db
         return self.builder.fadd(da, db, flags=_CONTRACT)
@@ -122,7 +128,7 @@ class _Rules:
 
 
 def _define(operation: Any, rule: str) -> None:
-    """Teach Numba an operator of two numbers, of which one at least is a dual."""
+    """Register with Numba an operator of two numbers, at least one of which is a dual number."""
 
     @infer_global(operation)
     class _Typed(AbstractTemplate):
@@ -176,7 +182,7 @@ def _np_cos(x):
 
 
 def _define_function(function: Any, slope: Any) -> None:
-    """Teach Numba a function of one dual: `slope` gives its derivative from x and from its value there."""
+    """Register with Numba a function of one dual number; `slope` returns the derivative from x and the value."""
     slope = register_jitable(slope)
 
     def on_dual(x):
@@ -199,13 +205,13 @@ def _min(x, y):
 
 
 def _power(x, y):
-    """x^y of a positive x."""
+    """Return x^y of a positive x."""
     z = x.real**y.real
     return _joined(z, (y.real * z / x.real) * x.slopes + (np.log(x.real) * z) * y.slopes)
 
 
 def _fixed_power(x, y):
-    """x^y of a positive x, y a float."""
+    """Return x^y of a positive x, for a float y."""
     z = x.real**y
     return _joined(z, (y * z / x.real) * x.slopes)
 

@@ -1,9 +1,9 @@
-"""Dual numbers: a value with `WIDTH` derivatives beside it, so that a kernel's one text carries them exactly.
+"""Kernels compiled for dual numbers, a value with `WIDTH` derivatives, so that they compute exact derivatives.
 
-Numba learns a scalar type `dual` that is a float and a `vector` of derivatives. It adds, multiplies and divides by the
-rules of Leibniz, mixes with floats, and has sine, cosine, exponentials, roots and powers; what a text compares are the
-values, `x.real`. A kernel compiled for arrays of duals is the kernel: nothing is written twice, and the values are
-those of the kernel on floats, to the bit. In memory a dual is a row of `SLOTS` floats, the value first (`duals`).
+Numba is given a scalar type `dual`, a float with a `vector` of derivatives. It has the four operations by the rules of
+differentiation, mixes with floats, and has sine, cosine, exponentials, roots and powers. Comparisons use the values,
+`x.real`. A kernel is compiled for arrays of dual numbers from its own source, and its values equal those on floats to
+the bit. In memory a dual number is a row of `SLOTS` floats with the value first (see `duals`).
 
 Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
 """
@@ -32,7 +32,10 @@ Array = np.ndarray
 
 
 def _of(kind: Any) -> Any:
-    """What `as_duals` makes of an argument's type: of floats (..., SLOTS) duals (...); the rest stays."""
+    """Return the type which `_as_duals` gives an argument: arrays of floats (..., SLOTS) become duals (...).
+
+    Other types are returned unchanged.
+    """
     if isinstance(kind, types.Array) and kind.dtype == types.float64:
         return dual if kind.ndim == 1 else types.Array(dual, kind.ndim - 1, "C")
     if not isinstance(kind, types.BaseTuple):
@@ -42,7 +45,7 @@ def _of(kind: Any) -> Any:
 
 
 def _taken(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """An argument as `_of` has it, sharing its memory."""
+    """Return an argument converted to the type of `_of`, without copying its memory."""
     made = _of(kind)
     if isinstance(kind, types.BaseTuple):
         kinds: Any = kind
@@ -65,7 +68,7 @@ def _taken(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def _as_duals(_context: Any, arguments: Any) -> Any:
-    """All arguments with duals in the place of floats (..., SLOTS)."""
+    """Return all arguments with dual numbers in place of arrays of floats (..., SLOTS)."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return _taken(context, builder, arguments, args[0])
@@ -75,7 +78,7 @@ def _as_duals(_context: Any, arguments: Any) -> Any:
 
 @intrinsic
 def _value(_context: Any, x: Any) -> Any:
-    """The value of a dual; what is none stays."""
+    """Return the value of a dual number; anything else is returned unchanged."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return parts(context, builder, dual, args[0])[0] if x == dual else args[0]
@@ -88,12 +91,17 @@ def _run(*arguments):
 
 
 @cache
-def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """The compiled twin of a kernel on duals: as `choose.twin`, floats and arrays of floats as `duals` lays them.
+def dual_twin(
+    kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return a kernel compiled for dual numbers: it takes arrays of floats (..., SLOTS), each row a value with its
+    derivatives.
 
-    What is not of floats (counts, arrays of integers) stays as it is; a dual that is returned comes as its value.
+    The sizes are those of `choose.twin`. `duals` makes such arrays.
+
+    Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
     """
-    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons)  # loops fit any size
+    sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)  # loops fit any size
     inner = _inner(kernel, *sizes)
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__
@@ -103,7 +111,7 @@ def dual_twin(kernel: FunctionType, links: int | None, segments: int = 0, turns:
 
 @cache
 def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
-    """The twin that takes duals themselves."""
+    """Return the compiled kernel whose arguments are dual numbers themselves."""
     fast = choose.substitutes(kernel, links, *sizes, loops=True) if links else {}
     if kernel in fast:
         return fast[kernel]
@@ -115,7 +123,12 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:
-    """Floats (..., SLOTS) for `dual_twin`: `values` (...) and their derivatives, (..., P) with P up to `WIDTH`."""
+    """Return dual numbers as floats (..., SLOTS), from values (...) and their derivatives by P variables (..., P).
+
+    `dual_twin` takes such arrays.
+
+    P is at most `WIDTH`.
+    """
     values = np.asarray(values, dtype=float)
     made = aligned((*values.shape, SLOTS), np.zeros)
     made[..., 0] = values

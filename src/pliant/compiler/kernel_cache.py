@@ -1,15 +1,16 @@
-"""Where compiled kernels are kept between runs, by Numba's own cache with a checksum before each file.
+"""Storage of compiled kernels on disk between runs, as Numba's cache with a checksum in each file.
 
-A name in this cache holds a digest of all that its machine code comes from (`pliant.compiler.twin.fingerprint`), so an
-entry is never stale and every checkout, environment and process of a user may use one folder: the one that the
-environment variable NUMBA_CACHE_DIR names, or ``pliant`` among the user's caches. Numba alone keeps a cache beside each
-source file, and two processes that save into one of its indices at once may give a signature the other's code.
+The name of an entry contains a digest of everything that determines its machine code
+(`pliant.compiler.twin.fingerprint`). An entry is therefore never stale, and all installations, environments and
+processes of a user share one folder: the one in the environment variable NUMBA_CACHE_DIR, or ``pliant`` in the user's
+cache folder. (Numba's default cache lies beside each source file, and two processes which save into one of its indices
+at once may give a signature the other's code.)
 
-Every file begins with a checksum of the rest, which is compared before anything of it is unpickled or run: a file that
-a power cut or a full disk left damaged is removed, with a line that says so, and the kernel is compiled again.
+Every file begins with a checksum of the rest, which is compared before anything is unpickled or run. A damaged file,
+for example after a power cut or on a full disk, is removed with a warning, and the kernel is compiled again.
 
-Numba keeps the names used here to itself and may change them: `pliant.compiler.cache` does without this module where
-one is missing.
+The names of Numba used here are private and may change. `pliant.compiler.cache` works without this module where one is
+missing.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ from numba.core.compiler import Compiler
 from numba.core.runtime.nrt import rtsys
 from numba.misc.appdirs import AppDirs
 
-config: Any = numba.config  # it fills itself from the environment
+config: Any = numba.config  # set from environment variables by Numba
 DIGEST = 32  # bytes of a checksum
-UNREADABLE = (  # what unpickling ends in where a class of the content is not as it was
+UNREADABLE = (  # errors of unpickling where a class of the content has changed
     pickle.UnpicklingError, AttributeError, ImportError, EOFError, ValueError, TypeError, KeyError, IndexError)
-FORGOTTEN = 14 * 86400.0  # s, after which another text's code is removed
+FORGOTTEN = 14 * 86400.0  # s, age at which the code of another version of a kernel is removed
 
 
 @cache
 def folder() -> Path | None:
-    """The folder of this user's kernels, made when it is absent; None when nothing can be written there."""
+    """Return the folder for this user's compiled kernels, created if absent; None if it cannot be written."""
     place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
     place = place / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
@@ -55,7 +56,7 @@ def folder() -> Path | None:
 
 
 class _Locator(_CacheLocator):
-    """One folder for all kernels; their names say what they come from."""
+    """Numba cache locator with one folder for all kernels, whose names identify their source."""
 
     def __init__(self, file: str, place: Path) -> None:
         self._py_file, self._place = file, place
@@ -80,10 +81,10 @@ class _Place(CompileResultCacheImpl):
 
 
 class CheckedFiles(IndexDataCacheFile):
-    """Numba's index and data files, each behind a checksum of its content."""
+    """Numba's index and data files of compiled kernels, with a checksum at the start of each file."""
 
     def load(self, key: Any) -> Any:
-        """What is kept under a key; None where nothing is, or only what is damaged."""
+        """Return the compiled kernel stored under `key`, or None if it is absent or its file is damaged."""
         name = self._load_index().get(key)
         return None if name is None else self._read(Path(self._data_path(name)))
 
@@ -103,7 +104,7 @@ class CheckedFiles(IndexDataCacheFile):
             file.write(sha256(body).digest() + body)
 
     def _read(self, path: Path) -> Any:
-        """The content of a file; None where it is absent or damaged, and then nothing of it was unpickled."""
+        """Return the content of a file, or None if it is absent or damaged; a damaged file is never unpickled."""
         try:
             content = path.read_bytes()
         except OSError:
@@ -112,14 +113,14 @@ class CheckedFiles(IndexDataCacheFile):
         whole = digest == sha256(body).digest()
         if whole:
             with suppress(*UNREADABLE):
-                return pickle.loads(body)  # noqa: S301  this user wrote it, and it is as it was written
+                return pickle.loads(body)  # noqa: S301  written by this user, and unchanged since
         self._drop(path)
-        if not whole:  # else it is of a version whose records had other names
+        if not whole:  # else it was written by a version whose records had other names
             tell_damaged(path.parent)
         return None
 
     def _drop(self, path: Path) -> None:
-        """Remove a file that cannot be read; with an index all that it listed, which a new one would list otherwise."""
+        """Remove a file that cannot be read; with an index file, also all data files which it listed."""
         damaged = [path]
         if str(path) == self._index_path:
             damaged += path.parent.glob(f"{escape(path.stem)}.*.nbc")
@@ -129,7 +130,7 @@ class CheckedFiles(IndexDataCacheFile):
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache in the shared folder; its keys see the order of a NamedTuple's fields."""
+    """Numba's cache of one function's compiled code, in the folder shared by all processes of the user."""
 
     _impl_class = _Place
 
@@ -138,30 +139,31 @@ class KernelCache(FunctionCache):
         self._cache_file = CheckedFiles(self._cache_path, self._impl.filename_base, "in the name")
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Numba's key, and the fields of the records among the arguments: compiled code knows them by their place."""
+        """Return Numba's key with the field names of record arguments, because compiled code uses their positions."""
         return (*super()._index_key(sig, codegen), tuple(fields(kind) for kind in sig))
 
     @property
     def index(self) -> Path:
-        """The file that lists what is kept of this kernel."""
+        """Path of the file that lists the stored compiled versions of this kernel."""
         return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is kept for a signature, or None, without all that Numba learns first of how each thing is compiled.
+        """Return the stored machine code for a signature, or None, without the slow initialisation of Numba's compiler.
 
-        To load takes only the runtime that counts references; what is to be compiled makes Numba learn the rest.
+        Loading needs only the runtime for reference counts. The compiler is initialised when something must be
+        compiled.
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, and remove what nobody has asked for in a long time."""
+        """Store compiled machine code on disk, and remove outdated files of the same kernel."""
         super().save_overload(sig, data)
         self.sweep()
 
     def sweep(self) -> None:
-        """Remove what older texts of this kernel left: their names hold other digests, nobody will look for them."""
+        """Remove stored files of earlier versions of this kernel that have not changed for 14 days."""
         kernel, _, rest = self.index.name.rpartition("_")
         digest = rest.partition("-")[0]
         for file in self.index.parent.glob(f"{kernel}_????????????-*"):
@@ -171,17 +173,17 @@ class KernelCache(FunctionCache):
 
 
 def fields(kind: Any) -> Any:
-    """Names of a record's fields in their order, and those of the records in it."""
+    """Return the field names of a Numba record type, in their order, followed by those of the record types in it."""
     parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
     inside = tuple(map(fields, parts))
     return (*getattr(kind, "fields", ()), *inside)
 
 
 class Part(Compiler):
-    """Compiles what others take in: inlined and simplified; the rest is done where it ends up."""
+    """Numba compiler for kernels that are inlined into others, with only a first round of optimisation."""
 
     def define_pipelines(self) -> Any:
-        """Numba's steps, into a library of little optimisation."""
+        """Return Numba's compiler pipelines, set up for code that is optimised only a little."""
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
@@ -189,7 +191,7 @@ class Part(Compiler):
 
 class _PartLibrary(JITCodeLibrary):
     def _optimize_final_module(self) -> None:
-        """The first of the two rounds that Numba makes of a library."""
+        """Run the first of Numba's two rounds of optimisation."""
         made = self._codegen
         passes, builder = made._module_pass_manager(opt=made._opt_level, cost="cheap")  # noqa: SLF001  as Numba does
         passes.run(self._final_module, builder)
@@ -197,5 +199,5 @@ class _PartLibrary(JITCodeLibrary):
 
 @cache
 def tell_damaged(place: Path) -> None:
-    """Warn, once, that kernels in this folder are damaged."""
+    """Warn once that damaged compiled kernels in the cache folder `place` are removed and compiled again."""
     warn(f"damaged kernels in the cache {place} are removed and compiled again", RuntimeWarning, stacklevel=2)

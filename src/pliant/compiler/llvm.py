@@ -1,7 +1,7 @@
-"""From a recording of `trace` to machine code: its operations are written as instructions of LLVM.
+"""Compilation of a kernel's recorded operations (see `trace`), which are written directly as LLVM instructions.
 
-Numba types and compiles the call alone: as Python text, the same operations take it up to six times as long. Works
-on floats, complex numbers, `simd` vectors and mixtures: an operation is done in the wider of its operands' kinds.
+Numba compiles only the call. If the same operations were Python source, Numba would need up to six times as long. The
+operands may be floats, complex numbers and `simd` vectors: an operation is done in the wider type of its operands.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Value = tuple[Any, Any]  # Numba's type and LLVM's value
 
 
 def square_root(x):
-    """The root of a number of any kind."""
+    """Return the square root of a number of any type."""
     return np.sqrt(x)
 
 
 class LlvmWriter:
-    """Writes one recording into one function of LLVM, for arguments of one set of types."""
+    """Writer of a kernel's recorded operations as LLVM instructions of one function, for given argument types."""
 
     def __init__(
         self, target: tuple[Any, Any], made: KernelProgram, arguments: dict[str, Value], *, fused: bool,
@@ -44,7 +44,7 @@ class LlvmWriter:
         self.angles: dict[int, Any] = {}
 
     def write(self) -> None:
-        """All that is needed, then the results into their arrays."""
+        """Write all needed operations as LLVM instructions, and store the results in the arrays of the arguments."""
         for row in self.made.needed:
             self.values[row] = self.number(*self.made.rows[row])
         for where, mark in self.made.stores:
@@ -52,7 +52,7 @@ class LlvmWriter:
             self.builder.store(self.cast(self.values[mark.row], kind), pointer)
 
     def number(self, what: str, operands: tuple[Any, ...]) -> Value:
-        """What one row of the recording comes to."""
+        """Return the LLVM value of one recorded operation, or of one number of the arguments."""
         if not operands:
             return self.given(what)
         if what in ("cos", "sin"):
@@ -73,15 +73,15 @@ class LlvmWriter:
         return kind, done(self.builder, made)
 
     def constant(self, value: float) -> Value:
-        """A number of the kernel's text."""
+        """Return a Python number as an LLVM constant with its Numba type."""
         return types.float64, self.context.get_constant(types.float64, float(value))
 
     def cast(self, value: Value, kind: Any) -> Any:
-        """`value` as the type `kind`."""
+        """Return an LLVM value converted to the Numba type `kind`."""
         return value[1] if value[0] == kind else self.context.cast(self.builder, value[1], value[0], kind)
 
     def cosine_and_sine(self, angle: Mark) -> Value:
-        """Both of one angle, found once."""
+        """Return cosine and sine of an angle as one LLVM value, computed once for each angle of the kernel."""
         kind, value = self.values[angle.row]
         if angle.row not in self.angles:
             found = signature(types.UniTuple(kind, 2), kind)
@@ -89,7 +89,7 @@ class LlvmWriter:
         return kind, self.angles[angle.row]
 
     def given(self, where: str) -> Value:
-        """A number among the arguments: a place in an array, or the argument itself."""
+        """Return the LLVM value of a number among the kernel's arguments: an array element or a scalar."""
         if "[" in where:
             kind, pointer = self.element(where)
             return kind, self.builder.load(pointer)
@@ -98,7 +98,9 @@ class LlvmWriter:
         return wide, self.cast((kind, value), wide)
 
     def argument(self, path: str) -> Value:
-        """An argument, or the field of one: ``body.gx``."""
+        """Return Numba type and LLVM value of a kernel's argument or of a field in it, given by a path such as
+        ``body.gx``.
+        """
         name, *fields = path.split(".")
         kind, value = self.arguments[name]
         for field in fields:
@@ -107,10 +109,10 @@ class LlvmWriter:
         return kind, value
 
     def element(self, where: str) -> Value:
-        """Type of an array's numbers, and where one of them lies: ``body.B[2, 1]``."""
+        """Return the Numba type and the LLVM pointer of an array element, given by a path such as ``body.B[2, 1]``."""
         path, _, numbers = where.removesuffix("]").partition("[")
         if path not in self.arrays:
-            from numba.np.arrayobj import make_array  # all that compiles arrays: not for code from the cache
+            from numba.np.arrayobj import make_array  # slow import, not needed for code from the cache
 
             kind, value = self.argument(path)
             self.arrays[path] = kind, make_array(kind)(self.context, self.builder, value)
@@ -120,9 +122,12 @@ class LlvmWriter:
 
 
 def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = False) -> Any:
-    """The recording as a compiled function, cached on disk under `name`, which must say all that it depends on.
+    """Return a kernel's recorded operations as a compiled function, stored in the cache on disk under `name`.
 
-    `fused`: a product and the sum that it goes into may be rounded once, where the processor can do both at once.
+    `name` must identify everything on which the code depends. `recorded` returns the recording when it must be
+    compiled.
+
+    With `fused`, a multiplication and the addition of its result may be one instruction with one rounding.
     """
 
     @intrinsic
@@ -137,7 +142,7 @@ def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = 
         return types.void(arguments), generate
 
     copy = FunctionType(_run.__code__, {"run": run}, name)
-    copy.__qualname__ = name  # Numba links by it: of two twins from its cache, one would run the other's code
+    copy.__qualname__ = name  # Numba links by this name, which must differ between kernels
     copy.__module__ = __name__
     return kept(copy, _nrt=False)
 

@@ -1,9 +1,8 @@
-"""Lanes: `WIDTH` numbers side by side as one number, so that a kernel's one text advances `WIDTH` chains at once.
+"""SIMD vectors: `WIDTH` numbers in one processor register, so that one kernel call advances `WIDTH` chains at once.
 
-Numba learns a scalar type `vector` that is a vector of LLVM. It adds, multiplies and divides as a float does, mixes
-with floats, and has sine, cosine, floor and rounding. A kernel compiled for arrays of such vectors is the kernel:
-nothing is written twice. An array of vectors is a float array whose last axis has `WIDTH` entries (`as_lanes`, in
-compiled code).
+Numba is given a scalar type `vector`, which is an LLVM vector. It has the arithmetic of floats, mixes with floats, and
+has sine, cosine, floor and rounding. A kernel is compiled for arrays of such vectors from its own source. An array of
+vectors is a float array whose last axis has `WIDTH` entries (`as_lanes`, in compiled code).
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from numba.np.arrayobj import populate_array
 from pliant.compiler import choose, trig
 from pliant.compiler.twin import compiled_twin
 
-WIDTH = 8  # one AVX-512 register of doubles; LLVM splits it where registers are shorter
+WIDTH = 8  # doubles in one AVX-512 register; LLVM splits the vector where registers are shorter
 _ALIGN = 8 * WIDTH  # bytes
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _INDICES = ir.VectorType(ir.IntType(32), WIDTH)
@@ -44,23 +43,23 @@ NUMBERS = (types.Float, types.Integer)
 
 
 class Wide(types.Type):
-    """Several doubles that stand for one number; a float or an integer becomes such where it meets one."""
+    """Numba type of several doubles that act as one number. Floats and integers are converted to it."""
 
     def __init__(self, name: str, doubles: int) -> None:
         super().__init__(name=f"{name}({WIDTH})")
         self.bitwidth = 64 * doubles
 
     def can_convert_from(self, _context: Any, other: Any) -> Any:
-        """A number becomes one."""
+        """Tell Numba that floats and integers can be converted to this type."""
         return Conversion.safe if isinstance(other, NUMBERS) else None
 
     def unify(self, _context: Any, other: Any) -> Any:
-        """A variable that is a number on one path and such on another is such."""
+        """Tell Numba that a variable, which is a float on one path and of this type on another, has this type."""
         return self if isinstance(other, NUMBERS) else None
 
 
 class Lanes(Wide):
-    """`WIDTH` doubles; a float mixes in as `WIDTH` equal ones."""
+    """Numba type of a SIMD vector of `WIDTH` doubles. A float is converted to a vector of equal elements."""
 
     def __init__(self) -> None:
         super().__init__("vector", WIDTH)
@@ -85,7 +84,7 @@ def _repeat(context: Any, builder: Any, kind: Any, _lanes: Any, value: Any) -> A
 
 
 def _define(operation: Any, instruction: str, operands: int) -> None:
-    """Add to Numba an operator of vectors by the instruction of LLVM that does it."""
+    """Register with Numba an operator of vectors, implemented by one LLVM instruction."""
 
     @infer_global(operation)
     class _Typed(AbstractTemplate):
@@ -112,7 +111,7 @@ def _vector_function(builder: Any, name: str, x: Any) -> Any:
 
 
 def _unary(name: str) -> Any:
-    """The function of LLVM called `name`, on vectors."""
+    """Return the LLVM intrinsic `name` as a function of vectors."""
 
     @intrinsic
     def call(_context: Any, x: Any) -> Any:
@@ -155,7 +154,9 @@ def _np_cos(x):
 
 @intrinsic
 def within(_context: Any, x: Any, limit: Any) -> Any:
-    """Bit k is set where lane k of |x| is at most `limit`; not a number is not."""
+    """Return an integer whose bit k is 1 if element k of the SIMD vector |x| is at most `limit`,
+    else 0 (also for NaN).
+    """
 
     def generate(_target: Any, builder: Any, _sig: Any, args: Any) -> Any:
         size = _vector_function(builder, "fabs", args[0])
@@ -167,7 +168,10 @@ def within(_context: Any, x: Any, limit: Any) -> Any:
 
 @intrinsic
 def as_lanes(_context: Any, array: Any) -> Any:
-    """The float array (..., WIDTH) as an array (...) of vectors, sharing its memory; see `aligned`."""
+    """Return a float array (..., WIDTH) as an array (...) of SIMD vectors that shares its memory.
+
+    `aligned` makes such arrays.
+    """
     if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype == types.float64):
         return None
     result = types.Array(vector, array.ndim - 1, "C")
@@ -187,7 +191,10 @@ def as_lanes(_context: Any, array: Any) -> Any:
 
 
 def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty) -> np.ndarray:
-    """A float array (..., WIDTH), empty unless `made` fills it, that begins where a register may be loaded from."""
+    """Return a float array of `shape` (..., WIDTH) whose memory address is aligned to SIMD registers.
+
+    It is not initialised unless `made` does so (np.zeros).
+    """
     size = prod(shape)
     raw = made(size + WIDTH)
     skip = -(raw.__array_interface__["data"][0] // 8) % WIDTH
@@ -195,9 +202,15 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
 
 
 @cache
-def lane_twin(kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0) -> Any:
-    """The compiled twin of a kernel on vectors: as `choose.twin`, and it lets other threads run."""
-    sizes = links, segments, turns, tendons
+def lane_twin(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
+    lock.
+
+    The sizes are those of `choose.twin`.
+    """
+    sizes = links, segments, turns, tendons, axial
     fast = choose.substitutes(kernel, *sizes)
     if kernel in fast:
         return fast[kernel]

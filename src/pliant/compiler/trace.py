@@ -1,8 +1,9 @@
-"""Straight-line twins: a kernel's text run once on symbols that write down what they do, for a fixed number of links.
+"""Recording of a kernel's operations: it is run once on symbols for n links, which gives straight-line code without
+loops.
 
-The loops over links are gone, every intermediate is a local number instead of an array element, and what does not
-reach the result is left out. The compiler sees no memory that could be shared, which halves the time of a step. The
-text is still the one in `motion.py`: what `llvm` hands to the compiler is a recording of it.
+The recording has no loops over links, its intermediate results are local variables instead of array elements, and
+operations without effect on the result are dropped. The compiler sees no memory that might be shared, which halves the
+time of a step. The source is still that in `motion.py`; `llvm` compiles the recording.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
+    ExtensibleJoints,
     ExtensibleWorkspace,
     Joints,
     Slopes,
@@ -25,20 +27,23 @@ from pliant.equations.symbols import (
     Workspace,
 )
 
-# Scratch arrays that a kernel hands on; of all others work.a alone. Constants are not stored.
+# Scratch arrays which a kernel leaves as results for its caller; for kernels not listed, only work.a.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
 KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("work.B",)}
 
 
+CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
+
+
 class Tape:
-    """Operations in the order in which they were first needed; equal ones are written once."""
+    """Ordered list of the arithmetic operations of a kernel. An operation that occurs again is recorded only once."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[str, tuple[Any, ...]]] = []
         self.known: dict[tuple[str, tuple[Any, ...]], Mark] = {}
 
     def write(self, what: str, *operands: Any) -> Mark:
-        """The mark of an operation, new or known."""
+        """Record one operation, unless it is recorded already, and return its symbolic result."""
         key = (what, tuple(float(o) if isinstance(o, (int, float, np.number)) else o for o in operands))
         if key not in self.known:
             self.known[key] = Mark(self, len(self.rows))
@@ -47,7 +52,7 @@ class Tape:
 
 
 class Mark:
-    """A number that is not known yet: arithmetic on it is written on its tape."""
+    """The symbolic result of a recorded operation. Arithmetic on it is recorded as well."""
 
     __slots__ = ("row", "tape")
 
@@ -83,20 +88,20 @@ class Mark:
         return self.tape.write("-", self)
 
     def cos(self) -> Mark:
-        """NumPy's np.cos asks an object for this."""
+        """Record the cosine of this symbolic number; np.cos calls this method."""
         return self.tape.write("cos", self)
 
     def sin(self) -> Mark:
-        """NumPy's np.sin asks an object for this."""
+        """Record the sine of this symbolic number; np.sin calls this method."""
         return self.tape.write("sin", self)
 
     def sqrt(self) -> Mark:
-        """NumPy's np.sqrt asks an object for this."""
+        """Record the square root of this symbolic number; np.sqrt calls this method."""
         return self.tape.write("sqrt", self)
 
 
 def marks(tape: Tape, name: str, example: Any) -> Any:
-    """Marks in the place of every number of an argument: a number, an array, or a NamedTuple of these."""
+    """Return an argument of a kernel (number, array or named tuple) with a symbol in place of every number."""
     if isinstance(example, tuple) and hasattr(example, "_fields"):
         return type(example)(*(marks(tape, f"{name}.{f}", v) for f, v in zip(example._fields, example, strict=True)))
     if isinstance(example, np.ndarray):
@@ -108,7 +113,9 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
 
 
 def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
-    """What a kernel wrote: (place, mark) for every array element that changed, scratch arrays left out."""
+    """Return (element name, symbol) for every array element that a kernel has written, except in scratch arrays not in
+    `kept`.
+    """
     if isinstance(argument, tuple) and hasattr(argument, "_fields"):
         parts = zip(argument._fields, argument, before, strict=True)
         return [row for f, a, b in parts for row in changed(a, b, f"{name}.{f}", kept)]
@@ -120,16 +127,19 @@ def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> lis
 
 
 class KernelProgram(NamedTuple):
-    """What a kernel does for arguments of given shapes."""
+    """The recorded operations of a kernel for arguments of given shapes."""
 
     names: tuple[str, ...]  # of the arguments
     rows: list[tuple[str, tuple[Any, ...]]]  # operation and operands: a mark is the row that it comes from
-    needed: list[int]  # the rows that reach the result, in order
-    stores: list[tuple[str, Mark]]  # what goes where in the end
+    needed: list[int]  # the rows on which the results depend, in order
+    stores: list[tuple[str, Mark]]  # array elements and the marks of their final values
 
 
 def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
-    """Run `kernel` on symbols in arguments of the examples' shapes; of scratch arrays only those `kept` are results."""
+    """Run `kernel` on symbols and return its recorded operations, for arguments with the shapes of `examples`.
+
+    Of the scratch arrays, only those in `kept` are results.
+    """
     tape = Tape()
     arguments = {name: marks(tape, name, example) for name, example in examples.items()}
     before = {name: marks(tape, name, example) for name, example in examples.items()}
@@ -146,7 +156,7 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
 
 
 def example_arguments(n: int) -> dict[str, Any]:
-    """Arguments of the shapes that every kernel of an n-link chain takes."""
+    """Return {name: zeros} with the shapes of all arguments that the kernels of a planar chain of n links may have."""
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -161,9 +171,14 @@ def example_arguments(n: int) -> dict[str, Any]:
     }
 
 
-def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
-    """As `example_arguments`, of a body that lengthens: `equations.extension`."""
+def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any]:
+    """Return {name: zeros} with the shapes of all arguments that the kernels of an extensible planar chain of n links
+    may have.
+
+    These are the kernels of `equations.extension`, for `segments` segments.
+    """
     size = n + segments
+    curved, moved = n + segments * bool(axial & CURVED), segments * bool(axial & REMEMBERS)
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -173,7 +188,9 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, n), zeros(n)),
+        "joints": ExtensibleJoints(
+            0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, curved), zeros(n), zeros(moved),
+        ),
         "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
     }
 
@@ -181,7 +198,10 @@ def extensible_arguments(n: int, segments: int) -> dict[str, Any]:
 def spatial_workspace(
     n: int, turns: int, segments: int = 0, tendons: int = 0, kind: type = float,
 ) -> SpatialWorkspace:
-    """Return scratch arrays of a `kind` of numbers for n links in space, of 2 or 3 turns a joint, with tendons."""
+    """Return new scratch arrays for a chain in space of n links, with 2 or 3 angles (`turns`) at each joint.
+
+    `segments` is the number of segments that lengthen, `kind` the type of the numbers.
+    """
     turned, size = turns * n, turns * n + segments
     shapes: dict[str, tuple[int, ...]] = {
         "A": (size, size), "B": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3),
@@ -199,7 +219,11 @@ def spatial_workspace(
 def spatial_arguments(
     n: int, segments: int, turns: int, tendons: int, *, remembers: bool = False,
 ) -> dict[str, Any]:
-    """As `example_arguments`, of a chain in space whose joints have so many turns: `equations.spatial`."""
+    """Return {name: zeros} with the shapes of all arguments that the kernels of a chain in space of
+    n links may have.
+
+    Each joint has 2 or 3 angles (`turns`).
+    """
     size = n * turns + segments
 
     def zeros(*shape: int) -> np.ndarray:
@@ -223,16 +247,22 @@ def spatial_arguments(
 
 
 def recording(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, *, remembers: bool = False,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    remembers: bool = False,
 ) -> KernelProgram:
-    """The recording of a kernel for n links, and so many segments that lengthen; in space, turns and tendons.
+    """Return the recorded operations of a kernel for a chain of n links with the given numbers of segments, angles and
+    tendons.
 
-    In space a step that `remembers` takes the lines of hysteresis states.
+    `axial`: laws of the segments, as in `choose.twin`.
+
+    `segments` is the number of segments that lengthen.
+
+    With `remembers`, a step in space includes the linear functions of the hysteresis states.
     """
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)
     else:
-        examples = extensible_arguments(n, segments) if segments else example_arguments(n)
+        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     kept = KEPT.get(kernel.__name__, ("work.a",))
     return record(kernel, {name: examples[name] for name in names}, kept=kept)

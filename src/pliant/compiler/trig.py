@@ -1,4 +1,7 @@
-"""The compiled `cos_sin`, for real and for complex angles. Imported only when something is compiled."""
+"""Compiled function for cosine and sine of real and complex angles, with the same results as in Python.
+
+This module is imported only when something is compiled.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ def _pair(x):
 
 
 def _complex_pair(x):
-    """Where a derivative is carried the imaginary part is tiny, and its first power exact to the last bit."""
+    """Return cosine and sine of a complex angle; for a tiny imaginary part, by its first power, which is then exact."""
     if not abs(x.imag) < 1e-9:
         return np.cos(x), np.sin(x)
     c, s = _real(x.real)
@@ -31,5 +34,5 @@ def _choose(x):
 
 
 def pair(x):
-    """(cos x, sin x) of an angle of any kind, for `compile_internal`."""
+    """Return (cos x, sin x) of a real or complex angle x, a SIMD vector or a dual number, in compiled code."""
     return _pair(x)

@@ -1,8 +1,8 @@
-"""Compiled twins of plain kernels: the same text, made once by Numba, cached on disk.
+"""Compiled kernels: copies of plain Python functions, compiled by Numba from the same source and cached on disk.
 
-A decorated kernel could not be traced, differentiated by complex step or run on symbols, and a decorator inside a
-factory never finds its cache. So the text stays plain and a copy is compiled whose callees are twins too, see
-`choose.twin`.
+The kernels themselves are not decorated: a decorated kernel could not be recorded, differentiated by complex step or
+run on symbols, and a decorator inside a factory function never finds its cache. A copy is compiled instead, whose
+callees are compiled copies too; see `choose.twin`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ALLOCATORS = {"zeros", "empty"}
 
 
 def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = None) -> Any:
-    """Copy of `kernel` and of every pliant kernel that it calls, each passed through `wrap`.
+    """Return a copy of `kernel` in which it and every pliant function that it calls are replaced by ``wrap(function)``.
 
     `names` replaces globals by name, e.g. ``{"np": shim}`` to run a kernel on symbols.
     """
@@ -42,18 +42,20 @@ def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = N
 
 
 def callees(kernel: FunctionType) -> list[FunctionType]:
-    """The pliant kernels that `kernel` calls by their global names."""
+    """Return the pliant functions that `kernel` calls directly by their global names."""
     found = (kernel.__globals__.get(name) for name in kernel.__code__.co_names)
     return [f for f in found if is_kernel(f)]
 
 
 def is_kernel(value: Any) -> TypeGuard[FunctionType]:
-    """Whether something is a plain function of this package."""
+    """Return whether a value is a plain Python function of the package pliant."""
     return isinstance(value, FunctionType) and value.__module__.startswith("pliant.")
 
 
 def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> set[FunctionType]:
-    """`kernel` and every pliant kernel that it calls, directly or not."""
+    """Return the set of `kernel` and all pliant functions that it calls directly or indirectly, except those in
+    `replaced`.
+    """
     todo = [kernel]
     seen: set[FunctionType] = set()
     while todo:
@@ -65,20 +67,21 @@ def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> se
 
 
 def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> dict[str, Any]:
-    """How Numba compiles a kernel: inlined by its callers, without counting references to arrays unless it makes some.
+    """Return Numba's compile options for a kernel: inlining, and reference counting only if it allocates arrays.
 
-    A call copies every number of the records that it hands over, which can take several times as long as the step that
-    is called. Where the caller owns every array the counting is idle, and with many arrays it takes longer than the
-    mathematics. Kernels that are `replaced` by stand-ins do not matter here: those were compiled for themselves.
+    References are counted if the kernel allocates arrays. A call which is not inlined copies every number of its record
+    arguments, which can take several times as long as the step itself. Reference counting is not needed where the
+    caller owns every array, and with many arrays it takes longer than the mathematics. Kernels in `replaced` are not
+    considered, because they are compiled separately.
     """
     return {"_nrt": any(map(makes_arrays, reached(kernel, replaced))), "forceinline": True}
 
 
 @cache
 def makes_arrays(kernel: FunctionType) -> bool:
-    """Whether a kernel allocates an array or writes a whole part of one, which Numba may do by a copy.
+    """Return whether a kernel's code allocates an array or writes to a slice, which Numba may do by a copy.
 
-    Taking a part does not count: no kernel hands an array back.
+    Reading a slice does not count, because no kernel returns an array.
     """
     steps = list(get_instructions(kernel))
     parts = [s.opname == "BUILD_SLICE" or isinstance(s.argval, slice) for s in steps]
@@ -88,11 +91,11 @@ def makes_arrays(kernel: FunctionType) -> bool:
 
 
 def fingerprint(kernel: FunctionType, *sources: str) -> str:
-    """Digest of all that the machine code of `kernel` comes from.
+    """Return a digest (12 hex digits) of everything that determines the machine code of `kernel`.
 
-    The texts that it reaches, what they take from around them, and the files `sources` of those who rewrite them.
-
-    Of the texts it takes what this process runs, not what may meanwhile stand in their files.
+    This is the code of all kernels that it calls, the global values which they use, and the files `sources` of the
+    modules which transform them. The code is that of this process, even if the source files have changed since it
+    started.
     """
     found = sorted(reached(kernel), key=lambda f: (f.__module__, f.__qualname__))
     texts = repr([(f.__module__, f.__qualname__, contents(f.__code__), f.__defaults__, frozen(f)) for f in found])
@@ -101,31 +104,31 @@ def fingerprint(kernel: FunctionType, *sources: str) -> str:
 
 @cache
 def bytes_of(file: str) -> bytes:
-    """A source file, read once: what is edited later is not what this process runs."""
+    """Return the content of a source file, which is read once in each process."""
     return Path(file).read_bytes()
 
 
 def contents(code: CodeType) -> tuple[Any, ...]:
-    """What a text does, without where it stands."""
+    """Return a tuple of everything that determines the behaviour of a code object, without its line numbers."""
     constants = [contents(c) if isinstance(c, CodeType) else stable(c) for c in code.co_consts]
     names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
     return (code.co_code, code.co_flags, code.co_argcount, code.co_kwonlyargcount, names, constants)
 
 
 def frozen(kernel: FunctionType) -> list[tuple[str, Any]]:
-    """The values from outside that compiling puts into a text; the kernels among them are `callees`."""
+    """Return the global values, except functions, that compilation copies into a kernel's code as constants."""
     given = [(name, kernel.__globals__[name]) for name in mentioned(kernel.__code__) if name in kernel.__globals__]
     return [(name, stable(value)) for name, value in given if not is_kernel(value)]
 
 
 def mentioned(code: CodeType) -> list[str]:
-    """Names that a text looks up, the expressions inside it included."""
+    """Return all names that a code object looks up, including those in nested expressions."""
     inner = (name for c in code.co_consts if isinstance(c, CodeType) for name in mentioned(c))
     return sorted({*code.co_names, *inner})
 
 
 def stable(value: Any) -> Any:
-    """Something that is printed alike in every process, and differs where the value does."""
+    """Return a representation of `value` that is equal in every process and differs for different values."""
     if isinstance(value, frozenset):
         return ("frozenset", sorted(map(repr, map(stable, value))))
     if isinstance(value, tuple):
@@ -137,17 +140,20 @@ def stable(value: Any) -> Any:
     if callable(value):
         return (getattr(value, "__module__", ""), getattr(value, "__qualname__", type(value).__qualname__),
                 getattr(value, "_fields", ()))  # fmt: skip
-    raise TypeError(f"a kernel reads numbers, tuples, functions and records from around it, not {value!r}")
+    raise TypeError(f"a kernel may use global numbers, tuples, functions and records, not {value!r}")
 
 
 def compiled_twin(
     kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], *, replaced: Collection[FunctionType] = (),
     **more: Any,
 ) -> Any:
-    """The compiled twin of a plain kernel (Numba, nopython, kept on disk, fastmath off).
+    """Return a copy of the plain Python `kernel`, compiled by Numba and cached on disk.
 
-    `made` gives the twin of a kernel that it calls, `sources` are the files that made stand-ins for those `replaced`,
-    `more` holds further options of Numba; `tag` tells twins of one kernel apart.
+    Numba's options are nopython, and fastmath off.
+
+    `made` returns the compiled form of a kernel that it calls. `sources` are the files that define the replacements of
+    the kernels in `replaced`. `more` holds further options of Numba. `tag` distinguishes the compiled forms of one
+    kernel.
     """
     from pliant.compiler.cache import kept, part
 

@@ -8,8 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pliant.contact.free_motion import FreeMotion, features_of, learn_free, learn_sudden, normalised, running_mean
-from pliant.contact.likelihood_ratio import Answer, answer_of, frames_of, likelihood_ratio
+from pliant.contact.free_motion import (
+    FreeMotion,
+    features_of,
+    fit_free_motion,
+    fit_sudden_test,
+    normalised,
+    running_mean,
+)
+from pliant.contact.likelihood_ratio import InnovationResponse, frames_of, innovation_response, likelihood_ratio
 from pliant.contact.locate import END, Push, locate
 from pliant.errors import InputError
 from pliant.estimation.measurement import measurement_of
@@ -98,13 +105,13 @@ def find_contact(
     learnt = free if isinstance(free, FreeMotion) else free_motion(
         free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options
     )
-    seen = unexplained(recording, model, settings, options)
-    check_pace(seen.found, learnt.period)
-    ratio, since = likelihood_ratio(learnt.sudden.answer, model, *seen.innovations)
-    left = learnt.left_over(seen.torque, seen.features)
-    slow, fast = learnt.statistic(left, seen.features) / learnt.threshold, learnt.sudden.statistic(ratio, seen.motion)
-    slow = slow if lasting else np.zeros_like(slow)
-    scale, pushes = learnt.scale(seen.features), {}
+    filtered = filtered_motion(recording, model, settings, options)
+    check_frame_rate(filtered.estimated, learnt.period)
+    ratio, since = likelihood_ratio(learnt.sudden.answer, model, *filtered.innovations)
+    left = learnt.left_over(filtered.torque, filtered.features)
+    slow = learnt.statistic(left, filtered.features) / learnt.threshold if lasting else np.zeros(len(left))
+    fast = learnt.sudden.statistic(ratio, filtered.motion)
+    scale, pushes = learnt.scale(filtered.features), {}
     events = episodes(slow, fast, since, left, learnt, scale)
     touching = np.zeros(len(left), dtype=bool)
     for event in events:
@@ -112,8 +119,8 @@ def find_contact(
         left[event.onset : event.end] -= event.before
     for k in map(int, np.flatnonzero(touching)):
         covariance = scale[k] * learnt.change + np.diag((torque_error * left[k]) ** 2)
-        pushes[k] = locate(model, seen.angle[k], left[k], covariance, friction=friction)
-    return described(seen, external(model, left), np.maximum(slow, fast), touching, pushes, learnt, events)
+        pushes[k] = locate(model, filtered.angle[k], left[k], covariance, friction=friction)
+    return described(filtered, external(model, left), np.maximum(slow, fast), touching, pushes, learnt, events)
 
 
 def free_motion(
@@ -127,38 +134,40 @@ def free_motion(
     """
     if not recordings:
         raise InputError("free_motion needs at least one recording without contact: it sets the threshold")
-    return learnt_from(shown_by(recordings, model, noise or default_noise(model, disturbance=True), **options),
-                       false_alarms_per_hour)
+    settings = noise or default_noise(model, disturbance=True)
+    return free_motion_for_rate(filtered_free_motion(recordings, model, settings, **options), false_alarms_per_hour)
 
 
-class ShownFree(NamedTuple):
+class FilteredFreeMotion(NamedTuple):
     """Filtered recordings without contact, from which thresholds for any rate of false alarms can be computed."""
 
-    parts: list[ContactSeen]
-    answer: Answer
+    parts: list[FilteredMotion]
+    answer: InnovationResponse
     ratios: list[Array]  # (T,) of each recording
 
 
-def shown_by(recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any) -> ShownFree:
+def filtered_free_motion(
+    recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any,
+) -> FilteredFreeMotion:
     """Run the filter over recordings without contact."""
-    parts = [unexplained(r, model, noise, options) for r in recordings]
+    parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
-    answer = answer_of(model, noise, measurement, step=options.get("step", 5e-3))
+    answer = innovation_response(model, noise, measurement, step=options.get("step", 5e-3))
     for part in parts:
-        check_pace(part.found, answer.period)
-    return ShownFree(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
+        check_frame_rate(part.estimated, answer.period)
+    return FilteredFreeMotion(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
 
 
-def learnt_from(shown: ShownFree, rate: float) -> FreeMotion:
+def free_motion_for_rate(filtered: FilteredFreeMotion, rate: float) -> FreeMotion:
     """Return the thresholds of both tests for `rate` false alarms per hour."""
-    parts = shown.parts
-    sudden = learn_sudden(shown.answer, shown.ratios, [p.motion for p in parts], rate)
-    return learn_free([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
+    parts = filtered.parts
+    sudden = fit_sudden_test(filtered.answer, filtered.ratios, [p.motion for p in parts], rate)
+    return fit_free_motion([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
 
 
-def check_pace(found: xr.Dataset, period: float) -> None:
+def check_frame_rate(estimated: xr.Dataset, period: float) -> None:
     """Raise InputError if the frame rate differs from that of the free motion, for which the threshold holds."""
-    own = float(np.median(np.diff(found["time"].values)))
+    own = float(np.median(np.diff(estimated["time"].values)))
     if abs(own / period - 1.0) > PACE:
         raise InputError(
             f"free motion was recorded at {1 / period:.0f} Hz, but this recording at {1 / own:.0f} Hz: the threshold "
@@ -166,10 +175,10 @@ def check_pace(found: xr.Dataset, period: float) -> None:
         )
 
 
-class ContactSeen(NamedTuple):
+class FilteredMotion(NamedTuple):
     """A filtered recording with the quantities that the contact tests need."""
 
-    found: xr.Dataset
+    estimated: xr.Dataset
     torque: Array  # (T, n) N m, disturbance; (T, n + S) for an extensible body, with its strains last
     features: Array  # (T, F), see `features_of`
     angle: Array  # (T, n) rad, of the links, followed by strains
@@ -178,24 +187,24 @@ class ContactSeen(NamedTuple):
     @property
     def innovations(self) -> tuple[Array, Array, Array]:
         """Return innovations, motion and angles, the arguments of `likelihood_ratio`."""
-        return self.found["innovation"].values, self.motion, self.angle
+        return self.estimated["innovation"].values, self.motion, self.angle
 
 
-def unexplained(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> ContactSeen:
+def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> FilteredMotion:
     """Estimate the disturbance torques of a recording, and the features of the free motion that the model predicts."""
     if not noise.random_walk > 0:
         raise InputError(
             "noise.random_walk must be positive: contact is detected in disturbance torques, modelled as a random walk"
         )
-    found = estimate(recording, model, noise=noise, **options)
+    estimated = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
-    times = found["time"].values - options.get("latency", 0.0)
+    times = estimated["time"].values - options.get("latency", 0.0)
     run = simulate(held, source, times=times, step=options.get("step", 5e-3), check=False)
     chain = mechanics_of(model)
-    features = features_of(model, times, found["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
-    torque, x = chain.gathered(found, 2) * chain.lever, chain.coordinates(chain.gathered(found, 0))
-    return ContactSeen(found, torque, features, x, found["motion"].values)
+    features = features_of(model, times, estimated["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
+    torque, x = chain.gathered(estimated, 2) * chain.lever, chain.coordinates(chain.gathered(estimated, 0))
+    return FilteredMotion(estimated, torque, features, x, estimated["motion"].values)
 
 
 class ContactEvent(NamedTuple):
@@ -250,41 +259,41 @@ def external(model: Model, left: Array) -> dict[str, Any]:
 
 
 def described(
-    seen: ContactSeen, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
+    filtered: FilteredMotion, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
     learnt: FreeMotion, events: list[ContactEvent],
 ) -> xr.Dataset:
     """Return the dataset of `find_contact`."""
-    found = seen.found
-    T, axes = statistic.size, found.sizes["axis"]
+    estimated = filtered.estimated
+    T, axes = statistic.size, estimated.sizes["axis"]
     numbers = {
         "contact_arc_length": "m", "arc_low": "m", "arc_high": "m", "normal_force": "N", "normal_force_sd": "N",
         "tangential_force": "N", "tangential_force_sd": "N",
     }
-    made: dict[str, Array] = {name: np.full(T, np.nan) for name in numbers}
+    columns: dict[str, Array] = {name: np.full(T, np.nan) for name in numbers}
     vectors = {name: np.full((T, axes), np.nan) for name in ("contact_position", "contact_force", "contact_normal")}
     covariance, hidden = np.full((T, axes, axes), np.nan), np.zeros(T, dtype=bool)
     for k, p in pushes.items():
         values = (p.arc_length, *p.arc_interval, p.normal, p.normal_sd, p.tangential, p.tangential_sd)
         for name, value in zip(numbers, values, strict=True):
-            made[name][k] = value
+            columns[name][k] = value
         vectors["contact_position"][k], vectors["contact_force"][k] = p.position, p.force
         vectors["contact_normal"][k] = np.sign(p.normal) * p.left
         if p.arc_interval[1] > p.end - END and not p.hidden:  # the end is round: it touches where it is pushed
             vectors["contact_normal"][k] = p.force / np.linalg.norm(p.force)
         covariance[k], hidden[k] = p.covariance, "tangential" in p.hidden
-    clock = found["time"].values
-    data: dict[str, Any] = {name: ("time", made[name], {"units": unit}) for name, unit in numbers.items()}
+    clock = estimated["time"].values
+    data: dict[str, Any] = {name: ("time", columns[name], {"units": unit}) for name, unit in numbers.items()}
     data |= {name: (("time", "axis"), v, {"units": "N" if "force" in name else "m"}) for name, v in vectors.items()}
     data |= {
         "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
         "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
-        **left, "pressure": found["pressure"],
-        "tip_position": found["tip_position"],
-        **{name: found[name] for end in ENDINGS if (name := f"joint_angle{end}") in found},
+        **left, "pressure": estimated["pressure"],
+        "tip_position": estimated["tip_position"],
+        **{name: estimated[name] for end in ENDINGS if (name := f"joint_angle{end}") in estimated},
     }
-    return xr.Dataset(data, found.coords, {
-        "schema": "pliant-contact", "source": f"pliant {__version__}", "model": found.attrs["model"],
+    return xr.Dataset(data, estimated.coords, {
+        "schema": "pliant-contact", "source": f"pliant {__version__}", "model": estimated.attrs["model"],
         "threshold": 1.0, "false_alarms_per_hour": learnt.rate, "free_motion_s": learnt.duration,
         "threshold_extrapolated": int(learnt.extrapolated), "onset_s": [float(clock[e.onset]) for e in events],
-        "alarm_s": [float(clock[e.alarm]) for e in events], "frames_skipped": found.attrs["frames_skipped"],
+        "alarm_s": [float(clock[e.alarm]) for e in events], "frames_skipped": estimated.attrs["frames_skipped"],
     })

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.contact.likelihood_ratio import Answer, frames_of
+from pliant.contact.likelihood_ratio import InnovationResponse, frames_of
 from pliant.errors import InputError
 from pliant.model import Model
 from pliant.model.statics import torques_over
@@ -35,7 +35,7 @@ class Sudden:
         Threshold of the ratio over `size`.
     """
 
-    answer: Answer
+    answer: InnovationResponse
     size: Array
     threshold: float
 
@@ -163,7 +163,7 @@ def cumulative(gain: Array, cap: float = np.inf) -> Array:
     return out
 
 
-def learn_sudden(answer: Answer, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
+def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
     """Return the test for sudden forces, with the threshold that free motion crosses `rate` times per hour."""
     ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
@@ -182,7 +182,7 @@ def blocks(values: Array, period: float) -> Array:
     return np.array([part.max() for part in np.array_split(values, count)])
 
 
-def learn_free(
+def fit_free_motion(
     torques: list[Array], features: list[Array], sudden: Sudden, *, rate: float = 1.0, slack: float | None = None
 ) -> FreeMotion:
     """Return the statistics and thresholds of both contact tests from recordings without contact.

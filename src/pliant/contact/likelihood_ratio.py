@@ -18,8 +18,7 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
 from pliant.estimation.noise import Noise
 from pliant.estimation.offline import chain_of, frame_of
-from pliant.estimation.symbols import FilterNoise, FilterState, Prediction
-from pliant.estimation.workspace import make_workspace
+from pliant.estimation.symbols import FilterNoise, FilterState, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
@@ -32,7 +31,7 @@ PLACES = (0.25, 0.75)  # positions on each link but the first, which hardly resp
 
 
 @dataclass(frozen=True)
-class Answer:
+class InnovationResponse:
     """Response of the filter's whitened innovations to a step of the joint torques, tabulated by amount of motion.
 
     Attributes
@@ -70,13 +69,13 @@ def windows_of(period: float) -> list[int]:
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
-def answer_of(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> Answer:
+def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
     """Return the step response of the stationary filter at rest, for each level of motion in `MOTIONS`."""
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
     made = [response_of(model, one, measurement, period, max(1, int(np.ceil(period / step)))) for one in cases]
-    return Answer(np.array(MOTIONS), np.stack(made), period)
+    return InnovationResponse(np.array(MOTIONS), np.stack(made), period)
 
 
 def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
@@ -115,7 +114,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
 
 def likelihood_ratio(
-    answer: Answer, model: Model, innovation: Array, motion: Array, angle: Array
+    answer: InnovationResponse, model: Model, innovation: Array, motion: Array, angle: Array
 ) -> tuple[Array, Array]:
     """Return the statistic (T,) of a force that recently set in across the body, and its age in frames (T,).
 

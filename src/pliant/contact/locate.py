@@ -131,10 +131,10 @@ def locate(
     misfit += np.einsum("pa,pab,pb->p", force, weight, force)
     free = np.linalg.det(information) / np.linalg.det(information[:, :-1, :-1]) / weight[:, -1, -1]
     evidence = misfit + np.log(free)  # freedom along the body costs: little where friction leaves little
-    return described(model, angle, Tried(link, along, force, information, weight, misfit, evidence), float(z @ z))
+    return described(model, angle, TrialForce(link, along, force, information, weight, misfit, evidence), float(z @ z))
 
 
-class Tried(NamedTuple):
+class TrialForce(NamedTuple):
     """The candidate points of a contact, and the best force at each."""
 
     link: Array  # (P,)
@@ -153,17 +153,17 @@ def points(model: Model, spacing: float) -> tuple[Array, Array]:
     return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
-def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
+def described(model: Model, angle: Array, trial: TrialForce, without: float) -> Push:
     """Return the best candidate as a `Push` in the base frame; `without` is the chi-square without a force."""
-    best = int(np.argmin(tried.evidence))
-    likely = tried.evidence <= tried.evidence[best] + 3.84
-    j = int(tried.link[best])
-    arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[tried.link] + tried.along
+    best = int(np.argmin(trial.evidence))
+    likely = trial.evidence <= trial.evidence[best] + 3.84
+    j = int(trial.link[best])
+    arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[trial.link] + trial.along
     turn = mechanics_of(model).link_frames(np.asarray(angle))[j + 1]  # columns: across the link, and along it
     point, tangent = curve_at(model, angle, float(arc[best]))
-    own, force = np.linalg.inv(tried.information[best]), tried.force[best]
+    own, force = np.linalg.inv(trial.information[best]), trial.force[best]
     sd = np.sqrt(np.diag(own))
-    allowed = 1.0 / np.sqrt(np.diag(tried.weight[best]))
+    allowed = 1.0 / np.sqrt(np.diag(trial.weight[best]))
     names = ["normal"] * (len(force) - 1) + ["tangential"]
     normal, normal_sd, left = float(force[0]), float(sd[0]), np.array([-tangent[1], tangent[0]])
     if model.space:
@@ -176,6 +176,6 @@ def described(model: Model, angle: Array, tried: Tried, without: float) -> Push:
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
         point, left, turn @ force, turn @ own @ turn.T,
-        normal, float(force[-1]), normal_sd, float(sd[-1]), float(tried.misfit[best]), without,
+        normal, float(force[-1]), normal_sd, float(sd[-1]), float(trial.misfit[best]), without,
         tuple(dict.fromkeys(name for name, hides in zip(names, sd > HIDDEN * allowed, strict=True) if hides)),
     )

@@ -22,7 +22,7 @@ DEPTH = 2.0e-3  # m behind a touched surface that count as solid
 
 
 @dataclass(frozen=True)
-class Poke:
+class ProbingContacts:
     """Evidence of one recording with probing contacts: where the body moved freely, and what it touched.
 
     Attributes
@@ -44,7 +44,7 @@ class Poke:
     force: Array
 
 
-def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> Poke:
+def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> ProbingContacts:
     """Return the surface points, normals and swept curves from a result of `find_contact`.
 
     Parameters
@@ -71,7 +71,7 @@ def poke_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02)
     good = contact["in_contact"].values & (width <= most) & clear & (moving <= STILL) & steady(contact)
     push = contact["contact_normal"].values[good]  # the obstacle pushes the body this way
     point = contact["contact_position"].values[good] - half_width * push
-    return Poke(
+    return ProbingContacts(
         dense(curve), point, push, np.maximum(0.25 * width[good], 5e-4), np.abs(contact["normal_force"].values[good])
     )
 
@@ -90,14 +90,14 @@ def steady(contact: xr.Dataset) -> Array:
 
 def dense(curve: Array, count: int = 40) -> Array:
     """Return curves (T, S, 2) resampled to `count` points each by linear interpolation."""
-    at = np.linspace(0, curve.shape[1] - 1, count)
-    left = np.minimum(at.astype(int), curve.shape[1] - 2)
-    part = (at - left)[None, :, None]
+    position = np.linspace(0, curve.shape[1] - 1, count)
+    left = np.minimum(position.astype(int), curve.shape[1] - 2)
+    part = (position - left)[None, :, None]
     return np.asarray((1 - part) * curve[:, left] + part * curve[:, left + 1])
 
 
 def map_contacts(
-    pokes: Sequence[xr.Dataset | Poke], *, cell: float = 1e-3, half_width: float = 0.0, margin: float = 0.02
+    pokes: Sequence[xr.Dataset | ProbingContacts], *, cell: float = 1e-3, half_width: float = 0.0, margin: float = 0.02
 ) -> xr.Dataset:
     """Compute a planar occupancy map from several recordings of probing contacts with the same surroundings.
 
@@ -143,16 +143,16 @@ def map_contacts(
         raise InputError(
             f"a map needs at least one recording of contacts and a cell above 0, got {len(pokes)} and {cell} m"
         )
-    made = [p if isinstance(p, Poke) else poke_of(p, half_width=half_width) for p in pokes]
-    x, y = axes(made, cell, margin + half_width)
+    probed = [p if isinstance(p, ProbingContacts) else probing_contacts_of(p, half_width=half_width) for p in pokes]
+    x, y = axes(probed, cell, margin + half_width)
     odds = np.zeros((y.size, x.size))
-    for poke in made:
-        odds += swept(poke, x, y, cell, half_width) + touched(poke, x, y)
+    for contacts in probed:
+        odds += free_log_odds(contacts, x, y, cell, half_width) + touch_log_odds(contacts, x, y)
     odds = np.clip(odds, -LIMIT, LIMIT)
     probability = 1.0 / (1.0 + np.exp(-odds))
     entropy = -(probability * np.log2(probability) + (1 - probability) * np.log2(1 - probability))
-    stiffness, deviation = stiffness_of(made)
-    joined = [np.concatenate([getattr(p, name) for p in made]) for name in ("point", "normal", "deviation", "force")]
+    stiffness, deviation = stiffness_of(probed)
+    joined = [np.concatenate([getattr(p, name) for p in probed]) for name in ("point", "normal", "deviation", "force")]
     return xr.Dataset(
         {
             "log_odds": (("y", "x"), odds, {"units": "1"}), "probability": (("y", "x"), probability, {"units": "1"}),
@@ -162,11 +162,12 @@ def map_contacts(
             "surface_sd": ("touch", joined[2], {"units": "m"}), "surface_force": ("touch", joined[3], {"units": "N"}),
         },
         {"x": ("x", x, {"units": "m"}), "y": ("y", y, {"units": "m"}), "axis": ["x", "y"]},
-        {"schema": "pliant-map", "pokes": len(made), "cell_m": cell, "stiffness": stiffness, "stiffness_sd": deviation},
+        {"schema": "pliant-map", "pokes": len(probed), "cell_m": cell, "stiffness": stiffness,
+         "stiffness_sd": deviation},
     )
 
 
-def axes(pokes: Sequence[Poke], cell: float, margin: float) -> tuple[Array, Array]:
+def axes(pokes: Sequence[ProbingContacts], cell: float, margin: float) -> tuple[Array, Array]:
     """Return the centres of the cells along x and y [m] that cover all curves and points."""
     spots = np.concatenate([a.reshape(-1, 2) for p in pokes for a in (p.curve, p.point)])
     spots = spots[np.isfinite(spots).all(axis=1)]
@@ -174,9 +175,9 @@ def axes(pokes: Sequence[Poke], cell: float, margin: float) -> tuple[Array, Arra
     return tuple((np.arange(a, b + 1) + 0.5) * cell for a, b in zip(low, high, strict=True))  # type: ignore[return-value]
 
 
-def swept(poke: Poke, x: Array, y: Array, cell: float, half_width: float) -> Array:
+def free_log_odds(contacts: ProbingContacts, x: Array, y: Array, cell: float, half_width: float) -> Array:
     """Return the log-odds (y, x) of the space that a body passed through; repeated passes count once."""
-    points = between(poke.curve[np.isfinite(poke.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
+    points = refined_curves(contacts.curve[np.isfinite(contacts.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
     inside = np.zeros((y.size, x.size), dtype=bool)
     reach = max(0, int(np.floor(half_width / cell)))
     for dx in range(-reach, reach + 1):
@@ -188,7 +189,7 @@ def swept(poke: Poke, x: Array, y: Array, cell: float, half_width: float) -> Arr
     return np.where(inside, FREE, 0.0)
 
 
-def between(curve: Array, cell: float) -> Array:
+def refined_curves(curve: Array, cell: float) -> Array:
     """Return curves (F, P, 2) refined in time and along their length, so that no cell [m] is skipped."""
     gap = np.linalg.norm(np.diff(curve, axis=1), axis=2).max(initial=0.0)
     curve = dense(curve, max(curve.shape[1], int(np.ceil(curve.shape[1] * gap / cell)))) if gap > cell else curve
@@ -200,14 +201,14 @@ def between(curve: Array, cell: float) -> Array:
     return np.concatenate(parts)
 
 
-def touched(poke: Poke, x: Array, y: Array) -> Array:
+def touch_log_odds(contacts: ProbingContacts, x: Array, y: Array) -> Array:
     """Return the log-odds (y, x) of the touched surface points: raised behind each, spread by its uncertainty.
 
     Touches of one recording share the model's errors and are not independent, so that a cell gets the strongest one.
     """
     odds = np.zeros((y.size, x.size))
     X, Y = np.meshgrid(x, y)
-    for point, normal, sd in zip(poke.point, poke.normal, poke.deviation, strict=True):
+    for point, normal, sd in zip(contacts.point, contacts.normal, contacts.deviation, strict=True):
         depth = -(normal[0] * (X - point[0]) + normal[1] * (Y - point[1]))  # into the obstacle
         across = -normal[1] * (X - point[0]) + normal[0] * (Y - point[1])
         behind = np.exp(-0.5 * ((depth - 0.5 * DEPTH) / (0.5 * DEPTH + sd)) ** 2)
@@ -216,19 +217,19 @@ def touched(poke: Poke, x: Array, y: Array) -> Array:
     return odds
 
 
-def stiffness_of(pokes: Sequence[Poke]) -> tuple[float, float]:
+def stiffness_of(pokes: Sequence[ProbingContacts]) -> tuple[float, float]:
     """Return the stiffness [N/m] of the touched object from force against indentation, and its standard deviation.
 
     Indentation is measured along the mean normal, relative to the start of the force; all recordings are combined. Both
     are NaN if the slope is less than twice its standard deviation, as for a rigid object.
     """
     slopes, weights = [], []
-    for poke in pokes:
-        if poke.force.size < 5:
+    for contacts in pokes:
+        if contacts.force.size < 5:
             continue
-        way = poke.normal.mean(axis=0)
-        depth = -(poke.point @ (way / max(float(np.linalg.norm(way)), 1e-12)))
-        a, b = depth - depth.mean(), poke.force - poke.force.mean()
+        way = contacts.normal.mean(axis=0)
+        depth = -(contacts.point @ (way / max(float(np.linalg.norm(way)), 1e-12)))
+        a, b = depth - depth.mean(), contacts.force - contacts.force.mean()
         power = float(a @ a)
         if power < (2e-4) ** 2 * a.size:  # moved by less than 0.2 mm: no slope to see
             continue
@@ -243,7 +244,7 @@ def stiffness_of(pokes: Sequence[Poke]) -> tuple[float, float]:
     return (mean, total**-0.5) if mean > 2 * total**-0.5 else (float("nan"), float("nan"))
 
 
-def fused(pokes: Sequence[Poke]) -> Poke:
-    """Return several `Poke` objects combined into one."""
+def fused(pokes: Sequence[ProbingContacts]) -> ProbingContacts:
+    """Return several `ProbingContacts` objects combined into one."""
     names = ("curve", "point", "normal", "deviation", "force")
     return replace(pokes[0], **{name: np.concatenate([getattr(p, name) for p in pokes]) for name in names})

@@ -1,4 +1,6 @@
-"""Control by one pressure or several: shaping, feedforward, PI-D, linear-quadratic and predictive control."""
+"""Controllers that command one or several pressures or tendons: shaping, feedforward, PI-D, linear-quadratic and
+predictive control.
+"""
 
 from pliant.control.contract import Controller, ControllerKind, Pipeline
 from pliant.control.design import LqrDesign, design_lqr, design_outputs

@@ -1,4 +1,4 @@
-"""How hard a run was: when the tip settled, and how much the command moved."""
+"""Measures of a control run: the settling time of the tip, and how much the command changes."""
 
 from __future__ import annotations
 
@@ -7,27 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 
 Array = np.ndarray
-BAND = 0.02  # of a step: within it the tip has settled
-STAYS = 0.2  # of the time that a set-point holds: a tip that is inside for less of its end has not settled
-STILL_S = 0.5  # after the wanted place last changed, the command is at rest
+BAND = 0.02  # fraction of a step within which the tip has settled
+STAYS = 0.2  # fraction of a set-point's duration for which the tip must stay settled at its end
+STILL_S = 0.5  # s after the last change of the target, from which the command is taken as at rest
 
 
 def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float | None:
-    """Seconds from time[0] after which the tip stays within 2 % of the step; None where it does not settle.
+    """Return the settling time [s] of a step: the time after which the tip stays within 2 % of the step; None if it
+    does not.
 
     Parameters
     ----------
     time : array (T,)
-        s, from the set-point's beginning to its end.
+        Times [s], from the set-point's beginning to its end.
     tip : array (T,)
-        m, displacement along the path.
+        Displacement of the tip along its path [m].
     wanted, step : float
-        m, where the tip shall come to rest, and how far that is from where it was.
+        Target displacement, and its difference from the previous one [m].
 
     Returns
     -------
     float or None
-        None as well where the tip is inside for less than the last fifth of the time: that may be a passage.
+        None also when the tip is within 2 % for less than the last fifth of the time: it may only pass the target then.
     """
     outside = np.flatnonzero(~(np.abs(tip - wanted) <= BAND * abs(step)))
     if not outside.size:
@@ -39,7 +40,13 @@ def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float 
 
 
 def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]]) -> list[float | None]:
-    """Settling of every set-point (s, m) of a run, each up to the next one; the first step begins at rest, 0 m."""
+    """Return the settling time [s] for each set-point (time s, displacement m) of a run; None where the tip does not
+    settle.
+
+    The first step begins at 0 m.
+
+    Each set-point lasts up to the next one.
+    """
     found, before = [], 0.0
     ends = [*(t for t, _ in points[1:]), np.inf]
     for (begin, wanted), end in zip(points, ends[: len(points)], strict=True):
@@ -51,19 +58,20 @@ def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]
 
 
 def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
-    """Return the activity of a command, Pa: a measure of a valve's wear and noise.
+    """Return root-mean-square changes and the standard deviation [Pa] of a command, at rest and in motion.
 
     Parameters
     ----------
     time, wanted, command : arrays (T,)
-        s; m, where the tip is wanted, whose last change `STILL_S` ago makes a period one at rest; Pa.
+        Times [s], target displacement [m] and command [Pa]. A period counts as at rest from `STILL_S` after the last
+        change of the target.
 
     Returns
     -------
     dict
-        ``command_change_rest``, ``command_change_motion``: root mean square of the change from one period to the next;
-        ``command_sd_rest``: standard deviation at rest, about its mean over each rest. Not a number where a run has no
-        such part.
+        ``command_change_rest``, ``command_change_motion``: root mean square [Pa] of the change from one period to the
+        next; ``command_sd_rest``: standard deviation [Pa] at rest, about the mean of each interval of rest. NaN where
+        a run has no such interval.
     """
     changed = np.append(True, np.diff(wanted) != 0.0)
     last = np.maximum.accumulate(np.where(changed, time, -np.inf))
@@ -79,5 +87,5 @@ def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, fl
 
 
 def rms(x: Array) -> float:
-    """Root mean square; not a number of nothing."""
+    """Return the root mean square of the array `x`, or NaN if it is empty."""
     return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

@@ -1,4 +1,4 @@
-"""Least squares within bounds."""
+"""Solver of small least-squares problems with bounds on the unknowns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ Array = np.ndarray
 def bounded_least_squares(
     H: Array, b: Array, start: Array, highest: float | Array, lowest: float | Array = 0.0
 ) -> Array:
-    """X (F,) in lowest ... highest that minimises x H x / 2 - b x, H positive definite: projected Newton steps.
+    """Return the x (F,) between `lowest` and `highest` that minimises 1/2 x^T H x - b^T x, by projected Newton steps.
+
+    H (F, F) must be positive definite; `start` (F,) is the initial guess.
 
     Source: Bertsekas, SIAM J. Control Optim. 20(2), 1982
     """

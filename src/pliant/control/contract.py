@@ -1,4 +1,4 @@
-"""The interface of a controller: a state of the body goes in, a command comes out."""
+"""Interface of a controller, which computes pressure commands from the estimated state of the actuator."""
 
 from __future__ import annotations
 
@@ -15,71 +15,80 @@ Array = np.ndarray
 
 
 class Controller(Protocol):
-    """A law that turns a state into a command.
+    """Interface of a control law, which computes the pressure commands of every period from the estimated state.
 
     Attributes
     ----------
     chambers : int
-        Number C of those whose pressures (C,) it takes and commands.
+        Number C of chambers that the controller commands.
     target, error : float or array (m,)
-        m, where the tip is wanted now, and how far along its path it was from there at the last step; of each output
-        that several chambers bring to its place, m and rad.
+        For one chamber: target of the tip's displacement, and the tip's error along its path at the last step [m]. For
+        several chambers: target and error of each output [m, rad].
     saturated : int
-        Steps whose command met a limit.
+        Number of steps in which a limit changed the command.
     fault : str
-        Why the last command is not the one that the law asks for, in one sentence; empty while it is. The loop counts
-        it, writes it to summary and log, and vents when it lasts (`Bounds.controller_faults`).
+        Why the last command does not follow the control law, in one sentence; empty if it does. The loop counts faults,
+        writes them to summary and log, and vents when they last (`Bounds.controller_faults`).
     """
 
     chambers: int
 
     @property
     def target(self) -> float | Array:
-        """Return the present target of the tip, m; or of each output."""
+        """Present target: displacement of the tip [m] for one chamber, or the values (m,) [m, rad] of m outputs for
+        several.
+        """
 
     @property
     def error(self) -> float | Array:
-        """Return the tip's error along its path at the last step, m; or that of each output."""
+        """Present control error: of the tip along its path [m] for one chamber, or of m outputs (m,) [m, rad] for
+        several.
+        """
 
     @property
     def saturated(self) -> int:
-        """Steps whose command met a limit."""
+        """Number of control steps in which a limit of pressure or slew rate changed the command."""
 
     @property
     def fault(self) -> str:
-        """Return why the last command deviates from the control law; empty if it does not."""
+        """Sentence that explains why the last command deviates from the control law; empty if it does not."""
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Commands (C,) [Pa] for the period from `time` [s] on, by a state and the readings (C,) of pressures [Pa]."""
+        """Return the commands (C,) [Pa] of the C chambers for the control period that starts at `time` [s].
+
+        They follow from the estimated state and the pressure readings (C,) [Pa].
+        """
 
     def reset(self) -> None:
-        """Start anew from no pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
 
 
 class Pipeline(NamedTuple):
-    """From the shape to the command: what a loop runs every period."""
+    """Measurement, state estimator and controller, which together compute the commands from the measured shape in every
+    period.
+    """
 
     measure: Measure
     estimator: Estimator
     controller: Controller
-    axes: int = 2  # coordinates of a point of the shape: 3 in space
+    axes: int = 2  # coordinates of a point of the shape; 3 in space
 
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """An entry of the list of controllers.
+    """A type of controller: its name, the function that creates it and the tasks that it supports.
 
     Attributes
     ----------
     make : callable
-        Controller of a Plan.
+        Function that returns the controller for a `Plan`.
     follows : {"trajectory", "path", "levels"}
-        What it takes of a motion of the tip that is planned ahead: the motion and its command, the displacement alone,
-        or nothing.
+        What the controller uses of a planned motion of the tip: the motion and its command ("trajectory"), the
+        displacement only ("path"), or nothing ("levels").
     tunable : bool
-        Whether the weights of the task's `Tuning` change it.
+        Whether the weights of the task's `Tuning` affect the controller.
     several : bool
-        Whether it takes several chambers, and bodies that lengthen.
+        Whether the controller supports several chambers and bodies that lengthen.
     """
 
     name: str

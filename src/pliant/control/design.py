@@ -1,6 +1,6 @@
-"""Control of outputs by one pressure or several: the rest that is wanted in each period, and the regulator about it.
+"""Design of a linear-quadratic regulator that makes outputs such as the tip position follow a reference.
 
-A path is known ahead: what is wanted later adds the optimal regulator's preview to the steady inputs.
+If the reference is a path that is known ahead, the optimal preview is added to the steady inputs.
 
 Source: Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990, ch. 4
 """
@@ -15,7 +15,7 @@ import numpy as np
 from pliant.control.equilibria import equilibria
 from pliant.control.gains import Gains, loop_margins, regulator
 from pliant.control.limits import Limits
-from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs
+from pliant.control.steady_inputs import output_values, output_weights, rest_under, steady_inputs, written
 from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
@@ -25,43 +25,43 @@ from pliant.model import Model
 from pliant.simulation import state
 
 Array = np.ndarray
-APART = 0.04  # s, between the rests about which a path is linearised
-SHOWN = 5  # rests whose margins are shown
+APART = 0.04  # s between the equilibria about which a path is linearised
+SHOWN = 5  # equilibria whose margins are shown
 
 
 @dataclass(frozen=True)
 class LqrDesign:
-    """A reference for every period, the inputs that hold it, and the regulator about them.
+    """A reference for every control period, the pressures that hold it, and the linear-quadratic regulator about it.
 
     Attributes
     ----------
     model : Model
     outputs : tuple of str
     still : array (m,)
-        Outputs without pressure.
+        Values of the outputs without pressure.
     period, latency : float
-        s
+        Control period, and age of the measured state [s].
     gains : tuple of Gains
     at : array (K,)
-        Which gains hold in each period.
+        Index of the gains to use in each period.
     wanted : array (K, m)
-        Changes of the outputs from `still`.
+        Reference of the outputs, as changes from `still`.
     pressure, angle : array (K, C), (K, n)
-        Of the rest that is wanted, Pa and rad; of a body that lengthens (K, n + S), strains behind.
+        Pressures [Pa] and angles [rad] of the reference equilibrium; (K, n + S), strains last, if the body lengthens.
     beside : array (K, N)
-        Of the state that is wanted, from that rest: how fast it turns, and on a planned trajectory all that the model
-        does; rad, rad/s, kPa. In the last period, which is held, it rests.
+        Deviation of the reference state from that equilibrium [rad, rad/s, kPa]: its rates and, on a planned
+        trajectory, the dynamic deviation of the model. It is 0 in the last period, which is held.
     lead, ahead : array (K, C), (K + 1, N)
-        Command beside the steady inputs, kPa, and slope of the cost of the state, both by what is wanted later.
+        Preview of the later reference: addition to the steady inputs [kPa], and gradient of the cost by the state.
     path : bool
-        Whether what is wanted later is known ahead.
+        Whether the reference is a path that is known ahead.
     tuning : Tuning
     late : int
-        Periods by which the state is older than the row of its command.
+        Number of periods by which the measured state is late.
     supply : tuple of SupplyValve or None
-        The rig's valve of each chamber, where more is known of it than the model holds; empty: of none.
+        The rig's valve of each chamber, None to use the model's; empty: the model's valve for all chambers.
     along : (array (K,), array (K, m)), optional
-        Displacement that is wanted of the tip, m, and direction of its path, of one chamber.
+        For one chamber: target displacement of the tip [m] and direction of its path.
     """
 
     model: Model
@@ -85,32 +85,36 @@ class LqrDesign:
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:
-        """Commands on their way to each chamber."""
+        """Number of commands in transit to each chamber because of dead time and latency, in control periods."""
         late = (c.valve.dead_time + self.latency for c in self.model.chambers)
         return tuple(periods_late(t, self.period)[2] for t in late)
 
     @cached_property
     def orders(self) -> tuple[int, ...]:
-        """Number of states of each chamber's valve."""
+        """Number of valve states of each chamber: 0 (no lag), 1 (first order) or 2 (second order)."""
         valves = (c.valve for c in self.model.chambers)
         return tuple(2 if v.natural_frequency else int(v.rise_time + v.fall_time > 0) for v in valves)
 
     @cached_property
     def resting(self) -> Array:
-        """Return the state (N, C) of valves and delayed commands under a constant pressure in kPa in each chamber."""
+        """Steady regulator state (N, C) under a constant pressure of 1 kPa in each of C chambers, for valves and
+        commands in transit.
+        """
         made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
-        for sizes, held in ((self.orders, 1), (self.waiting, None)):  # of a valve the pressure, not its rate
+        for sizes, held in ((self.orders, 1), (self.waiting, None)):  # the valve's pressure is 1, its rate is 0
             for c, size in enumerate(sizes):
                 made[first : first + size, c][:held] = 1.0
                 first += size
         return made
 
     def periods(self, first: int, count: int) -> Array:
-        """Periods (count,) from `first` on as far as they are known; the last one holds on."""
+        """Return the indices (count,) of `count` periods from `first` on. Beyond the end of the reference the last one
+        is repeated.
+        """
         return np.minimum(np.arange(first, first + count), len(self.at) - 1)
 
     def shift(self, k: int) -> Array:
-        """Change (N,) of the deviation from what is wanted that time alone makes from period k to k + 1."""
+        """Return the change (N,) of the state's deviation from period k to k + 1 that the moving reference causes."""
         then, n = min(k + 1, len(self.at) - 1), self.model.size
         out = self.gains[self.at[k]].A @ self.beside[k] - self.beside[then]
         out[:n] += self.angle[k] - self.angle[then]
@@ -118,22 +122,24 @@ class LqrDesign:
 
     @cached_property
     def margins(self) -> dict[int, tuple[Margins, ...]]:
-        """Return the margins of each chamber's loop, the others closed, at some of the rests, by their index in
-        `gains`.
+        """Stability margins of each chamber's control loop with the other loops closed, for about five of the
+        regulator's equilibria.
+
+        The keys are indices into `gains`.
         """
         some = np.unique(np.linspace(0, len(self.gains) - 1, SHOWN).round().astype(int))
         return {int(k): loop_margins(self.gains[k], self.period) for k in some}
 
     @property
     def least_margins(self) -> Margins:
-        """The smallest of each margin."""
+        """The smallest gain, phase and delay margins over all chambers and equilibria."""
         return least_margins(m for each in self.margins.values() for m in each)
 
     def __str__(self) -> str:
         rows = []
         for k, each in self.margins.items():
-            kilo = ", ".join(f"{p * 1e-3:.1f}" for p in self.gains[k].rest.pressure)
-            rows += [f"{kilo} kPa, {chamber.name}: {m}" for chamber, m in zip(self.model.chambers, each, strict=True)]
+            level = written(self.model, self.gains[k].rest.pressure)
+            rows += [f"{level}, {chamber.name}: {m}" for chamber, m in zip(self.model.chambers, each, strict=True)]
         return "\n".join(rows)
 
 
@@ -141,33 +147,39 @@ def design_outputs(
     model: Model, outputs: tuple[str, ...], wanted: Array, limits: Limits, period: float, *,
     tuning: Tuning | None = None, latency: float = 0.0, path: bool = False,
 ) -> LqrDesign:
-    """Return the regulator of outputs along what is wanted of them.
+    """Return a linear-quadratic regulator that makes outputs such as the tip position follow a reference, by one or
+    several pressures.
 
     Parameters
     ----------
     model : Model
-        Of one chamber or several, without memory or frozen, with its valves; it may lengthen.
+        Model with one or several chambers and their valves, without hysteresis or with it frozen; it may lengthen.
     outputs : tuple of str
-        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link.
+        Names among tip_x, tip_y [m] and angle_sum [rad], the angle of the last link; in space also tip_z [m].
     wanted : array (K, m)
-        Changes of these from the rest without pressure, period by period.
+        Reference for each period: changes of the outputs from their values without pressure.
     limits : Limits
     period : float
-        Of the control, s.
+        Control period [s].
     tuning : Tuning, optional
     latency : float
-        s by which the measured state is old; it counts as dead time.
+        Age of the measured state [s]; it is treated as additional dead time.
     path : bool
-        Whether what is wanted is known ahead and followed as it moves; else it is a row of levels to come to rest at.
+        True if the reference is a path, which is known ahead and followed while it moves. False if it consists of
+        set-points at which the outputs come to rest.
 
     Raises
     ------
     InputError
-        When something wanted is out of reach, a valve settles late or has a dead band, or the numbers make no sense.
+        When the reference is out of reach or not finite, or a valve has a slow settling part, a dead band or an opening
+        time.
     """
     wanted = np.asarray(wanted, dtype=float)
     if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
-        raise InputError(f"outputs are wanted as finite rows (K, {len(outputs)}), got shape {wanted.shape}")
+        raise InputError(
+            f"the reference must be finite numbers of shape (K, {len(outputs)}): a row for each of K periods and a "
+            f"column for each output, got shape {wanted.shape}"
+        )
     check_followed(model)
     tuning, highest = tuning or Tuning(), limits.each(model.actuation.count)
     weight = output_weights(model, outputs)
@@ -200,32 +212,33 @@ def design_outputs(
 def design_lqr(
     model: Model, highest: float, period: float, *, tuning: Tuning | None = None, latency: float = 0.0, grid: int = 9,
 ) -> LqrDesign:
-    """Return the regulator of the tip about its rests under pressures from 0 to `highest` [Pa] of one chamber.
+    """Return a linear-quadratic regulator of the tip about its equilibria at pressures from 0 to `highest` [Pa], for
+    one chamber.
 
     Parameters
     ----------
     model : Model
-        Of one chamber, with its valve.
+        Model with one chamber and its valve.
     highest : float
-        Pa
+        Highest pressure [Pa].
     period : float
-        Of the control, s.
+        Control period [s].
     tuning : Tuning, optional
     latency : float
-        s by which the measured state is old; it counts as dead time.
+        Age of the measured state [s]; it is treated as additional dead time.
     grid : int
-        Pressures at which the model is linearised.
+        Number of pressures at which the model is linearised.
 
     Returns
     -------
     LqrDesign
-        ``print(design)`` shows its margins.
+        ``print(design)`` shows its stability margins.
 
     Raises
     ------
     InputError
-        When the numbers make no sense, no small pressure moves the tip at rest, or the valve settles late or has a
-        dead band.
+        When `highest` is not positive, no small pressure moves the tip at rest, or the valve has a slow settling
+        part, a dead band or an opening time.
 
     Examples
     --------
@@ -247,7 +260,12 @@ def design_lqr(
 
 
 def posts(wanted: Array, apart: int) -> Array:
-    """Periods at whose rests the model is linearised: where the time series turns, and every so many while it moves."""
+    """Return the indices of the periods about whose equilibria the model is linearised, from the reference `wanted` (K,
+    m).
+
+    They are the first and last period, those where the reference starts or stops moving, and every `apart`-th one while
+    it moves.
+    """
     last = len(wanted) - 1
     moves = np.append(np.any(np.diff(wanted, axis=0) != 0.0, axis=1), False)
     turns = np.flatnonzero(np.diff(moves.astype(int))) + 1
@@ -255,12 +273,15 @@ def posts(wanted: Array, apart: int) -> Array:
 
 
 def between(rows: Array, knots: Array, values: list[Array]) -> Array:
-    """Values (K, ...) of every period, straight between those at the knots."""
+    """Return values (K, ...) for the periods `rows`, interpolated linearly from the `values` at the periods `knots`."""
     return np.stack([np.interp(rows, knots, column) for column in np.array(values).T], axis=1)
 
 
 def look_ahead(design: LqrDesign) -> None:
-    """Fill `ahead` and `lead` from the last period on: s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`."""
+    """Compute the preview of the later reference for each period, and write it to design.lead and design.ahead.
+
+    s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`.
+    """
     for k in range(len(design.at) - 1, -1, -1):
         made = design.gains[design.at[k]]
         later = made.P @ design.shift(k) + design.ahead[k + 1]

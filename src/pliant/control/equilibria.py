@@ -1,4 +1,4 @@
-"""The equilibria of a model under every pressure, and which of them a set-point of the tip means."""
+"""Static equilibria of a planar model at increasing pressures, and the pressure that holds a given tip displacement."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ ROUNDING = 1e-12  # m
 
 @dataclass(frozen=True)
 class Equilibria:
-    """The model at rest on a grid of pressures.
+    """Static equilibria of a planar model at increasing pressures: link angles, tip position and direction of the tip's
+    path.
 
     Attributes
     ----------
     pressure : array (G,)
-        Pa, from 0 to the highest allowed.
+        Pressures [Pa], from 0 to the highest allowed.
     angle : array (G, n)
-        Absolute link angles, rad.
+        Absolute link angles [rad].
     tip : array (G, 2)
-        m, in the model's frame.
+        Tip positions [m] in the model's frame.
     travel : array (G,)
-        Length of the tip's path of rests from pressure 0, m: for a small bend its displacement.
+        Length of the tip's path through the equilibria, from pressure 0 on [m].
     direction : array (G, 2)
-        Unit tangent of that path, towards more pressure.
+        Unit tangent of the tip's path, towards more pressure.
     """
 
     pressure: Array
@@ -42,37 +43,41 @@ class Equilibria:
 
     @property
     def reach(self) -> float:
-        """Largest tip displacement, m."""
+        """Displacement [m] of the tip from its unpressurised position at the highest pressure."""
         return float(self.displacement[-1])
 
     @property
     def displacement(self) -> Array:
-        """Distance (G,) of the tip from its rest without pressure, m."""
+        """Distance (G,) [m] of the tip from its unpressurised position, at each of G pressures."""
         return np.linalg.norm(self.tip - self.tip[0], axis=1)
 
     def pressure_for(self, displacement: float) -> float:
-        """Pressure [Pa] at which the tip rests `displacement` [m] away from where it rests without pressure.
+        """Return the pressure [Pa] at which the tip is `displacement` [m] away from its unpressurised position in
+        equilibrium.
 
         Raises
         ------
         InputError
-            When no pressure up to the highest allowed brings the tip that far.
+            When no pressure up to the highest allowed moves the tip that far.
         """
         far = self.displacement
         rising = int(np.argmax(far)) + 1
         if not (np.isfinite(displacement) and -ROUNDING <= displacement <= far[rising - 1]):
             raise InputError(
                 f"a tip displacement of {displacement * 1e3:.4g} mm is out of reach: up to "
-                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm"
+                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm; "
+                "choose a displacement in this range"
             )
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
     def moved(self, displacement: Array) -> Array:
-        """Changes (K, 2) of the tip from its rest without pressure to those `displacement` (K,) [m] away."""
+        """Return the changes (K, 2) [m] of the tip position from rest for K displacements [m] along its path."""
         return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
 
     def at(self, pressure: float) -> tuple[Array, Array, Array]:
-        """Angles (n,), tip (2,) and direction (2,) at the rest under a pressure, straight between the grid's."""
+        """Return link angles (n,) [rad], tip position (2,) [m] and unit direction of the tip's path (2,) in equilibrium
+        at `pressure` [Pa].
+        """
         p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))
         k = min(int(np.searchsorted(self.pressure, p, side="right")) - 1, self.pressure.size - 2)
         share = (p - self.pressure[k]) / (self.pressure[k + 1] - self.pressure[k])
@@ -82,7 +87,7 @@ class Equilibria:
 
 
 def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria:
-    """Equilibria of `model` from no pressure to `highest` [Pa].
+    """Return the static equilibria of `model`, with one chamber, at `points` pressures from 0 to `highest` [Pa].
 
     Raises
     ------
@@ -97,7 +102,10 @@ def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria
     tip = mechanics_of(model).tips(angle)[:, -1]
     piece = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     if not np.all(np.diff(angle[:, -1]) > 0) or not np.all(piece > 0):
-        raise InputError("more pressure does not bend the model further everywhere up to the highest: lower it")
+        raise InputError(
+            "the model does not bend further with every increase of the pressure up to the highest pressure: lower the "
+            "highest pressure"
+        )
     direction = np.gradient(tip, pressure, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return Equilibria(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

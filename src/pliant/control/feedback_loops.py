@@ -1,4 +1,6 @@
-"""The arithmetic of one control step, compiled: the regulator in two parts, and the valve of a rig."""
+"""Compiled arithmetic of one control step: the linear-quadratic regulator, the limits of its commands, and a valve's
+equation.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,18 @@ import numpy as np
 
 from pliant.equations.observation import tip_outputs, turned
 
-KILO = 1e3  # pressures of the state and commands of the gains are in kPa
+KILO = 1e3  # Pa in a kPa, the unit of pressures in states and gains
 
 
 def look(gains, row, geometry, known, rules, resting, memory):
-    """Compare the state with what is wanted, and find the regulator's commands before their limits.
+    """Compute the regulator's state deviation from the reference, and its commands [Pa] before limits; both are written
+    to `memory`.
 
-    `gains` are (K, slope, inverse, driven, row) of `Gains`, `row` those of an `LqrDesign` for this period, `geometry`
-    of `tip_geometry`. `memory` (commands on their way, integrals, last commands, errors, shifts, pressures that make up
-    for the shifts, deviations of the state, commands) takes the last five. Where the joints' rest angles are off by a
-    shift, other pressures bring the outputs to their places; where the body turns as if under `scale` times the
-    pressure, pressures are counted so often and the commands are divided by it.
+    `gains` are (K, slope, inverse, driven, row) of `Gains`, `row` is the row of an `LqrDesign` for this period, and
+    `geometry` comes from `tip_geometry`. `memory` holds the workspace arrays (delayed commands, integrals, last
+    commands, errors, shifts, pressures that compensate the shifts, deviation of the state, commands); the last five are
+    written. If the joints' rest angles are shifted, the compensating pressures move the outputs back to their
+    reference. If the torques are scaled by the factor `scale`, pressures are multiplied and commands divided by it.
     """
     K, slope, inverse, _driven, by_position = gains
     pressure, lead, position, beside, wanted, still = row
@@ -52,7 +55,9 @@ def look(gains, row, geometry, known, rules, resting, memory):
 
 
 def fill(away, first, scale, behind, queue, integral):
-    """Put the states of the valves, commands on their way and integrals into the state (N,), from `first` on."""
+    """Write valve pressures [kPa], commands in transit and error integrals to the regulator's state `away` (N,), from
+    index `first` on.
+    """
     for i in range(len(behind)):
         away[first + i] = scale * behind[i]
     first = first + len(behind)
@@ -64,7 +69,9 @@ def fill(away, first, scale, behind, queue, integral):
 
 
 def ask(row, scale, more, away, wish):
-    """Take what is wanted from the state (N,), and find the commands (C,) [Pa] of the regulator."""
+    """Subtract the reference from the regulator's state `away` (N,) in place, and write the unlimited commands (C,)
+    [Pa] to `wish`.
+    """
     K, pressure, lead, beside, resting = row
     for i in range(len(away)):
         away[i] = away[i] - beside[i]
@@ -78,9 +85,10 @@ def ask(row, scale, more, away, wish):
 
 
 def finish(gains, rules, memory):
-    """Bring the commands within their limits, sum up the errors without windup, and put the commands on their way.
+    """Apply the limits of pressure and slew rate to the commands, and integrate the output errors without windup.
+    Returns True if limited.
 
-    Returns whether a limit changed a command. At a limit, only what leads away from it is summed up.
+    Returns True if a limit changed a command. At a limit, only errors that lead away from the limit are integrated.
     """
     K, _slope, _inverse, driven, _row = gains
     highest, reach, band, period, weight, waiting = rules
@@ -117,9 +125,10 @@ def finish(gains, rules, memory):
 
 
 def within(command, before, highest, reach):
-    """The command [Pa] nearest to `command` that lies in 0 ... highest and no farther than `reach` from `before`.
+    """Return the command [Pa] closest to `command` that is in the range 0 ... `highest` and at most `reach` away from
+    `before`.
 
-    What is not a number stays so.
+    NaN is returned unchanged.
     """
     if command < 0.0:
         command = 0.0
@@ -133,10 +142,12 @@ def within(command, before, highest, reach):
 
 
 def regulate(command, h, rise, fall, damping, held, out):
-    """Pressures at the ends of steps of `h` [s] under commands held over them, from `held` = (p, dp/dt) [Pa, Pa/s].
+    """Integrate the second-order equation of a valve under one command [Pa] per step, and write its pressures [Pa] to
+    `out`.
 
-    p'' = omega^2 (u - p) - 2 zeta omega p', with omega = rise [rad/s] where u > p and fall where u < p; p >= 0. By the
-    midpoint rule; `held` is carried on in place.
+    The equation is p'' = omega^2 (u - p) - 2 zeta omega p' with p >= 0, where omega is `rise` [rad/s] for u > p and
+    `fall` for u < p. Each command is held for a step of `h` [s], integrated by the midpoint rule. `held` = (p, dp/dt)
+    [Pa, Pa/s] is updated in place.
     """
     p = held[0]
     v = held[1]
@@ -157,10 +168,15 @@ def regulate(command, h, rise, fall, damping, held, out):
 
 
 def follow_valve(asked, seen, valve, held, command, out):
-    """As `regulate` under one command [Pa], len(command) steps, then corrected by a gauge's reading [Pa] if finite.
+    """Advance the simulated pressure of a valve under one command [Pa], and correct it with the gauge's reading `seen`
+    [Pa].
 
-    `valve` are (h, rise, fall, damping, gain): step [s], rad/s while it fills and empties, damping ratio, and gain (2,)
-    of the gauge; `held` (2,) the pressure and its rate, `command` and `out` are workspace.
+    `regulate` integrates the valve's equation.
+
+    The command is held for len(command) steps. A reading that is not finite is ignored. `valve` holds (h, rise, fall,
+    damping, gain): the step [s], the natural frequencies [rad/s] for filling and emptying, the damping ratio, and the
+    gain (2,) of the correction. `held` (2,) is the pressure and its rate, updated in place; `command` and `out` are
+    workspace.
     """
     h, rise, fall, damping, gain = valve
     for k in range(len(command)):

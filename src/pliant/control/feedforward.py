@@ -1,4 +1,6 @@
-"""Feedforward: the pressure at which the model holds a wanted bend, with what it remembers inverted as well."""
+"""Feedforward control: the pressure at which the model holds a target displacement of its tip, including its
+hysteresis.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,10 @@ Array = np.ndarray
 
 
 class Feedforward:
-    """Static inverse of the model: which pressure holds a tip displacement, now that it has crept and slipped so far.
+    """Static inverse of a model: the pressure that holds a tip displacement, for the present hysteresis states.
 
-    The body is taken to follow the wanted path through its rests. Along that path the states of the memory are known at
-    every instant, and so is the torque that they ask for beside the springs'; the torque law is inverted for both.
+    The body is assumed to follow the reference through its equilibria. The hysteresis states, and the torque that they
+    add to the springs' torque, are then known at every instant. The torque law is inverted for the sum of both torques.
 
     Parameters
     ----------
@@ -30,32 +32,39 @@ class Feedforward:
     Raises
     ------
     InputError
-        When the model has gravity or swells: its rests are then no multiple of one shape.
+        When the model has gravity, lengthens or moves in space, or its torque law does not rise with pressure.
     """
 
     def __init__(self, model: Model, highest: float) -> None:
         if model.gravity.any():
-            raise InputError("the feedforward's inverse of the memory takes a model without gravity")
+            raise InputError(
+                "the feedforward does not support gravity, which this model has: use the controller lqr or mpc"
+            )
         self.model, self.highest = model, float(highest)
         self.equilibria: Equilibria = equilibria(model, highest)
         self._law = model.memory.law()
         grid = np.linspace(0.0, 1.5 * highest, 400)
         torque = np.asarray(model.torque_at(grid))
         if not np.all(np.diff(torque) > 0):
-            raise InputError("the torque law must rise up to one and a half times the highest pressure to be inverted")
+            raise InputError(
+                "the torque law cannot be inverted, since it does not increase up to 1.5 times the highest pressure: "
+                "lower the highest pressure"
+            )
         self._inverse = (torque, grid)
         self.reset()
 
     def reset(self) -> None:
-        """Long at rest without pressure."""
+        """Reset the hysteresis states to those after a long rest without pressure."""
         self._q = state.equilibrium(self.model, 0.0)
         self._states = state.relaxed(self.model, self._q)
         self.saturated = 0
 
     def pressure(self, displacement: float, period: float) -> float:
-        """Pressure [Pa] that brings the tip `displacement` [m] from its rest within the next `period` [s].
+        """Return the pressure [Pa] at which the model's tip is displaced by `displacement` [m] from rest, and advance
+        the hysteresis by `period` [s].
 
-        Clipped to 0 ... highest; `saturated` counts how often. For a model without memory the inverse of its rests.
+        The pressure is clipped to 0 ... highest, and `saturated` counts how often. For a model without hysteresis it is
+        the static inverse.
         """
         static = self.equilibria.pressure_for(displacement)
         wanted = static

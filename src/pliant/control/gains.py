@@ -1,9 +1,9 @@
-"""The linear-quadratic regulator of outputs by one pressure or several about one rest.
+"""Gains of the linear-quadratic regulator of outputs by one or several pressures, about one equilibrium.
 
-The state holds angles, rates, valves, the commands on their way and the integrals of the outputs' errors. Only those
-combinations of the outputs are integrated that the pressures move at rest: of a straight body the tip's x alone. What
-is weighed is the outputs' error and the command; not the sum of the angles, whose lightly damped zeros near 9 Hz would
-set a bound to the damping, and not the first joint, whose zeros lie in the right half-plane.
+The state holds angles, rates, valve states, delayed commands and the integrals of the outputs' errors. Only those
+combinations of the outputs are integrated that the pressures can change at equilibrium: for a straight body only the
+tip's x. The cost weights the outputs' errors and the commands. It does not weight the sum of the angles, whose lightly
+damped zeros near 9 Hz would limit the damping, nor the first joint, whose zeros lie in the right half-plane.
 """
 
 from __future__ import annotations
@@ -18,38 +18,42 @@ from pliant.errors import InputError
 from pliant.linear.sampled import KILO, Margins, Sampled, loop_curve, margins, sample
 
 Array = np.ndarray
-DRIVEN = 0.02  # of what full pressures move most: a combination of outputs that they move less is not integrated
+DRIVEN = 0.02  # least static gain, relative to the largest, of a combination of outputs that is integrated
 SQUARE = 1e6  # errors in mm and pressures in kPa: the Riccati equation's numbers stay near one
 
 
 class Gains(NamedTuple):
-    """The regulator about one rest: N states (angles, rates, valves, commands on their way, integrals), C chambers.
+    """Gains and weights of the linear-quadratic regulator about one equilibrium, for N states, C chambers and m
+    outputs.
 
-    Pressures of the state and the command are in kPa, integrals in m s of the m outputs, weighed.
+    The states are angles, rates, valve states, delayed commands and integrals. Pressures of state and command are in
+    kPa, integrals in m s of the m weighted outputs.
     """
 
     rest: Rest
-    slope: Array  # (n, C) rad/Pa, of the angles at rest by the pressures; (n + S, C) where segments lengthen
-    inverse: Array  # (C, m) Pa/m, least pressures for a change of the outputs at rest
-    driven: Array  # (m, m) projection on what the pressures move
+    slope: Array  # (n, C) rad/Pa, static change of the angles by the pressures; (n + S, C) if segments lengthen
+    inverse: Array  # (C, m) Pa/m, smallest pressures for a static change of the outputs
+    driven: Array  # (m, m) projection on the output combinations that the pressures can change
     A: Array  # (N, N)
     B: Array  # (N, C)
     Q: Array  # (N, N)
     R: Array  # (C, C)
-    K: Array  # (C, N) of the command
-    P: Array  # (N, N) cost of a state that is left to the regulator
-    preview: Array  # (C, N) of the command to a slope of the cost of the next state
+    K: Array  # (C, N) feedback gain of the command
+    P: Array  # (N, N) cost to go of a state under the regulator
+    preview: Array  # (C, N) gain of the command on a gradient of the next state's cost
 
 
 def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, float], tuning: Tuning) -> Gains:
-    """Gains about a rest; `weight` (m,) in metres for a unit of each output, `clock` period and latency, s.
+    """Compute the gains of the linear-quadratic regulator of m outputs by C pressures, about the equilibrium `rest`.
 
-    Weighed are the outputs' errors, speeds and integrals, and each command by what it does at rest.
+    `weight` (m,) is the length [m] that a unit of each output counts as, `highest` (C,) are the highest pressures [Pa],
+    and `clock` holds control period and latency [s]. The cost weights the outputs' errors, speeds and integrals, and
+    each command by its static effect.
 
     Raises
     ------
     InputError
-        When the pressures move none of the outputs.
+        When the pressures cannot change any of the outputs.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -59,9 +63,9 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     r = int(np.sum(size > DRIVEN * size[0])) if size[0] > 0 else 0
     if r == 0:
         raise InputError(
-            f"at rest under {rest.pressure.max() * 1e-3:.4g} kPa no small pressure moves the tip or another output of "
-            "the task, as where the torque law begins with the square: fit it with a linear term, torque_1, or ask for "
-            "other outputs"
+            f"at rest under {rest.pressure.max() * 1e-3:.4g} kPa a small pressure does not move the tip or another "
+            "output of the task, as with a torque law without linear term: fit the model with the linear term "
+            "torque_1, or choose other outputs"
         )
     basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)
@@ -86,7 +90,10 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
 def with_integrals(
     A: Array, B: Array, Q: Array, tip: Array, period: float, worth: float
 ) -> tuple[Array, Array, Array]:
-    """A, B and Q with the integrals of rows `tip` of the state as last states, their squares counting `worth`."""
+    """Return the system matrices A, B and the weight Q extended by the integrals of r outputs as last states.
+
+    `tip` (r, N) are the outputs as rows of the state, and `worth` is the weight of the integrals.
+    """
     N, r = A.shape[0], tip.shape[0]
     more_A, more_Q = np.eye(N + r), np.zeros((N + r, N + r))
     more_A[:N, :N], more_A[N:, :N] = A, period * tip
@@ -95,7 +102,7 @@ def with_integrals(
 
 
 def loop_margins(gains: Gains, period: float) -> tuple[Margins, ...]:
-    """Return the margins of each chamber's loop, the others closed, cut at the command."""
+    """Return the stability margins of each chamber's control loop with the other loops closed."""
     found = []
     for c in range(gains.B.shape[1]):
         others = np.delete(gains.B, c, axis=1) @ np.delete(gains.K, c, axis=0)

@@ -1,7 +1,7 @@
-"""The model over a horizon: its own steps under commands that are known, and their exact derivatives.
+"""Prediction of the model's motion over a time horizon, with exact derivatives by the commands, for predictive control.
 
-Commands are straight between nodes, so that a slew limit that holds between the nodes holds in every period. Valves and
-dead times are exact for commands held over a period; the body moves by the steps of the model.
+Commands are linear between nodes, so that a slew limit that holds between the nodes holds in every period. Valves and
+dead times are exact for commands held over a period. The body moves by the time steps of the model.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Valve
 
 Array = np.ndarray
-COARSE = 6e-3  # s, longest step of the model
+COARSE = 6e-3  # s, longest time step of the model
 
 
 class Ahead(NamedTuple):
-    """The model at the ends of K periods, and its derivatives by the commands at the nodes, one chamber beside another.
+    """Predicted motion at the ends of K periods, and its derivatives by the commands of C chambers at J nodes (times).
 
-    Commands are counted in Pa; chambers C, nodes J, coordinates N.
+    Commands are in Pa. There are C chambers, J nodes and N coordinates; the derivatives by the commands of all chambers
+    at one node are adjacent.
     """
 
     position: Array  # (K, N) absolute angles [rad], then strains
@@ -43,15 +44,16 @@ class Ahead(NamedTuple):
 
 
 class Horizon:
-    """Predicts the motion of a body under commands at nodes.
+    """Predictor of the motion under commands that vary linearly between J nodes, for predictive control.
 
     Parameters
     ----------
     design : LqrDesign
-        Its model, valves, period and latency count.
+        Design whose model, valves, period and latency are used.
     stage : int
-        Periods between two nodes.
+        Number of periods between two nodes.
     nodes : int
+        Number of nodes.
     """
 
     def __init__(self, design: LqrDesign, stage: int, nodes: int) -> None:
@@ -59,7 +61,7 @@ class Horizon:
         self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, model.actuation.count
         self.periods = stage * (nodes - 1) + 1
         at = np.arange(self.periods)[:, None] / stage - np.arange(nodes)
-        self.straight = np.maximum(0.0, 1.0 - np.abs(at))  # (K, J) commands of every period, by the nodes
+        self.straight = np.maximum(0.0, 1.0 - np.abs(at))  # (K, J) weights of the nodes in every period's command
         self._lines = [
             ValveLine(c, s, self.period, design.latency)
             for c, s in zip(model.chambers, design.supply or (None,) * self.chambers, strict=True)
@@ -75,13 +77,15 @@ class Horizon:
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
 
     def later(self, nodes: Array, age: int) -> Array:
-        """Commands at the nodes (J, C) when the plan, known by its nodes (J, C), is so many periods old."""
+        """Return the node commands (J, C) [Pa] of an earlier plan, shifted by its age of `age`
+        periods to the present.
+        """
         return np.asarray(self.straight[np.minimum(age + self.stage * np.arange(self.nodes), self.periods - 1)] @ nodes)
 
     def predict(self, state: State, valves: list[Array], waiting: list[Array], nodes: Array) -> Ahead:
-        """The motion from a state under commands (J, C) [Pa] at the nodes.
+        """Predict the motion from `state` under the commands `nodes` (J, C) [Pa] at J nodes for C chambers.
 
-        `valves` are the states of each chamber's valve, `waiting` the commands on their way to it, the youngest first.
+        `valves` are the states of each chamber's valve, `waiting` the delayed commands to each chamber, youngest first.
         """
         J, C, K = self.nodes, self.chambers, self.periods
         command = self.straight @ nodes
@@ -102,7 +106,7 @@ class Horizon:
         )
 
     def _body(self, state: State, pressure: Array, slope: Array) -> tuple[Array, Array, Array]:
-        """Positions and rates (K, N) at the ends of the periods and their derivatives (K, 2 N, J C)."""
+        """Return positions and rates (K, N) at the ends of the periods, and their derivatives (K, 2 N, J C)."""
         N, parts, scale, actuation = self.model.size, self._parts, state.torque_scale, self.model.actuation
         turns = state.angle.size
         np.add(self._rest[:turns], state.rest_shift, out=self._theta0[:turns])
@@ -126,7 +130,7 @@ class Horizon:
 
 
 class ValveLine:
-    """One chamber's valve and dead time, sampled: exact for commands held over a period."""
+    """Discrete-time model of one chamber's valve and dead time, exact for commands that are constant in each period."""
 
     def __init__(self, chamber: Chamber, supply: SupplyValve | None, period: float, latency: float) -> None:
         whole, part, _ = periods_late(chamber.valve.dead_time + latency, period)
@@ -138,12 +142,15 @@ class ValveLine:
         self._march = twin(horizon_loops.valve_ahead)
 
     def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Mean pressures (K,) of the periods, by the nodes (K, J); states (r,) at the end, by the nodes (r, J).
+        """Return the chamber's mean pressure in each of K periods (K,) [Pa] and the final valve states (r,), each with
+        its derivatives.
 
-        `sent` are the commands on their way, the oldest first, and those of the K periods.
+        Returns the mean pressure in each period, its derivatives (K, J) by the commands at the nodes, the states at the
+        end and their derivatives (r, J). `sent` holds the delayed commands, oldest first, and those of the K periods;
+        `by_node` holds their derivatives.
         """
         count = len(sent) - self._whole - self._old
-        if not self._old:  # none arrives within a period: the one before plays no part
+        if not self._old:  # commands arrive at the start of a period: the one before has no effect
             sent, by_node = np.append(0.0, sent), np.concatenate([0.0 * by_node[:1], by_node])
         sent, by_node = np.ascontiguousarray(sent[: count + 1]), np.ascontiguousarray(by_node[: count + 1])
         if not self.order:
@@ -160,7 +167,7 @@ class ValveLine:
 
 
 def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
-    """The valve while it empties, and while it fills."""
+    """Return two linear valves: the one while the chamber empties, and the one while it fills."""
     known = supply or supply_of(valve)
     if known is None:
         return valve, valve
@@ -171,12 +178,14 @@ def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
 
 
 def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
-    """Torque [N m] of a chamber's law at rest at pressures (K,) [Pa], and its slope [N m/Pa], the swelling held."""
+    """Return the static torque (K,) [N m] of a chamber at pressures (K,) [Pa], and its derivative (K,) [N m/Pa]."""
     return pressure * chamber.lever_at(pressure), chamber.law_slope(pressure)
 
 
 def alone(rows: Array, chamber: int, chambers: int) -> Array:
-    """Derivatives (R, J) by the nodes of one chamber as those (R, J C) by the nodes of all."""
+    """Return derivatives (R, J C) by the commands of all C chambers from those (R, J) of one
+    chamber; the others are 0.
+    """
     out = np.zeros((*rows.shape, chambers))
     out[:, :, chamber] = rows
     return out.reshape(len(rows), rows.shape[1] * chambers)

@@ -1,4 +1,4 @@
-"""The arithmetic of a prediction over a horizon, compiled: a valve and a body under commands that are known."""
+"""Compiled loops that predict a valve's pressure and the motion of the actuator over a horizon."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pliant.equations.linearised import step_jacobian
 
 
 def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
-    """States of a valve at the ends of K periods, and their derivatives by the N numbers that make its commands.
+    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives by N command
+    parameters to `slopes`.
 
-    Each period begins with the command before and ends with the next one: `sent` (K + 1,) in order, their derivatives
-    `by_node` (K + 1, N). `pieces` are (A, B), (2, 2, r, r) and (2, 2, r): the exact step of each piece of a period, for
-    a command below and above the pressure. `state` (r,) moves in place; `scratch` is (r, N + 1).
-    `values` (K, r) and `slopes` (K, r, N) take the results.
+    Each period begins under the previous command and ends under the next one: `sent` (K + 1,) holds the commands in
+    order, and `by_node` (K + 1, N) their derivatives. `pieces` are (A, B), of shapes (2, 2, r, r) and (2, 2, r): the
+    exact step of each part of a period, for a command below and above the pressure. `state` (r,) is updated in place;
+    `scratch` is (r, N + 1). The results are written to `values` (K, r) and `slopes` (K, r, N).
     """
     A, B = pieces
     r = len(state)
@@ -40,11 +41,12 @@ def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
 
 
 def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
-    """Angles and rates (K, N) at the ends of K steps of h [s] from x and v (N,), which move in place.
+    """Integrate the motion over K steps of `h` [s], and write positions, rates (K, N) and step Jacobians to the given
+    arrays.
 
-    `torque` (K, N + R) [N m] is held over each step, with commands of tendons behind; `jacobians` (K, 3 N + R, 2 N)
-    takes those of `step_jacobian`. `chain` are (body, joints, work, slopes, J): what `Mechanics.slopes` returns, and J
-    of it.
+    `x` and `v` (N,) are updated in place. `torque` (K, N + R) [N m] is held over each step, with tendon commands last.
+    The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, work,
+    slopes, J), where `slopes` is the result of `Mechanics.slopes` and J its Jacobian.
     """
     body, joints, work, slopes, J = chain
     for k in range(len(torque)):

@@ -1,4 +1,6 @@
-"""Limits of a command: between 0 and the highest pressure, and no faster than the slew limit."""
+"""Limits of the commands of a controller: the range from 0 to the highest pressure or tendon input,
+and the slew rate.
+"""
 
 from __future__ import annotations
 
@@ -13,21 +15,21 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commanded gauge pressure.
+    """Highest value and slew rate of the commands: gauge pressures [Pa], or tendon inputs [N, m or rad].
 
     Parameters
     ----------
     highest : float
-        Pa. The lowest is 0: there is no vacuum.
+        Highest command: Pa, of tendons N, m or rad. The lowest is 0, since there is no vacuum and no tendon pushes.
     slew : float
-        Fastest change, Pa/s; infinite by default.
+        Fastest change: Pa/s, of tendons N/s, m/s or rad/s; unlimited by default.
     chambers : tuple of float
-        Highest pressure of each of several chambers, Pa; `highest` for all by default.
+        Highest command of each of several inputs; `highest` for all by default.
 
     Raises
     ------
     InputError
-        When a limit is not positive, or one of a chamber above `highest`.
+        When a limit is not positive, or a chamber's limit exceeds `highest`.
     """
 
     highest: float
@@ -41,17 +43,22 @@ class Limits:
             )
         if not all(0 < p <= self.highest for p in self.chambers):
             raise InputError(
-                f"the highest pressures of chambers must lie above 0 and not above {self.highest} Pa, got "
+                f"the highest pressure of each chamber must be > 0 and <= {self.highest} Pa, got "
                 f"{self.chambers}"
             )
 
     def each(self, count: int) -> Array:
-        """Highest pressure (C,) of each of `count` chambers, Pa; InputError where the limits name others than these."""
+        """Return the highest commands (C,) of `count` inputs, in their SI units.
+
+        Raises InputError when the limits are given for another number of chambers.
+        """
         if len(self.chambers) not in (0, count):
-            raise InputError(f"the limits name {len(self.chambers)} chambers, the model has {count}")
+            raise InputError(
+                f"the limits have {len(self.chambers)} chambers, the model has {count}: give one limit for each chamber"
+            )
         return np.array(self.chambers or (self.highest,) * count, dtype=float)
 
     def __call__(self, command: float, before: float, period: float) -> float:
-        """The command nearest to `command` that the limits allow a `period` [s] after `before` [Pa]."""
+        """Return the value nearest to `command` [Pa] that is allowed a `period` [s] after the command `before` [Pa]."""
         reach = self.slew * period
         return min(max(command, 0.0, before - reach), self.highest, before + reach)

@@ -1,6 +1,6 @@
-"""Outputs by pressures, period by period: the linear-quadratic regulator.
+"""Linear-quadratic regulator that controls outputs, such as the tip position, by pressures in each period.
 
-It makes up for what the estimator finds: shifts of the joints' rest angles, and one factor on all torques.
+It compensates what the estimator identifies: shifts of the joints' rest angles, and a common factor of all torques.
 """
 
 from __future__ import annotations
@@ -27,16 +27,20 @@ Array = np.ndarray
 
 
 class Present(NamedTuple):
-    """The state of one period against what is wanted; N states as `Gains` has them."""
+    """Deviation of the estimated state from the reference in one control period.
+
+    The N states are those of `Gains`.
+    """
 
     k: int  # period of the design
     gains: Gains
-    turn: Array  # (n + S,) by which angles and strains rest elsewhere than the model's
-    more: Array  # (C,) Pa, of the model's torque, that make up for that
+    turn: Array  # (n + S,) shift of the rest angles and strains from the model's
+    more: Array  # (C,) Pa, pressures that compensate the shift, in terms of the model's torque
 
 
 class Lqr:
-    """The regulator of an `LqrDesign` at work: within its limits, without windup.
+    """Linear-quadratic controller: applies the regulator of an `LqrDesign` within limits of pressure and slew rate,
+    with anti-windup.
 
     Parameters
     ----------
@@ -47,14 +51,14 @@ class Lqr:
     ----------
     chambers : int
     target, error : array (m,) or float
-        Wanted change of each output from the body's rest, and how far the output was from it at the last step; m, rad.
-        Of one chamber's tip its displacement and its distance along its path, m.
+        Target of each output, as change from the body's rest, and its error at the last step [m, rad]. For one chamber:
+        target of the tip's displacement, and the tip's error along its path [m].
     command : array (C,)
-        The last one, Pa.
+        The last command [Pa].
     saturated : int
-        Steps whose command met a limit.
+        Number of steps in which a limit changed the command.
     fault : str
-        Why the last command is not the one that the law asks for; empty: the regulator always has one.
+        Always empty: the regulator always has a command.
     """
 
     fault = ""
@@ -80,7 +84,7 @@ class Lqr:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew from no pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
         design, m, C, ends = self.design, len(self._weight), self.chambers, np.cumsum(self.design.waiting)
         self._began, self.saturated, self.period = math.nan, 0, 0
         self.command, self._integral, self._off = np.zeros(C), np.zeros(m), np.zeros(m)
@@ -96,18 +100,24 @@ class Lqr:
 
     @property
     def target(self) -> float | Array:
-        """Wanted change of the outputs now."""
+        """Present target: changes (m,) of m outputs from rest [m, rad] or, for one chamber, the displacement of the tip
+        [m].
+        """
         along = self.design.along
         return self.design.wanted[self.period].copy() if along is None else float(along[0][self.period])
 
     @property
     def error(self) -> float | Array:
-        """Return the outputs' distance from their target at the last step."""
+        """Control error at the last step: of m outputs (m,) [m, rad] or, for one chamber, of the tip along its path
+        [m].
+        """
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Commands (C,) [Pa] for the period that begins at `time` [s], from a state and the readings (C,) [Pa]."""
+        """Return the commands (C,) [Pa] for the period from `time` [s], for the estimated state and pressure readings
+        (C,) [Pa].
+        """
         now = self._present(time, state, pressure)
         self._wish(now, state)
         met = self._finish(self._tables[self.design.at[now.k]], self._rules, self._memory)
@@ -115,9 +125,7 @@ class Lqr:
         return self.command.copy()
 
     def _present(self, time: float, state: State, pressure: float | Array) -> Present:
-        """Return the deviation of the state from the present reference, and the regulator's commands before their
-        limits.
-        """
+        """Return the deviation of the state from the present reference; write the unlimited commands to `_wishes`."""
         design = self.design
         if math.isnan(self._began):
             self._began = time
@@ -135,17 +143,17 @@ class Lqr:
         return Present(k, gains, self._turn, self._more)
 
     def _rest(self, k: int, gains: Gains, turn: Array, more: Array) -> Array:
-        """The state (N,) that is wanted in period k, its pressures in kPa of the model's torque."""
+        """Return the reference state (N,) of period k, with pressures in kPa of the model's torque."""
         design, n = self.design, self.design.model.size
         out = design.resting @ ((design.pressure[k] + more) / KILO) + design.beside[k]
         out[:n] += design.angle[k] + turn + gains.slope @ more
         return np.asarray(out)
 
     def _wish(self, now: Present, state: State) -> None:
-        """Commands (C,) [Pa] before their limits, into `_wishes`: they are there already."""
+        """Write the commands (C,) [Pa] before their limits to `_wishes`. Here `_present` has done so already."""
 
     def _met(self, met: bool) -> bool:
-        """Whether a command met a limit, from whether the limits changed one."""
+        """Return whether a limit changed the command; `met` is the result of the limits."""
         return met
 
 

@@ -1,4 +1,4 @@
-"""A plant from a model file: what the testbed's rod is for one chamber, for as many as the model has."""
+"""A simulated plant (actuator, valves and sensors) from a model with any number of chambers."""
 
 from __future__ import annotations
 
@@ -16,49 +16,55 @@ from pliant.model import Model, Valve
 from pliant.simulation import Stepper
 
 Array = np.ndarray
-POINTS = 41  # of a shape
+POINTS = 41  # points of a shape
+READING = {"Pa": 300.0, "N": 0.05, "m": 2e-5, "rad": 1e-3}  # noise of a reading, by the unit of the input
 
 
 class ModelPlant:
-    """A model that moves under one command for each of its chambers, its valves and dead times included.
+    """A simulated actuator with valves, dead times and noisy sensors, moved by one command for each of its inputs.
 
-    Its sensors are white noise on the shape and the pressures. To learn what a controller does to a body unlike its
-    model, give it another model's file; against a plant of its own model it shows what the design can do at best.
+    Its sensors add white noise to the shape and the pressures. With the file of a different model than the
+    controller's, it shows how the controller handles model errors. With the same model, it shows the best possible
+    result of the design.
 
     Parameters
     ----------
     model : Model
     period : float
-        Of the frames, s.
+        Frame period [s]; it must be a multiple of `step`.
     step : float
-        Of the model, s; the period and dead times are rounded to multiples of it.
+        Time step of the model [s]. Dead times are rounded to multiples of it.
     noise : float
-        Standard deviation of each coordinate of the shape, m.
-    pressure_noise : float
-        Of a reading, Pa.
+        Standard deviation of each coordinate of the shape [m].
+    pressure_noise : float, optional
+        Standard deviation of a reading of the inputs, in their unit; default: 300 Pa, 0.05 N, 20 um or 1 mrad.
     seed : int
+        Seed of the noise.
     supply : tuple of SupplyValve or None, optional
-        The rig's valve of each chamber, where more is known of it than the model holds.
+        The rig's valve of each chamber; None to use the model's.
     arc_length : array (S,), optional
-        Of the points along the body that a shape holds, m; default: 41 at equal distances.
+        Arc lengths [m] of the points of a shape; default: 41 at equal distances.
 
     Raises
     ------
     InputError
-        When a period is no whole number of steps, or a valve settles late or has a dead band.
+        When the period is no whole number of steps, or a valve has a slow settling part, dead band or opening time.
     """
 
-    rides = True  # its points stay where they are on the links
+    rides = True  # the points are material points, fixed to the links
 
     def __init__(
         self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
-        pressure_noise: float = 300.0, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
+        pressure_noise: float | None = None, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
         arc_length: Array | None = None,
     ) -> None:
         check_followed(model)
         self._parts = round(period / step)
         if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
-            raise InputError(f"a period of {period:g} s is no whole number of steps of {step:g} s")
+            raise InputError(
+                f"the period of {period:g} s is no whole number of time steps of {step:g} s: choose a multiple of the "
+                "time step"
+            )
         self.period, self.time, self._step = period, 0.0, step
         bare = [
             replace(c, valve=Valve() if c.valve.natural_frequency else replace(c.valve, dead_time=0.0))
@@ -72,29 +78,33 @@ class ModelPlant:
         ]
         self._held = [np.zeros(2) for _ in model.chambers]
         self._waiting = [deque([0.0] * round(c.valve.dead_time / step)) for c in model.chambers]
-        self._rng, self._noise = np.random.default_rng(seed), (noise, pressure_noise)
+        read = np.array([READING[unit] for unit in model.actuation.units])
+        self._rng = np.random.default_rng(seed)
+        self._noise = noise, read if pressure_noise is None else np.full(read.size, float(pressure_noise))
         ends = model.base_length + np.append(0.0, np.cumsum(model.link_length))
         self._ends, self._first = np.unique(np.append(0.0, ends), return_index=True)
         self.arc_length = np.linspace(0.0, ends[-1], POINTS) if arc_length is None else np.asarray(arc_length)
 
     @property
     def tip(self) -> Array:
-        """True position (2,), in space (3,), of the tip, m."""
+        """True position of the simulated tip, (2,) in the plane or (3,) in space [m]."""
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold commands (C,) [Pa] for a period: time of the shape [s], its points (S, 2) [m], pressures (C,) [Pa].
+        """Hold the commands (C,) for one period, and return the readings: time [s], shape points (S, 2 or 3) [m],
+        pressures or tendon inputs (C,).
 
-        In space its points are (S, 3).
+        Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
 
         Raises
         ------
         InputError
-            When there are not as many commands as chambers, or one is not finite or negative.
+            When there are not as many commands as chambers, or a command is not finite or negative.
         """
         asked = self._stepper.model.actuation.pressures(command)
         if not (np.isfinite(asked).all() and (asked >= 0.0).all()):
-            raise InputError(f"commanded gauge pressures must be finite and >= 0 Pa, got {command}")
+            units = ", ".join(dict.fromkeys(self._stepper.model.actuation.units))
+            raise InputError(f"commands must be finite and >= 0 ({units}), got {command}")
         for _ in range(self._parts):
             self._stepper.step(np.array([self._behind(c, p) for c, p in enumerate(asked)]))
         self.time += self.period
@@ -105,16 +115,20 @@ class ModelPlant:
 
     @property
     def position(self) -> Array:
-        """Absolute link angles (n,) [rad], then strains; in space the joint coordinates (N,)."""
+        """Coordinates of the simulated actuator: absolute link angles (n,) [rad], then strains; in space the joint
+        coordinates (N,).
+        """
         return self._stepper.position.copy()
 
     def displace(self, change: Array) -> None:
-        """Change angles and strains (n + S,) at once, as a hand that lets go of the body does."""
+        """Add `change` to the simulated angles [rad] and strains instantly, as if a hand had displaced and released the
+        actuator.
+        """
         saved = self._stepper.snapshot()
         self._stepper.restore(saved._replace(angle=saved.angle + change))
 
     def _behind(self, c: int, asked: float) -> float:
-        """Mean pressure [Pa] that the stepper takes of a chamber over a step, from a command [Pa]."""
+        """Return the mean pressure [Pa] in chamber `c` over a time step under the command `asked` [Pa]."""
         waiting, valve, held = self._waiting[c], self._valves[c], self._held[c]
         waiting.append(asked)
         arrived, supply = waiting.popleft(), self._supply[c]
@@ -130,11 +144,11 @@ class ModelPlant:
         return float(0.5 * (before + held[0]))
 
     def _pressure(self) -> Array:
-        """True pressures (C,) behind the valves, Pa."""
+        """Return the true pressures (C,) [Pa] behind the valves."""
         own = self._stepper.pressure
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
-        """Points (S, 2), in space (S, 3), of the body along its links, m."""
+        """Return the true positions (S, 2 or 3) [m] of the simulated shape at the arc lengths `arc_length`."""
         known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
         return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)

@@ -1,8 +1,10 @@
-"""Nonlinear model predictive control of any number of inputs and outputs (extra ``mpc``).
+"""Nonlinear model predictive control of any number of outputs by any number of pressures or tendons (optional extra
+``mpc``).
 
-Each period predicts the model's own motion under the last plan, with the exact Jacobians of its steps, and solves one
-quadratic program in the commands, within the limits of pressure and slew: the real-time iteration. Its cost is that of
-the linear-quadratic regulator over the horizon, and the regulator's cost of the state in which the horizon ends.
+In each period the controller predicts the model's motion under the last plan, with the exact Jacobians of the time
+steps. It then solves one quadratic program in the commands within the limits of pressure and slew (real-time
+iteration). The cost is that of the linear-quadratic regulator over the horizon, plus the regulator's cost to go of the
+final state.
 
 Sources: Diehl, Bock and Schloeder, SIAM J. Control Optim. 43(5), 2005 (real-time iteration); Mayne et al., Automatica
 36(6), 2000 (cost of the final state)
@@ -21,19 +23,20 @@ from pliant.control.lqr import Lqr, Present
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.control.steady_inputs import output_rates, output_values
 from pliant.control.tuning import MpcTuning
-from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.linear.sampled import KILO
 
 Array = np.ndarray
 MILLI = SQUARE**0.5  # errors are counted in mm, pressures in kPa
+HUNDRED = 100.0  # parts of its highest, in which a command that is no pressure stands in the quadratic program
 
 
 class Mpc(Lqr):
-    """Predictive control of an `LqrDesign` within its limits.
+    """Nonlinear model predictive controller for the reference and weights of an `LqrDesign`, within limits of command
+    and slew rate.
 
-    A period whose quadratic program was not solved is a fault: it is counted, `fault` says so until a later one is
-    solved, and meanwhile the last plan is followed, within the limits.
+    A period whose quadratic program was not solved is a fault. The controller then continues the last plan within the
+    limits, and `fault` is set until a later program is solved.
 
     Parameters
     ----------
@@ -44,24 +47,22 @@ class Mpc(Lqr):
     Attributes
     ----------
     plan : array (J, C)
-        Commands at the nodes of the horizon when the last program was solved, Pa.
+        Commands [Pa] at the nodes of the horizon, from the last program that was solved.
     age : int
-        Periods since then.
+        Number of periods since that program was solved.
     program : QuadraticProgram
     solved, failed : int
-        Periods whose quadratic program was solved, and was not.
+        Numbers of periods whose quadratic program was solved, and was not solved.
     fault : str
-        Why the command of the last period is that of an earlier plan, in one sentence; empty where it is not.
+        Why the last command belongs to an earlier plan, in one sentence; empty if it does not.
 
     Raises
     ------
     InputError
-        When OSQP is missing, or an input is no pressure.
+        When OSQP is not installed.
     """
 
     def __init__(self, design: LqrDesign, limits: Limits, tuning: MpcTuning | None = None) -> None:
-        if others := [c.name for c in design.model.chambers if c.kind != "pressure"]:
-            raise InputError(f"predictive control takes pressures, and {others[0]!r} is none: use the regulator, Lqr")
         self.tuning = tuning or MpcTuning()
         super().__init__(design, limits)
         J, C, stage = self.tuning.stages, self.chambers, max(1, round(self.tuning.stage / design.period))
@@ -70,42 +71,47 @@ class Mpc(Lqr):
             speeds(rows, design.period) if design.path and len(rows) > 2 else 0.0 * rows
             for rows in (design.wanted, design.pressure, design.angle)
         )  # of the outputs, the steady pressures and the angles, per second
+        units = [KILO if unit == "Pa" else most / HUNDRED
+                 for unit, most in zip(design.model.actuation.units, self._highest, strict=True)]  # fmt: skip
+        self._unit = np.array(units)  # (C,) of each command in the quadratic program
+        self._size = np.tile(self._unit, J) / KILO  # (Z,)
         steps = np.kron(np.eye(J) - np.eye(J, k=-1), np.eye(C))  # from the command before to the first node, and on
-        self._steep = np.repeat(self._reach * np.where(np.arange(J), stage, 1), C) / KILO
+        self._steep = np.repeat(self._reach * np.where(np.arange(J), stage, 1), C) / np.tile(self._unit, J)
         if not np.isfinite(self._reach):
             steps, self._steep = steps[:0], self._steep[:0]
-        self.program = QuadraticProgram(np.tile(self._highest, J) / KILO, steps)
+        self.program = QuadraticProgram(np.tile(self._highest / self._unit, J), steps)
 
     def reset(self) -> None:
-        """Start anew from no pressure."""
+        """Reset the controller to its initial state, in which the commanded pressures are zero."""
         super().reset()
         self.solved, self.failed, self.fault = 0, 0, ""
         self.plan, self.age = np.zeros((self.tuning.stages, self.chambers)), 0
 
     def _wish(self, now: Present, state: State) -> None:
-        """Commands (C,) [Pa] of the plan for this period, into `_wishes`."""
+        """Solve the quadratic program and write the plan's commands (C,) [Pa] for this period to `_wishes`."""
         self.age, self._before = self.age + 1, self.command.copy()
         last = self._within(self.horizon.later(self.plan, self.age))
         ahead = self.horizon.predict(state, self._parts, self._waiting, last)
         H, g = self._cost(now, state, ahead)
-        start = last.ravel() / KILO
+        H, g = H * np.outer(self._size, self._size), g * self._size
+        start = (last / self._unit).ravel()
         before = np.zeros(len(self._steep))
-        before[: self.chambers] = self.command[: len(before)] / KILO
+        before[: self.chambers] = (self.command / self._unit)[: len(before)]
         found = self.program.solve(H, g - H @ start, before - self._steep, before + self._steep, start)
         if found is None:
             self.failed += 1
             self.fault = (
                 f"the quadratic program of the predictive control was not solved ({self.program.status}): the last "
-                "plan is followed"
+                "plan is continued"
             )
             self._wishes[:] = last[0]
             return
         self.solved, self.fault, self.age = self.solved + 1, "", 0
-        self.plan = self._within(KILO * found.reshape(last.shape))
+        self.plan = self._within(self._unit * found.reshape(last.shape))
         self._wishes[:] = self.plan[0]
 
     def _within(self, plan: Array) -> Array:
-        """The plan within the limits: of pressure, and of slew from the last command on."""
+        """Return the plan clipped to the limits of pressure, and of slew from the last command on."""
         out, before, reach = np.minimum(np.maximum(plan, 0.0), self._highest), self.command, self._reach
         if not np.isfinite(reach):
             return out
@@ -115,16 +121,17 @@ class Mpc(Lqr):
         return out
 
     def _met(self, met: bool) -> bool:
-        """Whether a command lies at a limit: a plan never lies beyond."""
+        """Return whether a command lies at a limit; the plan itself never exceeds one."""
         del met
         before, edge = self._before, 1e-6 * self._highest
         low, high = np.maximum(before - self._reach, 0.0), np.minimum(before + self._reach, self._highest)
         return bool(((self._wishes <= low + edge) | (self._wishes >= high - edge)).any())
 
     def _cost(self, now: Present, state: State, ahead: Ahead) -> tuple[Array, Array]:
-        """Hessian (Z, Z) and slope (Z,) at the plan that `ahead` predicts, commands in kPa.
+        """Return Hessian (Z, Z) and gradient (Z,) of the cost at the plan that `ahead` predicts, with commands in kPa.
 
-        Half the sum of squares of the regulator's errors over the horizon, and its cost of the last state.
+        The cost is half the sum of squares of the regulator's errors over the horizon, plus its cost to go of the last
+        state.
         """
         design, scale, K = self.design, state.torque_scale, self.horizon.periods
         rows = design.periods(now.k, K + 1) if design.path else np.full(K + 1, now.k)
@@ -152,22 +159,22 @@ class Mpc(Lqr):
         return 0.5 * (H + H.T), slope.T @ residual + by_last.T @ (final @ last + later)
 
     def _after(self, k: int) -> Array:
-        """Time (K + 1,) [s] by which the periods from k on lie beyond the last that is known of a path.
+        """Return the times (K + 1,) [s] by which the periods from k on lie beyond the end of the known path.
 
-        The path goes straight on there, until it has ended: where it stops dead is not where it is braked for.
+        Before the path has ended, it is extrapolated linearly beyond its end, so that the body is not braked early.
         """
         known = len(self.design.at) - 1
         beyond = np.arange(k, k + self.horizon.periods + 1) - known
         return np.maximum(beyond, 0) * self.design.period * self._moves(k)
 
     def _moves(self, k: int) -> bool:
-        """Whether period k lies before the end of a path, which is held from then on."""
+        """Return whether period k lies before the end of a path, from which on the path's last point is held."""
         return self.design.path and k < len(self.design.at) - 1
 
     def _outputs(
         self, rows: Array, after: Array, ahead: Ahead, *, moves: bool
     ) -> tuple[Array, Array, Array, Array]:
-        """Errors (K, m) [m] and their derivatives (K, m, Z) [m/kPa], then those of their speeds [m/s]."""
+        """Return errors (K, m) [m] and their derivatives (K, m, Z) [m/kPa], and the same of their speeds [m/s]."""
         design, weight, n = self.design, self._weight, self.design.model.size
         value = output_values(design.model, ahead.position, design.outputs)
         row, speed, row_speed = output_rates(design.model, ahead.position, ahead.rate, design.outputs)
@@ -180,7 +187,7 @@ class Mpc(Lqr):
         )
 
     def _integrals(self, now: Present, y: Array, dy: Array) -> tuple[Array, Array]:
-        """Integrals (K, m) [m s] of the errors (K, m) at the ends of the periods; their derivatives (K, m, Z)."""
+        """Return the integrals (K, m) [m s] of the errors at the periods' ends, and their derivatives (K, m, Z)."""
         driven, period = now.gains.driven, self.design.period
         start = (driven @ (self._weight * self._off))[None]
         error = np.concatenate([start, y[:-1] @ driven.T])  # at the beginnings of the periods
@@ -190,9 +197,9 @@ class Mpc(Lqr):
     def _last(
         self, when: tuple[int, float], now: Present, state: State, ahead: Ahead, integral: tuple[Array, Array]
     ) -> tuple[Array, Array]:
-        """The last state (N,) against what is wanted then, as `Gains` has it, and its derivative (N, Z).
+        """Return the last state's deviation (N,) from the reference, as in `Gains`, and its derivative (N, Z).
 
-        `when` are the row of the design and the time [s] after it.
+        `when` holds the row of the design and the time [s] after it.
         """
         design, scale, (row, after) = self.design, state.torque_scale, when
         rest = self._rest(row, design.gains[design.at[row]], now.turn, now.more)
@@ -207,7 +214,7 @@ class Mpc(Lqr):
 
 
 def speeds(rows: Array, period: float) -> Array:
-    """Changes per second of rows (K, ...) along a path; the last row, which is held, takes that of the one before."""
+    """Return the time derivatives, per second, of the rows (K, ...) of a path sampled at `period` [s]."""
     found = np.gradient(rows[:-1], period, axis=0)
     return np.concatenate([found, found[-1:]])
 

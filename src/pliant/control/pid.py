@@ -1,4 +1,4 @@
-"""PI-D control of the tip beside a feedforward: derivative of the measurement alone, no windup, bumpless start."""
+"""PI-D controller of the tip displacement, with feedforward, anti-windup and a start without a jump of the command."""
 
 from __future__ import annotations
 
@@ -22,34 +22,37 @@ Array = np.ndarray
 
 
 class Pid:
-    """u = feedforward + P e + I int(e) - D dy/dt, within limits.
+    """PI-D controller within limits of the command: u = feedforward + P e + I int(e) dt - D dy/dt, with error e and
+    measurement y.
 
-    At a limit the integral goes on only where that leads back from it. `start` makes the first command equal to what
-    the valve holds already.
+    At a limit the error is integrated only if that leads away from the limit. `start` sets the first command equal to
+    the command that is already applied.
 
     Parameters
     ----------
     tuning : PidTuning
     limits : Limits
     period : float
-        s
+        Control period [s].
     """
 
     def __init__(self, tuning: PidTuning, limits: Limits, period: float) -> None:
         if not (math.isfinite(period) and period > 0):
-            raise InputError(f"the period must be positive, in s, got {period}")
+            raise InputError(f"the control period must be finite and > 0 s, got {period}")
         self.tuning, self.limits, self.period = tuning, limits, period
         self._keep = math.exp(-2 * math.pi * tuning.cutoff * period)
         self.start(0.0)
 
     def start(self, command: float, target: float = 0.0, measured: float = 0.0, feedforward: float = 0.0) -> None:
-        """Take over from a `command` [Pa] that holds now: the next command goes on from it without a jump."""
+        """Initialise the integral so that the next command equals the present `command` [Pa], without a jump."""
         self.command, self.saturated, self._slope = float(command), 0, 0.0
         self._last: float | None = None
         self.integral = command - feedforward - self.tuning.proportional * (target - measured)
 
     def step(self, target: float, measured: float, feedforward: float = 0.0) -> float:
-        """Command [Pa] for the coming period; target and measured tip displacement in m, feedforward in Pa."""
+        """Return the command [Pa] for the next period, from target and measured displacement [m] and the feedforward
+        pressure [Pa].
+        """
         error = target - measured
         if self._last is not None:
             self._slope = self._keep * self._slope + (1 - self._keep) * (measured - self._last) / self.period
@@ -67,7 +70,8 @@ class Pid:
 
 
 class PidControl:
-    """The tip towards a set-point, shaped (ZVD) where the task is planned.
+    """Controller that moves the tip of a one-chamber actuator to set-points by PI-D, with feedforward and shaped (ZVD)
+    set-points.
 
     Parameters
     ----------
@@ -77,10 +81,10 @@ class PidControl:
     ----------
     pid : Pid
     target : float
-        m, where the tip is wanted now.
+        Present target of the tip's displacement [m].
     """
 
-    chambers, fault = 1, ""  # the law always has a command
+    chambers, fault = 1, ""  # a PI-D law always has a command
 
     def __init__(self, plan: Plan) -> None:
         self.model, self._setpoint = plan.body, plan.setpoint
@@ -96,22 +100,22 @@ class PidControl:
 
     @property
     def error(self) -> float:
-        """Return the error of the tip's displacement at the last step, m."""
+        """Error of the tip's displacement at the last control step [m], measured minus target."""
         return self._moved - self.target
 
     @property
     def saturated(self) -> int:
-        """Steps whose command met a limit."""
+        """Number of control steps in which a limit of pressure or slew rate changed the command."""
         return self.pid.saturated
 
     def reset(self) -> None:
-        """Start anew from no pressure."""
+        """Reset the controller to its initial state, in which the commanded pressure is zero."""
         self._moved = self.target = 0.0
         self.pid.start(0.0)
         self.forward.reset()
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Command (1,) [Pa] for the coming period, from the angles alone."""
+        """Return the command (1,) [Pa] for the next control period, from the link angles of the estimated `state`."""
         del pressure
         self.target = float(sum(a * self._setpoint(time - t) for a, t in self._impulses))
         self._moved = float(np.linalg.norm(mechanics_of(self.model).tips(state.angle)[-1] - self._still))

@@ -1,4 +1,4 @@
-"""From a task to what is wanted period by period, and to the design that follows it."""
+"""Conversion of a control task to a reference for every period, and to the regulator that follows it."""
 
 from __future__ import annotations
 
@@ -25,25 +25,27 @@ TIP = ("tip_x", "tip_y")
 
 
 class SetPoint:
-    """Tip displacement against time: levels joined by half a cosine, or a path of points.
+    """Target displacement of the tip as a function of time: constant levels joined by half-cosine ramps.
 
     Parameters
     ----------
     time, displacement : array (k,)
-        s and m: from each time on that level, starting from 0.
+        Times [s] and the displacement [m] from each time on; 0 before the first.
     ramp : float
-        Time that a change takes, s.
+        Duration of a change [s].
     """
 
     def __init__(self, time: Array, displacement: Array, ramp: float = 0.03) -> None:
         self.time, self.level = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
         good = self.time.ndim == 1 and self.time.shape == self.level.shape and self.time.size > 0
         if not good or np.any(np.diff(self.time) <= 0) or not np.isfinite(self.level).all() or ramp < 0:
-            raise InputError("a set-point needs increasing times (s), as many finite levels (m), and a ramp >= 0 s")
+            raise InputError(
+                "a set-point needs increasing times (s), the same number of finite displacements (m), and a ramp >= 0 s"
+            )
         self.ramp = ramp
 
     def __call__(self, time: float) -> float:
-        """Displacement wanted at a time, m."""
+        """Return the target displacement [m] at a time [s]."""
         k = int(np.searchsorted(self.time, time, side="right")) - 1
         if k < 0:
             return 0.0
@@ -54,26 +56,27 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class Task:
-    """The motion that the tip is to follow.
+    """A control task: the motion that the tip or other outputs should follow, and the controller to use.
 
     Parameters
     ----------
     time, displacement : array (k,)
-        From each time [s] on that tip displacement [m]; straight between them where `path` is true. With several
-        chambers (k, m): changes of the outputs from the rest, m and rad.
+        Times [s] and the target displacement of the tip [m] from each time on, or at each time if `path` is True. With
+        several chambers (k, m): changes of the outputs from rest [m, rad].
     duration : float
-        s
+        Duration [s].
     path : bool
+        Whether the target moves linearly between the times.
     ramp : float
-        s, of a change that is not planned.
+        Duration of a change that is not planned [s].
     planned : bool
-        Whether the changes are planned ahead as fast as the limits allow; for "pid": shaped (ZVD).
+        Whether changes are planned ahead, as fast as the limits allow; for "pid": shaped (ZVD).
     feedback : str
-        Name of the controller: "lqr", "mpc", "pid", or one that an installed package offers.
+        Name of the controller: "lqr", "mpc", "pid", or one that an installed package provides.
     tuning, mpc, pid : Tuning, MpcTuning, PidTuning
     outputs : tuple of str
-        What several chambers bring to its place: of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link;
-        in space of tip_x, tip_y, tip_z.
+        Outputs that several chambers control: names among tip_x, tip_y [m] and angle_sum [rad], the angle of the last
+        link; in space among tip_x, tip_y and tip_z.
     """
 
     time: Array
@@ -91,22 +94,22 @@ class Task:
 
 @dataclass(frozen=True)
 class Plan:
-    """The setting from which a controller is made.
+    """Everything from which a controller is created: task, model, limits, timing and valves.
 
     Attributes
     ----------
     task : Task
     body : Model
-        Calibrated, with its memory and the mean of the rig's valves.
+        Calibrated model, with its hysteresis and the mean of the rig's valves.
     limits : Limits
     period, latency : float
-        s; by how much the state is older than the command.
+        Control period, and age of the state at the command [s].
     supply : tuple of SupplyValve or None
-        The rig's valve of each chamber, where more is known of it than the model holds.
+        The rig's valve of each chamber; None to use the model's.
     trajectory : Trajectory or None
-        The motion of one chamber's tip that was planned ahead.
+        Planned motion of the tip, for one chamber.
     follows : str
-        What the controller takes of it, see `ControllerKind`.
+        What the controller uses of the trajectory, see `ControllerKind`.
     """
 
     task: Task
@@ -120,39 +123,47 @@ class Plan:
 
     @property
     def several(self) -> bool:
-        """Whether outputs are brought to their places: by several chambers, of a body that lengthens or is in space.
+        """Whether the task controls named outputs. If not, one chamber moves the tip along its path.
 
-        Else one chamber moves the tip.
+        Otherwise one chamber moves the tip along its path.
         """
         return self.body.actuation.count > 1 or mechanics_of(self.body).lengthens or self.body.space is not None
 
     @cached_property
     def family(self) -> Equilibria:
-        """Rests of the body without its memory under one pressure; refuses a task of several chambers."""
+        """Static equilibria of the actuator without hysteresis, at pressures from 0 to the limit, for one chamber.
+
+        Raises InputError for a task with several outputs.
+        """
         if self.task.outputs or np.ndim(self.task.displacement) != 1:
-            raise InputError("a body of one chamber is given displacements of its tip: its path has one dimension")
+            raise InputError(
+                "a task for a body of one chamber must give displacements of the tip (displacement_mm in a task file)"
+            )
         return equilibria(frozen(self.body), float(self.limits.each(1)[0]))
 
     @property
     def levels(self) -> Array:
-        """Levels (k, m) of the task; InputError where they do not fit the body."""
+        """Target values (k, m) of the task at its k times, for m outputs [m, rad].
+
+        Raises InputError when they do not fit the body.
+        """
         task, levels = self.task, np.asarray(self.task.displacement, dtype=float)
         if not self.several:
             return levels[:, None] if self.family else levels
         if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
             names = self.body.actuation.listing
             raise InputError(
-                f"a task for several chambers ({names}), a body that lengthens or one in space names its outputs and "
-                "gives a value of each (tip_x_mm, tip_y_mm, tip_z_mm, angle_deg in a task file)"
+                f"a task for several chambers ({names}), for a body that lengthens or for one in space must name its "
+                "outputs and give a value of each (tip_x_mm, tip_y_mm, tip_z_mm, angle_deg in a task file)"
             )
         return levels
 
     def setpoint(self, time: float) -> float:
-        """Displacement [m] that a task for one chamber wants at a time [s]."""
+        """Return the target displacement [m] of the tip at a time [s], for a task of one chamber."""
         return float(self.wanted_at(np.array([time]))[0, 0])
 
     def wanted_at(self, times: Array) -> Array:
-        """Return the reference (K, m) at times (K,) [s]."""
+        """Return the reference (K, m) of m outputs [m, rad] at K times [s]."""
         task = self.task
         if task.path:
             return np.stack([np.interp(times, task.time, column) for column in self.levels.T], axis=1)
@@ -161,13 +172,13 @@ class Plan:
 
     @cached_property
     def rows(self) -> Array:
-        """Return the reference (K, m) of each period; the last row is held."""
+        """Reference (K, m) of m outputs [m, rad] for each of K control periods; after the end the last one is kept."""
         task = self.task
         last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
 
     def planned(self) -> Trajectory | None:
-        """The motion of the tip by one chamber, as fast as the limits allow; None where none is planned."""
+        """Return the trajectory of the tip planned as fast as the limits allow, or None if the task needs none."""
         task = self.task
         if self.several or not task.planned or self.follows == "levels":
             return None
@@ -178,12 +189,12 @@ class Plan:
 
     @cached_property
     def design(self) -> LqrDesign:
-        """The regulator along what is wanted."""
+        """The linear-quadratic regulator that makes the outputs follow the task's reference."""
         if self.several:
             return self.designed(self.task.outputs, self.rows, path=self.task.path and self.task.planned)
         made, family, late = self.trajectory, self.family, round(self.latency / self.period)
         far = self.rows[:, 0] if made is None else made.displacement
-        if made is not None and self.follows == "path":  # its rows are as late as the shape is
+        if made is not None and self.follows == "path":  # the reference is delayed as the shape is
             far = np.append(far[late:], np.full(late, far[-1]))
         far = np.clip(far, 0.0, family.reach) if made is not None else far
         moves = made is not None and self.follows == "path"
@@ -199,7 +210,9 @@ class Plan:
         return replace(design, wanted=family.moved(far), beside=beside, lead=made.lead[:, -1:] / KILO, late=0)
 
     def designed(self, outputs: tuple[str, ...], rows: Array, *, path: bool) -> LqrDesign:
-        """The regulator of outputs along rows (K, m) of changes from the rest."""
+        """Return the linear-quadratic regulator of the named `outputs` along the reference `rows` (K, m), given as
+        changes from rest.
+        """
         design = design_outputs(
             frozen(self.body), outputs, rows, self.limits, self.period, tuning=self.task.tuning, latency=self.latency,
             path=path,

@@ -1,4 +1,4 @@
-"""From a model and a few frames at rest to an estimator and a controller that fit each other."""
+"""Preparation of a control loop: estimator and controller from a model and some frames of the actuator at rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting
 from pliant.estimation.link_angles import LinkAngles, calibrated
-from pliant.estimation.link_tips import LinkTips, rested
+from pliant.estimation.link_tips import LinkTips, with_rest_shape
 from pliant.estimation.registry import estimator_kind
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -31,21 +31,21 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Prepared:
-    """The parts of a control loop, ready to run.
+    """The parts of a control loop, ready to run: calibrated model, measurement, estimator, controller and rehearsal.
 
     Attributes
     ----------
     body : Model
-        With the rest shape of the body at hand.
+        Model with the measured rest shape of the body.
     link_angles : LinkAngles or LinkTips
-        What its shapes are measured by.
+        Converts shapes to measurements of the estimator.
     estimator : Estimator
     control : Controller
     design : LqrDesign or None
-        ``print`` shows its margins; None of a controller without a linear design.
+        Linear design; ``print`` shows its stability margins. None for a controller without one.
     trajectory : Trajectory or None
     rehearsal : Rehearsal or None
-        How the loop behaves on the body's model within its limits; ``print`` shows it.
+        Simulated response of the loop on the body's model within the limits; ``print`` shows it.
     """
 
     body: Model
@@ -58,18 +58,18 @@ class Prepared:
 
     @property
     def summary(self) -> str:
-        """The least margins of the linear loop and the rehearsal within the limits, in one line."""
+        """Stability margins of the linear loop and the result of the simulated rehearsal, as one line of text."""
         margins = f"without limits {self.design.least_margins}" if self.design else "no linear design"
         return "; ".join([margins, *str(self.rehearsal or "").splitlines()])
 
     @property
     def pipeline(self) -> Pipeline:
-        """From the shape to the command, for a `ControlLoop`."""
+        """Measurement, estimator and controller, as `ControlLoop` takes them."""
         return Pipeline(self.link_angles.frame, self.estimator, self.control, mechanics_of(self.body).dimension)
 
 
 class Rig(TypedDict, total=False):
-    """The rig's delay and valves, and the estimator of its state, for `prepare_control`."""
+    """Type of the optional keyword arguments of `prepare_control`: delay, valves and estimator of the test rig."""
 
     late: int
     supply: SupplyValve | Mapping[str, SupplyValve] | None
@@ -84,32 +84,34 @@ def prepare_control(
     model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
     **rig: Unpack[Rig],
 ) -> Prepared:
-    """Calibrate the rest, design the gains, plan the trajectory, make estimator and controller, and rehearse the loop.
+    """Return a control loop ready to run: rest shape calibrated, controller designed, estimator created, loop tested in
+    simulation.
 
-    The loop is rehearsed on the model of the body within its limits before it is returned: the task, its end held, and
-    a disturbance as large as the task's largest displacement. The effort weight is raised until it settles.
+    The rehearsal simulates the loop on the model of the body within its limits: the task, its end held, and a
+    disturbance as large as the task's largest displacement. The effort weight is increased until the loop settles.
 
     Parameters
     ----------
     model : Model
-        With its memory.
+        Model of the body with its hysteresis.
     arc_length : array (S,)
-        Of the points along the body, m.
+        Arc lengths [m] of the points along the body.
     frames : array (T, S, 2), (T, S, 3) in space
-        The body at rest without pressure, m.
+        Shapes [m] of the body at rest without pressure.
     task : Task
     limits : Limits
     period : float
-        Of frames and control, s.
+        Period of frames and control [s].
     late : int
-        Periods by which a frame is old when it arrives; default: 0.
+        Number of periods by which a frame is old when it arrives; default: 0.
     supply : SupplyValve or mapping, optional
-        The rig's valve, that of every chamber, or by the names of chambers; default: the model's.
+        The rig's valve for all chambers, or a mapping from chamber names; default: the model's valves.
     estimator : str
-        "observer" (the default), "filter", "differences", or one that an installed package offers. A body that
-        lengthens, or moves in space, takes "filter".
+        "observer" (the default), "filter", "differences", or one that an installed package provides. A body that
+        lengthens or moves in space needs "filter".
     rides : bool
-        Whether the points ride on the body as it stretches, as markers do; default: False, a dense curve.
+        True if the points are material points of the stretching body, as markers are. Default: False, for a dense curve
+        whose points are not.
 
     Returns
     -------
@@ -118,8 +120,8 @@ def prepare_control(
     Raises
     ------
     InputError
-        When the task is out of reach, the parts do not fit, or no effort weight lets the rehearsed loop settle; and for
-        a body that lengthens where the points do not ride on it: a dense curve does not show how it does.
+        When the task is out of reach, the parts do not fit together, or the rehearsed loop settles with no effort
+        weight. Also for a body that lengthens if the points are not material points.
     TypeError
         For an unknown keyword.
 
@@ -145,13 +147,13 @@ def prepare_control(
 
 
 class Maker:
-    """Makes estimator and controller of a body for tasks that differ in their tuning alone.
+    """Factory that creates a new estimator and controller of an actuator for each tuning of a task.
 
     Parameters
     ----------
     link_angles : LinkAngles or LinkTips
     rest : array (S, 2)
-        A shape at rest, m.
+        Shape of the body at rest [m].
     seeing : EstimatorKind
     law : ControllerKind
     plan : Plan
@@ -163,13 +165,13 @@ class Maker:
         plan: Plan, setting: RehearsalSetting,
     ) -> None:
         if plan.several and not law.several:
-            raise InputError(f"the controller {law.name!r} takes one chamber and a fixed length: use lqr or mpc")
+            raise InputError(f"the controller {law.name!r} needs one chamber and a fixed length: use lqr or mpc")
         self.link_angles, self.seeing, self.law, self._rest = link_angles, seeing, law, rest
         self.plan = replace(plan, trajectory=plan.planned())
         self._setting = Setting(plan.body, plan.period, setting.late)
 
     def make(self, task: Task) -> Prepared:
-        """Estimator and controller at their beginning, not rehearsed."""
+        """Return a new estimator and controller for `task`, without a simulated rehearsal of the loop."""
         plan = replace(self.plan, task=task)
         control, (first, estimator) = self.law.make(plan), (self.seeing.make(self._setting) for _ in range(2))
         warm_up(Pipeline(self.link_angles.frame, first, control), self._rest, plan.period)
@@ -180,38 +182,50 @@ class Maker:
 def calibration(
     model: Model, arc_length: Array, frames: Array, seeing: EstimatorKind, *, rides: bool,
 ) -> tuple[Model, LinkAngles | LinkTips]:
-    """The model with the rest shape of the body at hand, and what its shapes are measured by."""
+    """Return the model with the measured rest shape, and the object that converts measured shapes to link angles or
+    positions.
+    """
     if seeing.fixed_length and model.space is not None:
         raise InputError(
-            f"{model.name!r} moves in space, which the estimator {seeing.name!r} does not follow: use filter"
+            f"model {model.name!r} moves in space, which the estimator {seeing.name!r} does not support: use filter"
         )
     if not mechanics_of(model).lengthens:
         if model.space is not None:
-            return rested(model, arc_length, frames)
+            return with_rest_shape(model, arc_length, frames)
         body = calibrated(model, arc_length, frames)
         return body, LinkAngles(body, arc_length)
     if not rides:
         raise InputError(
-            f"{model.name!r} lengthens, and a dense curve does not show which of its points belong to which link: take "
-            "a plant whose points ride on the body (`rides`), or make a Pipeline of its stations, a KalmanFilter and "
-            "an Lqr or Mpc of design_outputs"
+            f"model {model.name!r} lengthens, and a dense curve does not show which points belong to which link: use a "
+            "plant whose points are material points (rides = True), or a Pipeline of the stations, a KalmanFilter, and "
+            "an Lqr or Mpc "
+            "with design_outputs"
         )
     if seeing.fixed_length:
-        raise InputError(f"{model.name!r} lengthens, which the estimator {seeing.name!r} does not follow: use filter")
-    return rested(model, arc_length, frames)
+        raise InputError(
+            f"model {model.name!r} lengthens, which the estimator {seeing.name!r} does not support: use filter"
+        )
+    return with_rest_shape(model, arc_length, frames)
 
 
 def supplies(model: Model, supply: SupplyValve | Mapping[str, SupplyValve] | None) -> tuple[SupplyValve | None, ...]:
-    """The rig's valve of each chamber, None where the model's counts; InputError for a chamber that nobody has."""
+    """Return the measured valve (`SupplyValve`) of the rig for each chamber, or None where the model's valve is used.
+
+    Raises InputError for a chamber name that the model does not have.
+    """
     if not isinstance(supply, Mapping):
         return (supply,) * model.actuation.count
     if unknown := set(supply) - {c.name for c in model.chambers}:
-        raise InputError(f"the rig's valves name {min(unknown)!r}, the model's chambers are {model.actuation.listing}")
+        raise InputError(
+            f"the rig's valves name chamber {min(unknown)!r}, the model has {model.actuation.listing}: correct the name"
+        )
     return tuple(supply.get(c.name) for c in model.chambers)
 
 
 def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
-    """The model with the valves of a rig, each by the one frequency that a linear design takes."""
+    """Return the model with the rig's valves in place of its own, each with one mean frequency for filling and
+    emptying.
+    """
     made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
     rig = model.with_(chambers=tuple(made))
     check_followed(rig)
@@ -219,7 +233,9 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
 
 
 def warm_up(pipeline: Pipeline, shape: Array, period: float) -> None:
-    """Two frames of a shape (S, 2) at rest: what is compiled is compiled here, not in the loop's first period."""
+    """Run the control pipeline for two frames of the shape (S, 2 or 3) [m] at rest, so that its kernels are compiled
+    before use.
+    """
     measure, estimator, controller, _ = pipeline
     none = np.zeros(controller.chambers)
     for k in range(2):

@@ -1,4 +1,4 @@
-"""Strictly convex quadratic programs of one size, solved one after the other by OSQP (extra ``mpc``)."""
+"""Convex quadratic programs of constant size that are solved repeatedly by OSQP (optional extra ``mpc``)."""
 
 from __future__ import annotations
 
@@ -10,34 +10,35 @@ import numpy as np
 from pliant.errors import InputError
 
 Array = np.ndarray
-ACCURACY = 1e-5  # of OSQP's primal and dual residuals, absolute and relative
+ACCURACY = 1e-5  # tolerance of OSQP's primal and dual residuals, absolute and relative
 MOST = 5000  # iterations; `benchmarks/predictive.py` problems take 55, one in a hundred more than 800
 APART = 100  # iterations between two changes of the step size: at 25 it cycled on one problem in a thousand
-HUGE = 1e20  # a slope or curvature beyond is no number that a controller works with
+HUGE = 1e20  # limit of gradient and Hessian, beyond which the prediction counts as not finite
 
 
 class QuadraticProgram:
-    """min z H z / 2 + g z, with 0 <= z <= highest and low <= D z <= high: the set-up is made once.
+    """Solver of min 1/2 z^T H z + g^T z with bounds 0 <= z <= highest and low <= D z <= high, set up once for many H,
+    g.
 
-    Every solution starts from the last one's multipliers, and a second time from none where it is not found; the
-    pattern of the matrices never changes. The cost is divided by the mean of its curvatures, so that a step size of 1
-    suits.
+    Each solve starts from the last multipliers, and a second time from zero multipliers if it fails. The sparsity
+    pattern never changes. The cost is divided by the geometric mean of its curvatures, so that a step size of 1 suits.
 
     Parameters
     ----------
     highest : array (Z,)
+        Upper bounds of z.
     change : array (R, Z)
-        D; no row where nothing but the box limits.
+        Matrix D; no rows if there are only bounds.
 
     Attributes
     ----------
     status : str
-        OSQP's of the last problem.
+        OSQP's status of the last problem.
 
     Raises
     ------
     InputError
-        When OSQP is missing.
+        When OSQP is not installed.
 
     Source: Stellato et al., Math. Program. Comput. 12(4), 2020 (OSQP)
     """
@@ -61,9 +62,9 @@ class QuadraticProgram:
         )
 
     def solve(self, H: Array, g: Array, low: Array, high: Array, start: Array) -> Array | None:
-        """The solution (Z,), or None where the solver did not find it to its full accuracy; `low`, `high` are (R,).
+        """Return the solution z (Z,) of the quadratic program, or None if OSQP did not reach its accuracy.
 
-        `start` (Z,) is where the search begins.
+        `low` and `high` (R,) bound D z, and `start` (Z,) is the initial guess.
         """
         if not (np.abs(H).max() < HUGE and np.abs(g).max() < HUGE):
             self.status = "the prediction is not finite"
@@ -87,7 +88,7 @@ class QuadraticProgram:
 
 
 def solver() -> Any:
-    """The module `osqp`; InputError where it is missing."""
+    """Return the imported module `osqp`; raise InputError if it is not installed."""
     try:
         return import_module("osqp")
     except ImportError:

@@ -1,4 +1,4 @@
-"""Which controllers there are: the built-in ones, and those of other packages (entry points ``pliant.controllers``)."""
+"""Registry of controllers, built-in ones and those of other packages (entry-point group ``pliant.controllers``)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ BUILT_IN = {
 
 
 def controllers() -> dict[str, ControllerKind]:
-    """All known controllers by name."""
+    """Return all known controllers, built-in or from installed packages, as {name: controller type}."""
     return offered(GROUP, BUILT_IN, ControllerKind)
 
 
 def controller_kind(name: str) -> ControllerKind:
-    """The controller of a name; InputError names the known ones."""
+    """Return the controller type with the given name; raise InputError with a list of the known
+    names if there is none.
+    """
     return chosen(GROUP, BUILT_IN, ControllerKind, name)

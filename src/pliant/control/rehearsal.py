@@ -1,8 +1,9 @@
-"""Rehearsal of a designed loop on its own model, with all its limits, before it drives a body.
+"""Rehearsal: simulation of a designed control loop on its own model with all limits, before it controls a real
+actuator.
 
-Stability margins are those of a linear loop: a command that meets a limit of pressure or slew acts later and less than
-the law expects, and the loop may then oscillate and grow. The rehearsal shows it: the task, then a disturbance as large
-as the task's largest displacement.
+Stability margins describe a linear loop. A command that meets a limit of pressure or slew acts later and less than the
+law expects, so that the loop may oscillate and become unstable. The rehearsal simulates the task, then a disturbance as
+large as the task's largest displacement.
 """
 
 from __future__ import annotations
@@ -24,30 +25,31 @@ from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
 from pliant.simulation.balance import EnergyWarning
+from pliant.units import in_words
 
 Array = np.ndarray
-LEAST_BAND = 1e-4  # m, within which the outputs of a small task have settled
-QUIET = 0.4  # s for which they must stay there
-LONGEST = 3.0  # s for which they are waited for, and as long again as the slew limit takes to the highest pressure
-STEP = 1e-3  # s, longest step of the model
-RAISES = tuple(2.0**k for k in range(11))  # times the effort weight of the task
+LEAST_BAND = 1e-4  # m, least width of the band within which outputs have settled
+QUIET = 0.4  # s for which the outputs must stay in the band
+LONGEST = 3.0  # s, longest settling time, plus the time that the slew limit needs to the highest pressure
+STEP = 1e-3  # s, longest time step of the model
+RAISES = tuple(2.0**k for k in range(11))  # factors of the task's effort weight to try
 
 
 class RehearsalSetting(NamedTuple):
-    """The plant of a rehearsal: body, valves, period and delay.
+    """The simulated plant of a rehearsal: model, valves, control period and delay.
 
     Attributes
     ----------
     body : Model
-        With its memory and the mean of the rig's valve.
+        Model with its hysteresis and the mean of the rig's valves.
     arc_length : array (S,)
-        Of the points that the shapes hold, m.
+        Arc lengths [m] of the shape's points.
     supply : tuple of SupplyValve or None
-        The rig's valve of each chamber, where more is known of it than the model holds.
+        The rig's valve of each chamber; None to use the model's.
     period : float
-        s
+        Control period [s].
     late : int
-        Periods by which a shape is old when it arrives.
+        Number of periods by which a shape is old when it arrives.
     """
 
     body: Model
@@ -59,28 +61,30 @@ class RehearsalSetting(NamedTuple):
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Response of the designed loop on its own model within its limits.
+    """Simulated response of a designed control loop on its own model, within its limits.
 
     Attributes
     ----------
     time, error : array (T,)
-        s; distance of the outputs, as estimated, from the set-point or the path, m. An angle counts as far as it swings
-        the tip.
+        Times [s], and distance [m] of the estimated outputs from the set-point or path. An angle is converted to the
+        motion of the tip that it makes.
     settling : tuple of float or None
-        Of each set-point, s; None where the outputs do not stay within 2 % of the step until the next one.
+        Settling time [s] of each set-point; None if the outputs do not stay within 2 % of the step until the next one.
     final_error : float
-        Largest distance over the last part of the task's end, held, m.
+        Largest error [m] over the last 0.4 s, while the end of the task is held.
     disturbance : float
-        Distance by which the outputs were then displaced at once, m.
+        Distance [m] by which the outputs were displaced afterwards.
     recovery : float or None
-        Time after which they stay within the band again, s; None where they do not.
+        Time [s] after which the outputs stay within the band again; None if they do not.
     band : float
-        m: 2 % of the largest displacement of the task, at least 0.1 mm.
+        Settling band [m]: 2 % of the largest displacement of the task, at least 0.1 mm.
     saturated : int
-        Periods whose command met a limit.
+        Number of periods in which a limit changed the command.
     effort, wanted_effort : float
-        Weight of the command in the design that was rehearsed, and in the task.
+        Effort weight of the rehearsed design, and that of the task.
     limits : Limits
+    unit : str
+        Of the commands, SI.
     """
 
     time: Array
@@ -94,15 +98,16 @@ class Rehearsal:
     effort: float
     wanted_effort: float
     limits: Limits
+    unit: str = "Pa"
 
     @property
     def settles(self) -> bool:
-        """Whether the outputs come to rest within the band at the end of the task and after the disturbance."""
+        """Whether the simulated outputs settle at the end of the task, and again after the disturbance."""
         return self.final_error <= self.band and self.recovery is not None
 
     @property
     def summary(self) -> dict[str, float]:
-        """Its numbers for a summary of a run."""
+        """Main numbers of the rehearsal by name: settling time, final error, recovery time and effort weight."""
         times = [np.inf if t is None else t for t in self.settling]
         return {
             **({"rehearsed_settling_s": float(max(times))} if times else {}),
@@ -111,34 +116,33 @@ class Rehearsal:
         }
 
     def __str__(self) -> str:
-        slew = "" if np.isinf(self.limits.slew) else f" and {self.limits.slew * 1e-3:g} kPa/s"
         times = ", ".join("not before the next one" if t is None else f"{t:.3g} s" for t in self.settling)
         back = "not settled again" if self.recovery is None else f"settled again after {self.recovery:.3g} s"
         lines = [
-            f"rehearsed on the model within 0 ... {self.limits.highest * 1e-3:g} kPa{slew}: "
+            f"rehearsed on the model within {range_of(self.limits, self.unit)}: "
             + (f"set-points settle after {times}; " if self.settling else "")
             + f"error {self.final_error * 1e3:.3g} mm at the end; displaced by {self.disturbance * 1e3:.3g} mm: {back}"
         ]
         if self.effort != self.wanted_effort:
             lines.append(
-                f"the effort weight was raised from {self.wanted_effort:g} to {self.effort:g}: with less the loop "
-                "oscillates at these limits, whatever its margins"
+                f"the effort weight was raised from {self.wanted_effort:g} to {self.effort:g}: with a lower weight "
+                "the loop does not settle at these limits, whatever its margins"
             )
         return "\n".join(lines)
 
 
 class Rehearsed:
-    """One run of a pipeline on the model of the body, period by period.
+    """Simulation of a control pipeline on the model of the actuator, period by period.
 
     Parameters
     ----------
     pipeline : Pipeline
-        Its estimator and controller are at their beginning.
+        Pipeline whose estimator and controller are in their initial state.
     setting : RehearsalSetting
     wanted : callable
-        Outputs (m,) that the task wants at a time [s], in metres.
+        Function that returns the target of the outputs (m,) [m] at a time [s].
     weight : array (m,)
-        Metres that a unit of each output counts as.
+        Length [m] that a unit of each output counts as.
     """
 
     def __init__(
@@ -157,11 +161,11 @@ class Rehearsed:
 
     @property
     def time(self) -> float:
-        """Time of the run, s."""
+        """Present time [s] of the simulation."""
         return len(self.error) * self.period
 
     def go(self, periods: int) -> None:
-        """So many periods more."""
+        """Simulate the control loop for the given number of further periods."""
         measure, estimator, controller, _ = self.pipeline
         for _ in range(periods):
             now = self.time
@@ -176,13 +180,19 @@ class Rehearsed:
                 self.farthest = self.plant.position
 
     def displace(self) -> None:
-        """Put the body at once where the run began, or where it was farthest from there, whichever is farther."""
+        """Displace the simulated actuator instantly to its start or its farthest position,
+        whichever is farther away.
+        """
         now = self.plant.position
         ends = (self.start, self.farthest)
         self.plant.displace(max((end - now for end in ends), key=lambda change: float(np.abs(change).max())))
 
     def wait(self, band: float, longest: float) -> float | None:
-        """Seconds from now after which the error stays within the band for `QUIET` s; None if not within `longest`."""
+        """Simulate until the control error stays within `band` [m] for 0.4 s, and return the time [s] to reach it; None
+        if it does not.
+
+        Returns None if the error is not within the band after `longest` [s].
+        """
         first, quiet = len(self.error), round(QUIET / self.period)
         self.go(quiet)
         while len(self.error) - first < round(longest / self.period) + quiet:
@@ -195,22 +205,23 @@ class Rehearsed:
 
 
 def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: Limits, weight: Array) -> Rehearsal:
-    """Simulate the task, hold its last set-point, displace the body in one step, and go on until it has settled.
+    """Simulate the control task, then a displacement of the actuator by a disturbance, each until the outputs have
+    settled.
 
     Parameters
     ----------
     pipeline : Pipeline
-        Its estimator and controller are at their beginning.
+        Pipeline whose estimator and controller are in their initial state.
     setting : RehearsalSetting
     task : Task
     limits : Limits
     weight : array (m,)
-        Metres that a unit of each output counts as.
+        Length [m] that a unit of each output counts as.
 
     Returns
     -------
     Rehearsal
-        One that does not settle where the model's motion ends before.
+        The response. If the simulation fails, it counts as not settling.
     """
     levels = np.asarray(task.displacement, dtype=float).reshape(len(task.time), -1) * weight
     band = max(BAND * float(np.linalg.norm(levels, axis=1).max()), LEAST_BAND)
@@ -226,7 +237,7 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
     settling: tuple[float | None, ...] = ()
     try:
         with catch_warnings():
-            simplefilter("ignore", EnergyWarning)  # a loop that grows moves faster than any step of the model follows
+            simplefilter("ignore", EnergyWarning)  # an unstable loop moves too fast for the time step
             run.go(round(task.duration / setting.period))
             held = run.wait(band, longest)
             final = float(np.max(run.error[-round(QUIET / setting.period) :]))
@@ -241,14 +252,23 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
     error = np.array(run.error)
     return Rehearsal(
         np.arange(error.size) * setting.period, error, settling, final, disturbance, recovery, band,
-        pipeline.controller.saturated, task.tuning.effort, task.tuning.effort, limits,
+        pipeline.controller.saturated, task.tuning.effort, task.tuning.effort, limits, setting.body.actuation.units[0],
     )
 
 
-def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tuple[float | None, ...]:
-    """Settling time [s] of each set-point from errors (T,) [m] of every period; None where it is not reached.
+def range_of(limits: Limits, unit: str) -> str:
+    """Return the range of the commands and their slew limit as text with units, such as "0 ... 190
+    kPa and 500 kPa/s".
+    """
+    slew = "" if np.isinf(limits.slew) else f" and {in_words(limits.slew, unit)}/s"
+    return f"0 ... {in_words(limits.highest, unit)}{slew}"
 
-    `begins` (k,) [s] and `levels` (k, m) [m] are those of the task.
+
+def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tuple[float | None, ...]:
+    """Return the settling time [s] of each set-point from the control errors (T,) [m]; None where the outputs do not
+    settle.
+
+    `begins` (k,) [s] and `levels` (k, m) [m] are the times and targets of the task.
     """
     time, steps = np.arange(error.size) * period, np.linalg.norm(np.diff(levels, axis=0, prepend=0.0), axis=1)
     found = []
@@ -263,31 +283,34 @@ def limit_aware(
     make: Callable[[Task], Pipeline], setting: RehearsalSetting, task: Task, limits: Limits, weight: Array, *,
     tunable: bool,
 ) -> tuple[Task, Rehearsal]:
-    """The task with the least effort weight, of 1, 2, 4 ... 1024 times its own, whose rehearsed loop settles.
+    """Find the smallest effort weight, of 1, 2, 4 ... 1024 times the task's, with which the simulated control loop
+    settles.
+
+    Returns the task with this weight, and its rehearsal.
 
     Parameters
     ----------
     make : callable
-        The pipeline of a task, at its beginning.
+        Function that returns the pipeline for a task, in its initial state.
     setting, task, limits, weight
         See `rehearse`.
     tunable : bool
-        Whether the effort weight changes the controller: one that it does not change is rehearsed once.
+        Whether the effort weight affects the controller. If not, it is rehearsed once.
 
     Raises
     ------
     InputError
-        When none of them settles.
+        When the loop settles with none of the weights.
     """
     for factor in RAISES if tunable else RAISES[:1]:
         tuned = replace(task, tuning=replace(task.tuning, effort=factor * task.tuning.effort))
         found = rehearse(make(tuned), setting, tuned, limits, weight)
         if found.settles:
             return tuned, replace(found, wanted_effort=task.tuning.effort)
-    slew = "" if np.isinf(limits.slew) else f" and {limits.slew * 1e-3:g} kPa/s"
+    within = range_of(limits, setting.body.actuation.units[0])
     tried = f"with any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "as it is tuned"
     raise InputError(
-        f"the loop does not settle within 0 ... {limits.highest * 1e-3:g} kPa{slew} {tried}: rehearsed on its own "
+        f"the loop does not settle within {within} {tried}: simulated on its own "
         f"model it ends {found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow "
-        "faster changes of the command, ask for smaller steps, or fit a model that is damped more"
+        "faster changes of the command, command smaller steps, or fit a model with more damping"
     )

@@ -1,4 +1,4 @@
-"""Input shaping: a command split into impulses whose vibrations cancel (ZV, ZVD)."""
+"""Input shaping (ZV, ZVD): a command is split into delayed parts whose vibrations cancel."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from pliant.simulation import Trace
 
 Array = np.ndarray
 KINDS = ("ZV", "ZVD")
-SAME = 1e-8  # s: closer than this to a jump counts as its other side
+SAME = 1e-8  # s, offset at which a jump is evaluated on both of its sides
 
 
 @dataclass(frozen=True)
 class Shaper:
-    """Impulses by which a command is convolved.
+    """Impulses with which a command is convolved, so that it does not excite one vibration mode.
 
     Attributes
     ----------
     time : array (k,)
-        s, from 0.
+        Times of the impulses [s], from 0 on.
     amplitude : array (k,)
-        Shares of the command; their sum is 1.
+        Fractions of the command; their sum is 1.
     frequency, damping : float
-        Of the mode that is not to ring, Hz and damping ratio.
+        Natural frequency [Hz] and damping ratio of the mode to be suppressed.
     """
 
     time: Array
@@ -35,16 +35,16 @@ class Shaper:
 
     @property
     def delay(self) -> float:
-        """Time by which the shaped command ends later, s."""
+        """Time [s] by which the shaped command ends later than the original one."""
         return float(self.time[-1])
 
     def __call__(self, time: Array, command: Array) -> Trace:
-        """Shape a command given by its corners: a jump is two points at one time.
+        """Return the shaped command, for a command given by its corners (a jump is two points at one time).
 
         Parameters
         ----------
         time, command : array (T,)
-            s and Pa; constant before the first and after the last.
+            Corners of the command [s, Pa]; it is constant before the first and after the last.
         """
         whole = Trace(time, command)
         corners = np.unique(np.add.outer(whole.breakpoints, self.time).round(9))
@@ -53,7 +53,8 @@ class Shaper:
         return Trace(np.repeat(corners, 2), np.stack([before, after], axis=1).ravel())
 
     def residual(self, frequency: float, damping: float | None = None) -> float:
-        """Vibration left of a mode of another frequency [Hz], in parts of what the unshaped command leaves.
+        """Return the residual vibration of a mode at `frequency` [Hz] after shaping, as a fraction of that without
+        shaping.
 
         V = exp(-z w t_k) sqrt(C^2 + S^2), C + i S = sum A_i exp(z w t_i) exp(i w_d t_i).
         Source: Singer and Seering, J. Dyn. Sys. Meas. Control 112(1), 1990
@@ -65,20 +66,20 @@ class Shaper:
 
 
 def shaper(frequency: float, damping: float, kind: str = "ZV") -> Shaper:
-    """Impulses for one mode: two (ZV), or three (ZVD), whose residual is also flat against an error of the frequency.
+    """Return the impulses that suppress one vibration mode: two (ZV) or three (ZVD, which tolerates a frequency error).
 
     Parameters
     ----------
     frequency : float
-        Undamped natural frequency, Hz, as `pliant.modes` tells it.
+        Undamped natural frequency [Hz] of the mode, e.g. from `pliant.modes`.
     damping : float
-        Its damping ratio, below 1.
+        Damping ratio of the mode, below 1.
     kind : {"ZV", "ZVD"}
 
     Raises
     ------
     InputError
-        When the mode does not ring, or the kind is unknown.
+        When the mode is not oscillatory, or the kind is unknown.
 
     Examples
     --------
@@ -92,7 +93,7 @@ def shaper(frequency: float, damping: float, kind: str = "ZV") -> Shaper:
     if not (np.isfinite(frequency) and frequency > 0 and 0 <= damping < 1):
         raise InputError(
             f"a shaper needs a positive frequency (Hz) and a damping ratio in 0 ... 1, got {frequency} and {damping}: "
-            "a mode that does not ring needs none"
+            "an overdamped mode needs no shaper"
         )
     root = np.sqrt(1 - damping**2)
     half = 0.5 / (frequency * root)

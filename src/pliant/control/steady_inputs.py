@@ -1,4 +1,4 @@
-"""Steady inputs: pressures of several chambers under which outputs of the body come to rest where they are wanted."""
+"""Steady inputs: the pressures of several chambers that hold outputs, such as the tip position, at given values."""
 
 from __future__ import annotations
 
@@ -12,40 +12,46 @@ from pliant.linear.linearisation import LinearModel, linearise
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
+from pliant.units import in_words
 
 Array = np.ndarray
-REACHED = 2e-4  # m, of an output that counts as reached
-LEAST = 1e-9  # weight of the pressures themselves: where outputs leave them free, the least are taken
+REACHED = 2e-4  # m, error below which an output counts as reached
+LEAST = 1e-9  # weight of the pressures, so that the lowest ones are chosen where the outputs leave them free
 ROUNDS = 40
 
 
 class Rest(NamedTuple):
-    """A rest of the body under several pressures."""
+    """A static equilibrium under given pressures, with its linearisation and the output values."""
 
     pressure: Array  # (C,) Pa
-    linear: LinearModel  # about it
-    value: Array  # (m,) of the outputs, m and rad
-    row: Array  # (m, N) what the states do to them
-    gain: Array  # (m, C) what the pressures do to them at rest, per Pa
+    linear: LinearModel  # linearisation about the equilibrium
+    value: Array  # (m,) outputs, m and rad
+    row: Array  # (m, N) derivatives of the outputs by the states
+    gain: Array  # (m, C) static derivatives of the outputs by the pressures, per Pa
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Outputs (..., m) at coordinates (..., N): tip_x, tip_y [m], in space tip_z, in a plane angle_sum [rad]."""
+    """Return the m named outputs (..., m) at coordinates `angle` (..., N): tip_x, tip_y, tip_z [m]
+    or angle_sum [rad].
+    """
     tip = mechanics_of(model).tips(angle)[..., -1, :]
     last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
     return last[..., which_outputs(model, outputs)]
 
 
 def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
-    """Return the indices of outputs among those that a controller of the model follows; InputError for others."""
+    """Return the indices of the named outputs among those of a model; raise InputError for an unknown name."""
     known = ("tip_x", "tip_y", "angle_sum" if model.space is None else "tip_z")
     if strange := [name for name in outputs if name not in known]:
-        raise InputError(f"unknown output {strange[0]!r}: a controller follows {', '.join(known)}")
+        raise InputError(f"unknown output {strange[0]!r}: use one or more of {', '.join(known)}")
     return [known.index(name) for name in outputs]
 
 
 def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return what `observation.tip_outputs` takes: what the tip follows from, and which outputs."""
+    """Return the lengths and output indices from which the compiled kernels compute the named outputs.
+
+    They are the argument `geometry` of `observation.tip_outputs`.
+    """
     which = np.array(which_outputs(model, outputs))
     if model.space is not None:
         return *mechanics_of(model).observed(), which
@@ -55,16 +61,16 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return the rates of the outputs when angles and strains x (K, N) change by v (K, N) per second.
+    """Return the rates of m outputs, and the derivatives of outputs and rates, at coordinates x and rates v (K, N).
 
     Returns
     -------
     row : array (K, m, N)
-        Derivatives of the outputs by x, and of their speeds by v.
+        Derivatives of the outputs by x, which equal those of their rates by v.
     speed : array (K, m)
-        Per second.
+        Rates of the outputs, per second.
     row_speed : array (K, m, N)
-        Derivatives of the speeds by x.
+        Derivatives of the rates by x.
     """
     rows, moved = np.zeros((2, len(x), 3, model.size))
     chain, which = mechanics_of(model), which_outputs(model, outputs)
@@ -76,12 +82,14 @@ def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> 
 
 
 def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:
-    """Metres (m,) that one unit of each output counts as: an angle counts as far as it swings a straight body's tip."""
+    """Return the factors (m,) that convert m outputs to lengths [m]: 1 for positions, the
+    actuator's length for angles.
+    """
     return np.array([model.length if name == "angle_sum" else 1.0 for name in outputs])
 
 
 def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
-    """The rest under pressures (C,) [Pa]."""
+    """Return the static equilibrium of the model under the pressures (C,) [Pa], with its linearisation and outputs."""
     linear = linearise(model, pressure)
     row = np.array([linear.row(name) for name in outputs])
     return Rest(
@@ -91,23 +99,24 @@ def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
 
 
 def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """The rest that comes nearest to wanted outputs within 0 ... highest (C,) [Pa], by bounded least squares.
+    """Return the equilibrium whose outputs are closest to `wanted` (m,), at pressures between 0 and `highest` (C,)
+    [Pa].
 
     Parameters
     ----------
     model : Model
-        Without memory, or frozen.
+        Model without hysteresis, or with it frozen.
     outputs : tuple of str
-        Of tip_x, tip_y [m] and angle_sum [rad], the angle of the last link; in space of tip_x, tip_y, tip_z.
+        Names among tip_x, tip_y [m] and angle_sum [rad], the angle of the last link; in space tip_x, tip_y, tip_z.
     wanted : array (m,)
-        Their values, in the model's frame.
+        Target values of the outputs, in the model's frame.
     highest, start : array (C,)
-        Highest pressures, and those from which the search begins, Pa; others are tried where it ends elsewhere.
+        Highest pressures, and initial guess of the search [Pa]. Other initial guesses are tried if it fails.
 
     Raises
     ------
     InputError
-        When no pressures bring the outputs nearer than 0.2 mm, an angle counting by the length of the body.
+        When the error is above 0.2 mm for all pressures, where an angle is multiplied by the body's length.
     """
     weight = output_weights(model, outputs)
     begins = [start, 0.5 * highest, *(0.5 * np.diag(highest)), *(highest - 0.5 * np.diag(highest))]
@@ -123,20 +132,23 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
     raise InputError(
-        f"a change of {said} (m, rad) from the rest is out of reach of the chambers: the model comes as near as "
+        f"a change of {said} (m, rad) from rest is out of reach of the chambers: the nearest that the model reaches is "
         f"{best}, under {written(model, rest.pressure)}"
     )
 
 
 def written(model: Model, values: Array) -> str:
-    """Return the values (C,) of a model's inputs as words: pressures in kPa."""
-    if set(model.actuation.units) == {"Pa"}:
-        return ", ".join(f"{p * 1e-3:.4g}" for p in values) + " kPa"
-    return ", ".join(f"{v:.4g} {unit}" for v, unit in zip(values, model.actuation.units, strict=True))
+    """Return the input values (C,) of a model as text with units as in plots, such as "12.5 kPa"."""
+    units = model.actuation.units
+    if len(set(units)) == 1:
+        return in_words(values, units[0])
+    return ", ".join(in_words(v, unit) for v, unit in zip(values, units, strict=True))
 
 
 def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """Gauss-Newton steps within the bounds, each halved until it brings the outputs nearer."""
+    """Return the equilibrium whose outputs are closest to `wanted` (m,), by Gauss-Newton steps from the pressures
+    `start` (C,) [Pa].
+    """
     weight, rest = output_weights(model, outputs), rest_under(model, np.clip(start, 0.0, highest), outputs)
     for _ in range(ROUNDS):
         G, error = weight[:, None] * rest.gain * highest, weight * (wanted - rest.value)

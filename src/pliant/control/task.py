@@ -1,4 +1,4 @@
-"""The task file (TOML) of `pliant control`: its entries and their checks. Units stand in the names."""
+"""Entries of the task file (TOML) of the command `pliant control`, and their checks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pliant.files import read_entries
 EXAMPLE = """\
 # set-points of the tip, and what may be asked of the valve
 period_ms = 4.0
-highest_kpa = 190.0
+highest_kpa = 190.0    # of tendons highest_n, highest_mm or highest_rad; one number or one for each
 duration_s = 2.0
 feedback = "lqr"       # or "mpc" (extra mpc), "pid"
 planned = true         # changes as fast as the limits allow; false: ramps
@@ -59,7 +59,7 @@ def _pressures(value: Any) -> Any:
 
 def _flag(value: Any) -> Any:
     if not isinstance(value, bool):
-        raise ValueError("must be true or false")  # noqa: TRY004  what pydantic explains
+        raise ValueError("must be true or false")  # noqa: TRY004  pydantic needs a ValueError
     return value
 
 
@@ -75,24 +75,26 @@ Positive = Annotated[float, BeforeValidator(_positive)]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Pressures = Annotated[float | list[float], BeforeValidator(_pressures)]
 Host = Annotated[str, BeforeValidator(_address)]
-LONGEST_MS = 5000.0  # that a receiver lets a command be in force, whatever its task says
+SCALES = {"kpa": ("Pa", 1e3), "n": ("N", 1.0), "mm": ("m", 1e-3), "rad": ("rad", 1.0)}  # of limits, by their names
+LIMITS_IN = {unit: f"highest_{name}" for name, (unit, _) in SCALES.items()}
+LONGEST_MS = 5000.0  # longest hold time of a receiver, whatever its task says
 
 
 class Entry(BaseModel):
-    """A table of the task; an unknown key is an error, never ignored."""
+    """Base class of the tables of a control task file. An unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class SetPointEntry(Entry):
-    """From a time on that displacement of the tip; with several chambers what is given of the others."""
+    """Table ``[[setpoint]]`` of a control task file: the target values from a time on."""
 
     time_s: Number
-    displacement_mm: Number | None = Field(None, description="of the tip from its rest, by one chamber")
-    tip_x_mm: Number | None = Field(None, description="change of the tip's x from its rest, by several chambers")
-    tip_y_mm: Number | None = Field(None, description="of its y")
-    tip_z_mm: Number | None = Field(None, description="of its z, in space")
-    angle_deg: Number | None = Field(None, description="of the last link's angle")
+    displacement_mm: Number | None = Field(None, description="displacement of the tip from rest, for one chamber")
+    tip_x_mm: Number | None = Field(None, description="change of the tip's x from rest, for several chambers")
+    tip_y_mm: Number | None = Field(None, description="change of the tip's y")
+    tip_z_mm: Number | None = Field(None, description="change of the tip's z, in space")
+    angle_deg: Number | None = Field(None, description="change of the last link's angle")
 
     @model_validator(mode="after")
     def _one_kind(self) -> SetPointEntry:
@@ -101,7 +103,7 @@ class SetPointEntry(Entry):
 
 
 class PathEntry(Entry):
-    """Displacements of the tip, straight between these; with several chambers what is given of the others."""
+    """Table ``[path]`` of a control task file: target values at given times, joined by straight lines."""
 
     time_s: list[Number]
     displacement_mm: list[Number] | None = None
@@ -113,7 +115,7 @@ class PathEntry(Entry):
     @model_validator(mode="after")
     def _as_many(self) -> PathEntry:
         if not self.time_s or any(len(getattr(self, name)) != len(self.time_s) for name in wanted(self)):
-            raise ValueError("holds times and displacements, as many of each, at least one")
+            raise ValueError("needs as many displacements as times, at least one")
         return self
 
 
@@ -124,47 +126,51 @@ OUTPUTS = {
 
 
 def wanted(entry: SetPointEntry | PathEntry) -> tuple[str, ...]:
-    """Names of what an entry wants: displacement_mm, or those of several chambers.
+    """Return the names of the target values that a set-point or path table contains: displacement_mm, or names of
+    outputs.
 
     Raises
     ------
     ValueError
-        When it wants nothing, or both.
+        When the entry gives none of them, or both kinds.
     """
     several = tuple(name for name in OUTPUTS if getattr(entry, name) is not None)
     if bool(several) == (entry.displacement_mm is not None):
-        raise ValueError(f"takes displacement_mm for one chamber, or some of {', '.join(OUTPUTS)} for several")
+        raise ValueError(f"needs displacement_mm for one chamber, or some of {', '.join(OUTPUTS)} for several")
     return several or ("displacement_mm",)
 
 
 class TaskValve(Entry):
-    """The rig's valve."""
+    """Table ``[valve]`` of a control task file: the test rig's pressure valve."""
 
     rise_hz: Positive = Field(description="natural frequency while it fills")
-    fall_hz: Positive = Field(description="and while it empties")
+    fall_hz: Positive = Field(description="natural frequency while it empties")
     damping_ratio: Positive
     dead_time_ms: Positive = Field(description="between command and first reaction")
 
     @property
     def supply(self) -> SupplyValve:
-        """In SI."""
+        """The test rig's valve in SI units."""
         return SupplyValve(self.rise_hz, self.fall_hz, self.damping_ratio, 1e-3 * self.dead_time_ms)
 
 
 class ReceiverEntry(Entry):
-    """Limits of the receiver at the valve; see `pliant.loop.receiver_of`."""
+    """Table ``[receiver]`` of a control task file: settings of the program at the valves that receives the commands.
+
+    `pliant.loop.receiver_of` uses them.
+    """
 
     host: str = Field("127.0.0.1", min_length=1, description="address of this machine at which it listens")
     port: int = Field(5005, ge=1, le=65535)
-    key_file: str | None = Field(None, description="shared with the loop; its folder is the task's")
+    key_file: str | None = Field(None, description="file of the key shared with the loop, relative to the task file")
     private_link: Flag = Field(False, description="only trusted machines share the link to `host`: no key is needed")
     senders: list[Host] = Field([], description="addresses that may send; default: any")
     chambers: int | None = Field(None, ge=1, le=64, description="default: as many as `highest_kpa` has")
     highest_kpa: Pressures | None = Field(None, description="default: the task's")
-    hold_ms: Positive = Field(100.0, description="how long a command is in force that does not say it itself")
-    longest_hold_ms: Positive = Field(500.0, description="how long any command is in force, at most 5000")
+    hold_ms: Positive = Field(100.0, description="hold time of commands without one")
+    longest_hold_ms: Positive = Field(500.0, description="longest hold time of a command, at most 5000")
     window_ms: Positive | None = Field(
-        None, description="how far a stamp may lie ahead, at most 5000; default: `longest_hold_ms`"
+        None, description="how far a time stamp may be ahead, at most 5000; default: `longest_hold_ms`"
     )
 
     @model_validator(mode="after")
@@ -178,24 +184,30 @@ class ReceiverEntry(Entry):
 
 
 class TaskFile(Entry):
-    """A task file."""
+    """The entries of a control task file, with their default values."""
 
-    period_ms: Positive = Field(4.0, description="of frames and loop; that of the plant")
+    period_ms: Positive = Field(4.0, description="period of frames and loop; it must equal the plant's")
     highest_kpa: Pressures = Field(
-        190.0, description="pressure that a command does not pass, one or one for each chamber; it never falls below 0"
+        190.0, description="highest command, one number or one for each chamber; the lowest is 0"
     )
     slew_kpa_per_s: Positive = Field(math.inf, description="fastest change of a command")
+    highest_n: Pressures | None = Field(None, description="of tendons, in place of `highest_kpa`: tension, N")
+    highest_mm: Pressures | None = Field(None, description="of tendons driven by a displacement, mm")
+    highest_rad: Pressures | None = Field(None, description="of tendons driven by the angle of a motor, rad")
+    slew_n_per_s: Positive = Field(math.inf, description="fastest change of a tension")
+    slew_mm_per_s: Positive = Field(math.inf, description="of a displacement")
+    slew_rad_per_s: Positive = Field(math.inf, description="of the angle of a motor")
     duration_s: Positive = 2.0
     feedback: str = Field("lqr", description="the controller: lqr, mpc, pid, or an installed one")
     planned: Flag = Field(True, description="changes as fast as the limits allow, planned ahead; false: ramps")
     ramp_s: Positive = Field(0.03, description="time of a change that is not planned")
-    effort: Positive = Field(0.3, description="weight of the command's changes: larger is quieter and slower")
-    damping_time_s: Positive = Field(0.09, description="weight of the tip's speed beside its error")
-    integral_time_s: Positive = Field(0.3, description="weight of the error that lasts")
-    setpoint: list[SetPointEntry] = Field([], description="where the tip shall be, from when on")
-    path: PathEntry | None = Field(None, description="in place of set-points")
-    valve: TaskValve | None = Field(None, description="the rig's, of every chamber; default: the model's")
-    valves: dict[str, TaskValve] = Field({}, description="the rig's, in place of `valve`: by the names of chambers")
+    effort: Positive = Field(0.3, description="weight of the command: larger is quieter and slower")
+    damping_time_s: Positive = Field(0.09, description="weight of the tip's speed relative to its error")
+    integral_time_s: Positive = Field(0.3, description="weight of the integral of the error; larger is slower")
+    setpoint: list[SetPointEntry] = Field([], description="targets, each from a time on")
+    path: PathEntry | None = Field(None, description="path to follow instead of set-points")
+    valve: TaskValve | None = Field(None, description="the rig's valve, for all chambers; default: the model's")
+    valves: dict[str, TaskValve] = Field({}, description="the rig's valves by chamber name, instead of `valve`")
     receiver: ReceiverEntry | None = Field(None, description="limits of the receiver at the valve")
 
     @field_validator("feedback")
@@ -208,35 +220,51 @@ class TaskFile(Entry):
     def _wants_something(self) -> TaskFile:
         if not self.setpoint and self.path is None:
             raise ValueError("needs at least one [[setpoint]] with time_s and displacement_mm, or a [path]")
+        limits = [name for name in SCALES if f"highest_{name}" in self.model_fields_set]
+        slews = [name for name in SCALES if f"slew_{name}_per_s" in self.model_fields_set]
+        if len({*limits, *slews}) > 1 or (slews and slews[0] != self._scale):
+            given = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
+            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {given}")
         if self.valve and self.valves:
-            raise ValueError("takes [valve] for every chamber or [valves.NAME] for each, not both")
+            raise ValueError("may have [valve] for all chambers or [valves.NAME] for each, not both")
         if len({wanted(p) for p in self.setpoint}) > 1:
-            raise ValueError("every [[setpoint]] gives the same of " + ", ".join(OUTPUTS))
+            raise ValueError("every [[setpoint]] must give the same ones of " + ", ".join(OUTPUTS))
         return self
 
     @property
     def period(self) -> float:
-        """Return the period of the loop, s."""
+        """Period of the control loop [s]."""
         return 1e-3 * self.period_ms
 
     @property
+    def _scale(self) -> str:
+        """Name of the unit of the limits: that of highest_..."""
+        return next((name for name in ("n", "mm", "rad") if getattr(self, f"highest_{name}") is not None), "kpa")
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the commands: "Pa" for pressures; "N", "m" or "rad" for tendons."""
+        return SCALES[self._scale][0]
+
+    @property
     def limits(self) -> Limits:
-        """Return the limits of the command."""
-        slew, each = 1e3 * self.slew_kpa_per_s, self.highest_kpa
+        """Limits of the commands, in the commands' SI unit."""
+        name, (_, factor) = self._scale, SCALES[self._scale]
+        slew, each = factor * getattr(self, f"slew_{name}_per_s"), getattr(self, f"highest_{name}")
         if isinstance(each, list):
-            return Limits(1e3 * max(each), slew, tuple(1e3 * p for p in each))
-        return Limits(1e3 * each, slew)
+            return Limits(factor * max(each), slew, tuple(factor * p for p in each))
+        return Limits(factor * each, slew)
 
     @property
     def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:
-        """The rig's valve, or those of its chambers by their names, where the task names them."""
+        """The test rig's valve for all chambers, its valves by chamber name, or None to use the model's valves."""
         if self.valves:
             return {name: entry.supply for name, entry in self.valves.items()}
         return None if self.valve is None else self.valve.supply
 
     @property
     def task(self) -> Task:
-        """Return the task of the tip in SI units."""
+        """The control task in SI units."""
         names = wanted(self.path or self.setpoint[0])
         columns = [[getattr(p, name) for p in self.setpoint] for name in names]
         time = [p.time_s for p in self.setpoint]
@@ -255,7 +283,7 @@ class TaskFile(Entry):
 
 
 def read_task(path: str | Path | None) -> TaskFile:
-    """Read and check a task; without a path the example.
+    """Read and check a control task file (TOML). Without a path, return the built-in example.
 
     Raises
     ------

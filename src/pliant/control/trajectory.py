@@ -1,9 +1,9 @@
-"""Trajectories of the tip: the command that brings the tip to a new place as fast as the limits allow, or along a path.
+"""Planning of the pressure commands that move the tip to a new position as fast as the limits allow, or along a path.
 
-The command is found on the model: tip positions depend on it through the sampled linear model about the target, and
-what that leaves out, memory included, is corrected by simulating the whole model under the command. Weighed are the
-tip's error where the tip is wanted, and the changes of the command, under 0 <= p <= highest, behind the valve's lag and
-dead time.
+The command is computed by optimisation on the model. The tip's motion follows from the sampled linear model about the
+target. What the linear model omits, hysteresis included, is corrected by simulating the full model under the command.
+The cost weights the tip's error and the changes of the command, under 0 <= p <= highest, with the valve's lag and dead
+time.
 """
 
 from __future__ import annotations
@@ -25,33 +25,35 @@ from pliant.model import Model, Valve
 from pliant.simulation import Trace, simulate
 
 Array = np.ndarray
-STEP = 2e-3  # s, longest step of the model
-RESTS = 9  # at which the model is linearised
-COARSER = 4  # steps of the valve's equation in a straight piece of pressure
-ROUNDS = 8  # of correction by the whole model
-CLOSE = 5e-3  # of a step: what is left of it when it counts as done
+STEP = 2e-3  # s, longest time step of the model
+RESTS = 9  # number of equilibria at which the model is linearised
+COARSER = 4  # steps of the valve's equation per linear piece of pressure
+ROUNDS = 8  # corrections by the full model
+CLOSE = 5e-3  # error, as a fraction of the step, below which a step is complete
 AFTER = 0.2  # s for which the tip must stay there
-LONGEST = 0.4  # s, of a step
-SMOOTH = 2e-3  # weight of a change of the command against the tip error that it makes at rest
+LONGEST = 0.4  # s, longest duration of a step
+SMOOTH = 2e-3  # weight of a change of the command relative to its static effect on the tip
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A command and the motion that it makes of the model, period by period; the last row is the rest that is held.
+    """Planned pressure commands and the model's motion under them, for each control period. The last row is kept
+    afterwards.
 
     Attributes
     ----------
     target : array (K,)
-        Pressure [Pa] under which the design's model would rest where the tip is wanted.
+        Pressure [Pa] at which the design's model holds the target.
     lead : array (K, N + 1)
-        Deviation of angles, rates, valve states and commands on their way, then of the command itself, from the rest
-        that the memory asks for: rad, rad/s, Pa, Pa/s. Seen as late as the shape is.
+        Deviation of angles, rates, valve states and delayed commands, then of the command, from the equilibrium with
+        the present hysteresis states [rad, rad/s, Pa, Pa/s], delayed as the shape is.
     displacement, rest_displacement : array (K,)
-        Of the tip from its rest without pressure, m: on its way, seen as late as the shape is, and under `target`.
+        Displacement of the tip from its rest without pressure [m]: along the motion, delayed as the shape is, and in
+        the equilibrium under `target`.
     wanted : array (K,)
-        That asked for, m.
+        Target displacement [m].
     period : float
-        s.
+        Control period [s].
     """
 
     target: Array
@@ -62,28 +64,29 @@ class Trajectory:
     period: float
 
     def at(self, time_s: float) -> int:
-        """The row for a time [s]; the last one, at rest, holds on."""
+        """Return the row index of the trajectory at a time [s]; the last row after its end."""
         return min(max(round(time_s / self.period), 0), self.target.size - 1)
 
 
 class Planner:
-    """Finds trajectories for one body.
+    """Planner of tip trajectories for one actuator with one chamber.
 
     Parameters
     ----------
     model : Model
-        The body's, with its memory and its valve.
+        Model of the body with its hysteresis and its valve.
     family : Equilibria
-        Of ``frozen(model)``.
+        Equilibria of ``frozen(model)``.
     limits : Limits
     period, latency : float
-        s, of the control, and by which a shape is old.
+        Control period, and age of a shape at its arrival [s].
     valve : SupplyValve, optional
-        The rig's, where more is known of it than the model holds.
+        The rig's valve; default: the model's.
     share : float
-        Of the highest pressure that a trajectory uses; the rest is left to the feedback.
+        Fraction of the highest pressure that a trajectory may use; the remainder is left to the feedback.
     slack : float
-        How much more time a step may take than the shortest possible: a body unlike the model then leaves less.
+        Duration of a step relative to the shortest possible one. A larger value reduces the error of a body that
+        differs from the model.
     """
 
     def __init__(
@@ -91,7 +94,7 @@ class Planner:
         valve: SupplyValve | None = None, share: float = 0.9, slack: float = 1.25,
     ) -> None:
         if not (0.0 < share <= 1.0 and slack >= 1.0):
-            raise InputError(f"a trajectory needs a share in 0 ... 1 and a slack >= 1, got {share} and {slack}")
+            raise InputError(f"a planned trajectory needs 0 < share <= 1 and slack >= 1, got {share} and {slack}")
         self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
         self.period, self.latency, self.slack = period, latency, slack
         self.valve = valve or supply_of(model.valve)
@@ -105,31 +108,33 @@ class Planner:
         self._slopes = np.array([float(linear.pressure) for linear in about]), rows, np.array(slopes)
 
     def _row(self, linear: LinearModel, size: int) -> Array:
-        """Row (size,) that gives the tip's displacement along its path of rests from the state."""
+        """Return the row (size,) that gives the tip's displacement along its path from the state."""
         way, row = self.family.at(linear.pressure)[2], np.zeros(size)
         count = min(size, linear.A.shape[0])
         row[:count] = (way[0] * linear.row("tip_x") + way[1] * linear.row("tip_y"))[:count]
         return row
 
     def steps(self, time: Array, displacement: Array, duration: float) -> Trajectory:
-        """The trajectory of a set-point that jumps: every change as fast as the model can make it and then stay.
+        """Plan the fastest trajectory of the tip to each of several set-points within the limits.
 
         Parameters
         ----------
         time, displacement : array (k,)
-            From each time [s] on that tip displacement [m]; 0 before.
+            Times [s], and target displacement [m] from each time on; 0 before the first.
         duration : float
-            s.
+            Duration [s].
 
         Raises
         ------
         InputError
-            When the times do not increase by a period or more, or a displacement is out of reach.
+            When the times do not increase by at least a period, or a displacement is out of reach.
         """
         period, family = self.period, self.family
         at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
         if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
-            raise InputError("the times of a set-point must increase by at least a period, from 0 s on")
+            raise InputError(
+                "the times of the set-points must begin at 0 s or later and increase by at least one control period"
+            )
         K = max(round(duration / period), int(at[-1]) + 2)
         wanted = np.append(0.0, displacement)[np.searchsorted(at, np.arange(K), side="right")]
         target = np.array([family.pressure_for(float(d)) for d in wanted])
@@ -139,7 +144,7 @@ class Planner:
         return self._followed(target, wanted, command)
 
     def path(self, displacement: Array) -> Trajectory:
-        """The trajectory along a path of the tip: its displacement (K,) [m] at every period.
+        """Plan the trajectory along a path, given as the tip's displacement (K,) [m] in each control period.
 
         Raises
         ------
@@ -159,7 +164,7 @@ class Planner:
         return self._followed(target, wanted, command)
 
     def _fastest(self, target: Array, wanted: Array, command: Array, first: int, last: int) -> Array:
-        """Commands from period `first` on that bring the tip to its new place; the fewest are found by halving."""
+        """Return commands that move the tip to its new target from period `first` on, in as few periods as possible."""
         size = abs(float(wanted[first] - (wanted[first - 1] if first else 0.0)))
         if size == 0.0:
             return command
@@ -173,12 +178,12 @@ class Planner:
         count = min(round(self.slack * many), last - first - 1)
         later = first + count + round(AFTER / self.period)
         made = self._moved(target, wanted, command, first, count)[0]
-        for _ in range(2):  # then what the memory asks for from there on
+        for _ in range(2):  # then the pressures that hold the tip against creep
             made[later:] = np.clip(self._hold(target, self._run(made, 0.0)[2])[later:], 0.0, self.ceiling)
         return made
 
     def _moved(self, target: Array, wanted: Array, command: Array, first: int, count: int) -> tuple[Array, float]:
-        """Commands, `count` of them from `first` on free and the later ones equal; and the largest error left, m."""
+        """Return commands with `count` free periods from `first` on, constant ones after, and the largest error [m]."""
         end = min(first + count + round(AFTER / self.period), target.size)
         made, before = command.copy(), float(command[first - 1]) if first else 0.0
         made[first:] = min(float(target[first]), self.ceiling)
@@ -198,7 +203,7 @@ class Planner:
         return made, worst
 
     def _step_response(self, count: int) -> Array:
-        """Tip displacement (count,) [m/Pa] at the ends of the periods after a command of one pascal in the first."""
+        """Return the tip's displacement (count,) [m/Pa] at the ends of the periods for a unit command in the first."""
         plant, row = self._plant
         x, out = plant.B[:, 0].copy(), np.empty(count)
         for k in range(count):
@@ -207,9 +212,9 @@ class Planner:
         return out
 
     def _nearest(self, free: Array, weight: Array, left: Array, command: Array, before: float) -> Array:
-        """Commands (K,) within `free` (K, F) that in the linear model take `left` (K,) [m] away from `command`.
+        """Return commands (K,) spanned by `free` (K, F) that, in the linear model, remove the errors `left` (K,) [m].
 
-        The changes from one command to the next are weighed too, as much more as the slew limit asks for.
+        Changes from one command to the next are weighted too, and the weight is increased until the slew limit is met.
         """
         from scipy.linalg import toeplitz
 
@@ -231,7 +236,7 @@ class Planner:
         return np.asarray(made)
 
     def _run(self, command: Array, late: float) -> tuple[Array, Array, Array, Array]:
-        """Angles, rates and shifts (K, n) of the whole model at the beginning of every period, and its tip (K, 2)."""
+        """Simulate the full model; return angles, rates and rest shifts (K, n) and tips (K, 2) for every period."""
         model, edge = self.model, np.arange(command.size) * self.period
         if self.valve is None:
             levels = np.stack([np.append(0.0, command[:-1]), command], axis=1).ravel()
@@ -250,18 +255,18 @@ class Planner:
         return angle, np.cumsum(dq, axis=1), shift, np.asarray(moved["tip_position"].values)[:, -1]
 
     def _tip(self, command: Array) -> Array:
-        """Displacement of the tip (K,) [m] under commands."""
+        """Return the tip's displacement (K,) [m] under the commands, by simulation of the full model."""
         return np.asarray(np.linalg.norm(self._run(command, 0.0)[3] - self.family.tip[0], axis=1))
 
     def _hold(self, target: Array, shift: Array) -> Array:
-        """Pressures (K,) [Pa] that bring the tip where it rests under `target` once rest angles shifted by (K, n)."""
+        """Return the pressures (K,) [Pa] that hold the tip where it rests under `target`, for shifts (K, n) of rest."""
         grid, rows, slopes = self._slopes
         by_angle = np.stack([np.interp(target, grid, row) for row in rows.T], axis=1)
         moved = np.einsum("kn,kn->k", by_angle, np.cumsum(shift, axis=1))
         return np.asarray(target - moved / np.interp(target, grid, slopes))
 
     def _followed(self, target: Array, wanted: Array, command: Array) -> Trajectory:
-        """The trajectory of a row of commands: what the model does under them, seen as late as the shape is."""
+        """Return the trajectory of a series of commands: the model's motion under them, delayed as the shape is."""
         family, n, K = self.family, self.model.n, command.size
         angle, rate, shift, tip = self._run(command, self.latency)
         hold = self._hold(target, shift)

@@ -1,4 +1,4 @@
-"""Weights and gains of the controllers."""
+"""Weights and gains of the linear-quadratic, predictive and PI-D controllers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from pliant.errors import InputError
 
 @dataclass(frozen=True)
 class Tuning:
-    """Weights of the quadratic cost, in units that mean the same for every body.
+    """Weights of the linear-quadratic cost of a controller, in units that do not depend on the actuator.
 
     Parameters
     ----------
     effort : float
-        Cost of the command whose static effect is one metre, relative to a tip error of one metre. Smaller is faster.
+        Cost of a command whose static effect is one metre, relative to a tip error of one metre. Smaller is faster.
     damping_time : float
-        s; the tip's speed times this counts like an error.
+        Time [s] by which the tip's speed is multiplied to count like an error.
     integral_time : float
-        s; the integral of the tip's error over this counts like an error. Larger is slower.
+        Time [s] by which the integral of the tip's error is divided to count like an error. Larger is slower.
     integral_band : float
-        m; larger errors count less in the integral, by the square of their ratio, so that a step does not wind it up.
+        Error [m] above which errors are integrated with a reduced weight, so that a step does not wind up the integral.
     """
 
     effort: float = 0.3
@@ -37,14 +37,16 @@ class Tuning:
 
 @dataclass(frozen=True)
 class MpcTuning:
-    """Horizon of the predictive control; its weights are those of the regulator, `Tuning`.
+    """Horizon of the predictive controller: number of nodes (times of free commands) and the time between them.
+
+    The weights are those of `Tuning`.
 
     Parameters
     ----------
     stage : float
-        Time between two nodes of the plan, s; commands are straight between them. Rounded to whole periods.
+        Time between two nodes of the plan [s], rounded to whole periods. Commands are linear between nodes.
     stages : int
-        Nodes of the plan, for each chamber.
+        Number of nodes of the plan, for each chamber.
     """
 
     stage: float = 0.012
@@ -52,23 +54,23 @@ class MpcTuning:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stage) and self.stage > 0 and self.stages >= 2):
-            raise InputError(f"predictive control needs a stage > 0 s and two stages or more, got {self}")
+            raise InputError(f"predictive control needs stage > 0 s and stages >= 2, got {self}")
 
 
 @dataclass(frozen=True)
 class PidTuning:
-    """Gains of the PI-D controller.
+    """Gains of the PI-D controller of the tip displacement, and the cutoff frequency of its derivative.
 
     Parameters
     ----------
     proportional : float
-        Pa/m
+        Proportional gain [Pa/m].
     integral : float
-        Pa/(m s)
+        Integral gain [Pa/(m s)].
     derivative : float
-        Pa s/m, of the filtered measurement, never of the set-point.
+        Derivative gain [Pa s/m] of the filtered measurement; the set-point is not differentiated.
     cutoff : float
-        Of the derivative's filter, Hz.
+        Cutoff frequency of the derivative's filter [Hz].
     """
 
     proportional: float
@@ -78,4 +80,4 @@ class PidTuning:
 
     def __post_init__(self) -> None:
         if min(self.proportional, self.integral, self.derivative) < 0 or not self.cutoff > 0:
-            raise InputError(f"PI-D gains must not be negative and the cutoff positive, got {self}")
+            raise InputError(f"PI-D gains must be >= 0 and the cutoff > 0 Hz, got {self}")

@@ -1,4 +1,6 @@
-"""The valve of a rig, which fills faster than it empties: its equation, and its numbers from command and gauge."""
+"""The pressure valve of a test rig, which fills faster than it empties, and its identification from commands and gauge
+readings.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +16,20 @@ from pliant.errors import FitError, InputError
 from pliant.model import Model, Valve
 
 Array = np.ndarray
-FINE = 5e-4  # s, step of the valve's equation
+FINE = 5e-4  # s, time step of the valve's equation
 
 
 @dataclass(frozen=True)
 class SupplyValve:
-    """A pressure regulator of second order behind a dead time, with one frequency for filling and one for emptying.
+    """A second-order pressure regulator with dead time, and different natural frequencies for filling and emptying.
 
     Parameters
     ----------
     rise_frequency, fall_frequency : float
-        Natural frequencies where the command lies above and below the pressure, Hz.
+        Natural frequencies [Hz] for a command above and below the pressure.
     damping_ratio : float
     dead_time : float
-        s
+        Dead time [s].
     """
 
     rise_frequency: float
@@ -42,16 +44,17 @@ class SupplyValve:
 
     @property
     def mean(self) -> Valve:
-        """The valve of one frequency that a linear design takes."""
+        """The valve with one natural frequency, the geometric mean of filling and emptying, for a linear design."""
         return Valve(
             natural_frequency=math.sqrt(self.rise_frequency * self.fall_frequency), damping_ratio=self.damping_ratio,
             dead_time=self.dead_time,
         )
 
     def march(self, command: Array, h: float, held: Array) -> Array:
-        """Pressures (K,) [Pa] at the ends of steps of `h` [s] under commands (K,) [Pa]; no dead time.
+        """Return the valve's pressures (K,) [Pa] after each of K steps of `h` [s] under commands (K,) [Pa], without
+        dead time.
 
-        `held` (2,), pressure and its rate [Pa, Pa/s], is carried on in place.
+        `held` (2,) holds the pressure [Pa] and its rate [Pa/s], and is updated in place.
         """
         out, two_pi = np.empty(command.size), 2 * math.pi
         twin(feedback_loops.regulate)(
@@ -61,17 +64,21 @@ class SupplyValve:
 
 
 def check_followed(model: Model) -> None:
-    """InputError where a chamber's valve settles late, has a dead band or an opening: no controller's model has it."""
+    """Raise InputError if a valve of the model has a property that controllers do not support: slow settling, dead band
+    or opening time.
+
+    The controllers' models do not include these properties.
+    """
     for chamber in model.chambers:
         if name := next((n for n in ("settle_share", "dead_band", "opening_time") if getattr(chamber.valve, n)), ""):
             raise InputError(
-                f"controllers follow no valve with a {name}, as chamber {chamber.name!r} of {model.name!r} has: give "
-                f"the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
+                f"controllers do not support a valve with {name}, as chamber {chamber.name!r} of model {model.name!r} "
+                f"has: give the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
             )
 
 
 def supply_of(valve: Valve) -> SupplyValve | None:
-    """The second-order valve of a model as a supply valve; None for a model with another valve or none."""
+    """Return the second-order valve of a model as a `SupplyValve`, or None if the valve is not of second order."""
     if not valve.natural_frequency:
         return None
     return SupplyValve(valve.natural_frequency, valve.natural_frequency, valve.damping_ratio, valve.dead_time)
@@ -79,14 +86,14 @@ def supply_of(valve: Valve) -> SupplyValve | None:
 
 @dataclass(frozen=True)
 class ValveRun:
-    """Steps that were commanded, and the gauge's reading.
+    """A recording for `identify_valve`: steps of the commanded pressure and the readings of a pressure gauge.
 
     Attributes
     ----------
     edge_time, level : array (E,)
-        s and Pa: from each time on that command; 0 before.
+        Times [s], and the command [Pa] from each time on; 0 before the first.
     time, pressure : array (T,)
-        The gauge's clock [s, that of the command] and its readings [Pa].
+        Times [s], on the clock of the command, and the gauge's readings [Pa].
     """
 
     edge_time: Array
@@ -97,15 +104,15 @@ class ValveRun:
 
 @dataclass(frozen=True)
 class ValveFit:
-    """A valve as `identify_valve` found it.
+    """Result of `identify_valve`: the valve, its fit error [Pa] and standard errors of its parameters.
 
     Attributes
     ----------
     valve : SupplyValve
     rmse : float
-        Of the gauge's readings, Pa.
+        Root-mean-square error of the gauge's readings [Pa].
     standard_error : dict of str to float
-        By the names of the valve's numbers, residuals taken as white: too small where the valve is of
+        Standard errors of the valve's parameters by name, for white residuals. They are too small if the valve is of
         another kind.
     """
 
@@ -119,14 +126,15 @@ LOW, HIGH = (0.2, 0.2, 0.2, 0.0), (100.0, 100.0, 5.0, 0.2)
 
 
 def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
-    """Frequencies, damping ratio and dead time that bring commanded steps nearest to the gauge's readings.
+    """Fit natural frequencies, damping ratio and dead time of a pressure valve to gauge readings under steps of the
+    command.
 
-    Every run counts by its highest level; an offset of the gauge is taken out, one for each run.
+    Each run is scaled by its highest command. A constant offset of the gauge is removed from each run.
 
     Parameters
     ----------
     runs : sequence of ValveRun
-        Steps up and down.
+        Runs with steps up and down.
 
     Returns
     -------
@@ -135,9 +143,9 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     Raises
     ------
     InputError
-        When a run holds no steps, or readings that are not finite.
+        When a run has no steps, or readings that are not finite.
     FitError
-        When no valve of second order answers like that.
+        When the readings are not those of a second-order valve.
 
     Examples
     --------
@@ -152,7 +160,7 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     from scipy.optimize import least_squares
 
     if not runs:
-        raise InputError("a valve is identified from at least one run of commanded steps, got none")
+        raise InputError("identify_valve needs at least one run of commanded steps, got none")
     whole = [_checked(run) for run in runs]
 
     def residual(x: Array) -> Array:
@@ -166,7 +174,7 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     if not found.success or at_bound.any():
         numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(NAMES, found.x, strict=True))
         raise FitError(
-            f"no valve of second order answers like these readings ({numbers}): are command and gauge on one clock?"
+            f"the readings do not fit a second-order valve ({numbers}): check that command and gauge use one clock"
         )
     count = found.fun.size
     errors = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))
@@ -176,7 +184,11 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
 
 
 def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
-    """Pressure (T,) [Pa] at the times [s] of a valve without pressure, under commands [Pa] from each edge on."""
+    """Return a valve's pressures (T,) [Pa] at the given times [s] under steps of the command, starting without
+    pressure.
+
+    From each of `edge_time` [s] on, the command is the corresponding `level` [Pa].
+    """
     ends = np.append(edge_time[1:], max(float(time[-1]), float(edge_time[-1]) + FINE))
     held, clock, pressure = np.zeros(2), [np.array([edge_time[0]])], [np.zeros(1)]
     for first, last, command in zip(edge_time, ends, level, strict=True):
@@ -196,7 +208,9 @@ def _checked(run: ValveRun) -> ValveRun:
             f"{sizes[0]} edges, {sizes[1]} levels, {sizes[2]} times, {sizes[3]} readings"
         )
     if not made.level.max() > 0 or np.any(np.diff(made.edge_time) <= 0):
-        raise InputError("the edges of a run for a valve must be increasing in time and reach a positive pressure")
+        raise InputError(
+            "the times of the edges of a run for a valve must increase, and at least one level must be > 0 Pa"
+        )
     return made
 
 

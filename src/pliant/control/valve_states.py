@@ -1,4 +1,4 @@
-"""States of a valve: planned from a row of commands, and followed from the commands and a gauge."""
+"""States of a valve: simulated from a time series of commands, or estimated from commands and a pressure gauge."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ Array = np.ndarray
 
 
 class ValveObserver:
-    """Pressure behind the valve and its rate, by the valve's own equation corrected by a gauge.
+    """Observer that estimates the pressure behind a valve, and its rate, from commands and a pressure gauge.
 
     Parameters
     ----------
     valve : Valve
     period : float
-        s
+        Control period [s].
     noise : float
-        Of the gauge, Pa.
+        Standard deviation of the gauge [Pa].
     trust : float
-        Standard deviation of what the equation misses, in Pa over one period.
+        Standard deviation of the valve equation's error over one period [Pa].
     late : int
-        Periods by which the shape is late: the pressure is held back as long, so that both tell of one moment.
+        Number of periods by which the shape is late. The pressure is delayed equally, so that both refer to one time.
     supply : SupplyValve, optional
-        The rig's, where more is known of it than the model holds.
+        The rig's valve; default: the model's.
     """
 
     def __init__(
@@ -64,12 +64,14 @@ class ValveObserver:
             self._numbers = (*numbers, self._gain)
 
     def reset(self) -> None:
-        """No pressure, and none on its way."""
+        """Reset the estimated pressure and the commands in transit to zero."""
         self.value = np.zeros(max(self.order, 1))
         self._queue, self._readings = [0.0] * self._delay, [0.0] * self._late
 
     def update(self, command: float, reading: float) -> Array:
-        """States of the valve (order,) after a period under `command` [Pa], with a gauge's reading [Pa] at its end."""
+        """Return the estimated valve states [Pa, Pa/s] after a period under `command` [Pa], corrected by the gauge
+        `reading` [Pa].
+        """
         self._queue.append(command)
         self._readings.append(reading)
         asked, seen = self._queue.pop(0), self._readings.pop(0)
@@ -86,14 +88,18 @@ class ValveObserver:
 
 
 def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Array, Array]:
-    """Times [s] and pressures [Pa] behind a valve without dead time, from no pressure on."""
+    """Return times [s] and pressures [Pa] behind a valve under one command (K,) [Pa] per `period` [s], without dead
+    time.
+    """
     parts = max(1, round(period / FINE))
     pressure = valve.march(np.repeat(command, parts), period / parts, np.zeros(2))
     return np.arange(pressure.size + 1) * (period / parts), np.append(0.0, pressure)
 
 
 def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period: float, latency: float) -> Array:
-    """States (K, order) of a valve at the beginning of every period, seen `latency` [s] later: Pa, Pa/s."""
+    """Return a valve's states (K, order) [Pa, Pa/s] at the start of each of K periods under the commands (K,) [Pa],
+    delayed by `latency` [s].
+    """
     A, B, names = behind_valve(np.zeros((0, 0)), np.zeros(0), valve)
     out = np.zeros((command.size, len(names)))
     if supply is not None:

@@ -1,4 +1,4 @@
-"""Equations of Section III of the paper as plain functions, in its order and notation.
+"""Equations of Section III of the paper, as one plain function per equation, in the paper's order and notation.
 
 Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators".
 
@@ -11,7 +11,7 @@ Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models f
     motion      Eq. (5)      acceleration, its derivatives, one implicit step
     energy                   kinetic, elastic, gravitational energy and power
 
-A kernel is plain Python on scalars and arrays; it writes into arrays that the caller owns. The same text runs on
-floats, on complex numbers (derivatives by complex step), on symbols, and compiled (`pliant.compiler.choose.twin`).
-Index 0 is the first link here, i = 1 in the paper. All quantities are SI.
+A kernel is a plain Python function on scalars and arrays, which writes its results into arrays of its caller. The same
+source runs on floats, on complex numbers (derivatives by complex step), on symbols, and compiled
+(`pliant.compiler.choose.twin`). Index 0 is the first link here, i = 1 in the paper. All quantities are SI.
 """

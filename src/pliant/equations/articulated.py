@@ -1,9 +1,11 @@
-"""The implicit step of `motion.step` with work that grows as the number of links: for long chains, same answers.
+"""Implicit time step of a planar chain of links at a cost that grows linearly with the number of links, for long
+chains.
 
-In absolute angles the inertia is h_k l_j cos(phi_k - phi_j) below its diagonal, so that the step's equations are the
-minimum of a sum over links that know each other only through v_k = sum_{j<=k} l_j (cos, sin)(phi_j) x_j and x_k. The
-minimum is found link by link, from the tip to the base and back: Featherstone's articulated bodies, without a change
-of frame. Springs and dampers enter as an armature of each joint.
+The results equal those of `motion.step`. In absolute angles the inertia is h_k l_j cos(phi_k - phi_j) below its
+diagonal. The equations of a step are therefore the minimum of a sum over links, in which link k depends on the other
+links only through v_k = sum_{j<=k} l_j (cos, sin)(phi_j) x_j and on x_k. The minimum is found link by link, from the
+tip to the base and back. This is Featherstone's articulated-body algorithm without a change of frame. Springs and
+dampers enter as an armature (an added rotor inertia) of each joint.
 
 Source: Featherstone, Rigid Body Dynamics Algorithms, Ch. 7, rederived for the planar chain in absolute angles.
 """
@@ -19,10 +21,12 @@ LEAST_LINKS = 4
 
 
 def step_articulated(phi, w, h, torque, body, joints, work):
-    """As `motion.step`, in O(n).
+    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by one step h [s], in O(n) operations. The
+    result equals that of `motion.step`.
 
-    Rows of `work.A` and `work.S` hold what each link needs, of which fewer than 4 links have too few: these take
-    `motion.step`.
+    `torque` (n,) [N m] is the mean actuation torque of each joint over the step. Chains of fewer than 4 links are
+    passed to `motion.step`, because the rows of `work.A` and `work.S`, which hold the intermediate results, are too
+    short for them.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -34,7 +38,10 @@ def step_articulated(phi, w, h, torque, body, joints, work):
 
 
 def folded_step(phi, w, h, torque, body, joints, work):
-    """`step_articulated` of at least 4 links."""
+    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by h [s] in O(n) operations, for n >= 4.
+
+    This is `step_articulated` without the check of the number of links.
+    """
     n = len(phi)
     half = 0.5 * h
     quarter = half * half
@@ -51,7 +58,7 @@ def folded_step(phi, w, h, torque, body, joints, work):
     for k in range(n):
         c[k] = np.cos(phi[k] + half * w[k])
         s[k] = np.sin(phi[k] + half * w[k])
-        length[k] = scale * body.B[n - 1, k]  # of the last link nothing depends on it
+        length[k] = scale * body.B[n - 1, k]  # the value of the last link has no effect
     joint_torques(phi, w, joints, torque, half, t)
     joint_tangents(phi, w, joints, half, a)
     for k in range(n):
@@ -74,7 +81,12 @@ def folded_step(phi, w, h, torque, body, joints, work):
 
 
 def fold(c, s, first_moment, length, diagonal, armature, F):
-    """From the tip to the base: how link k answers what is before it; rows 0, 1, 2 of F take R_x, R_y and 1/d.
+    """First sweep of the O(n) step: eliminate the n links from tip to base, and write three coefficients of each link
+    to rows 0 to 2 of F.
+
+    Rows 0, 1 and 2 of F receive R_x, R_y and 1/d of each link.
+
+    These three rows describe how each link responds to the links before it; `unfold` uses them.
 
     Beyond joint k the minimum is 1/2 v^T P v + y p . v + 1/2 z y^2 in v = v_{k-1} and y = x_{k-1}.
     """
@@ -109,7 +121,12 @@ def fold(c, s, first_moment, length, diagonal, armature, F):
 
 
 def unfold(c, s, length, armature, F, G, a):
-    """Solve with the rows of `fold`: a (n,) comes as right-hand side and leaves as solution; G (n + 1,) is scratch."""
+    """Second sweep of the O(n) step: replace the right-hand side a (n,) by the changes of the link rates [rad/s].
+
+    F holds the coefficients written by `fold`.
+
+    G (n + 1,) is scratch.
+    """
     n = len(c)
     fx = 0.0 * a[0]
     fy = fx
@@ -133,7 +150,13 @@ def unfold(c, s, length, armature, F, G, a):
 
 
 def centrifugal_sums(c, s, first_moment, length, square, r, a):
-    """a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j by two running sums, as `motion.centrifugal` by two loops."""
+    """Subtract the centrifugal terms of the planar chain from r (n,), and write the difference to a (n,), in O(n).
+
+    a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j, with c = cos(phi), s = sin(phi) and `square` h times the squared
+    rates.
+
+    The result is that of `motion.centrifugal`, which uses two nested loops.
+    """
     n = len(c)
     x = 0.0 * r[0]
     y = x

@@ -1,4 +1,6 @@
-"""Where the links are: Eqs. (1)-(3). Joint i owns link i; the origin {O_i} is the TIP of link i."""
+"""Positions and directions of the links of a planar chain: Eqs. (1)-(3). Joint i moves link i, and frame i has its
+origin at the tip of link i.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,8 @@ import numpy as np
 
 
 def link_transform(q, theta0, l, R, p):
-    """Rotation R (2, 2) and position p (2,) of one link in the frame of the link before it.
+    """Write the rotation R (2, 2) and the tip position p (2,) [m] of one link, in the frame of the previous link, for
+    the joint angle q [rad].
 
     T_i = R_z(q_i + theta_i0) P_y(l_i),  p_i = R_i (0, l_i)
 
@@ -23,7 +26,10 @@ def link_transform(q, theta0, l, R, p):
 
 
 def forward(q, theta0, l, R_rel, p_rel, R_abs, p_abs):
-    """Rotations R_abs (n, 2, 2) and tip positions p_abs (n, 2) of all links in the base frame, by recursion.
+    """Write the rotations R_abs (n, 2, 2) and tip positions p_abs (n, 2) [m] of all n links in the base frame, from the
+    joint angles q (n,) [rad].
+
+    R_rel (n, 2, 2) and p_rel (n, 2) receive the same of each link in the frame of the link before it.
 
     T^i = prod_{k<=i} T_k,  R^i = R^{i-1} R_i,  p^i = p^{i-1} + R^{i-1} p_i
 
@@ -40,7 +46,7 @@ def forward(q, theta0, l, R_rel, p_rel, R_abs, p_abs):
 
 
 def absolute_angles(q, theta0, base_angle, phi):
-    """Absolute link angles phi (n,) from the base tangent +y.
+    """Write the absolute angles of the links, from the +y axis, to phi (n,) [rad], from the joint angles q (n,) [rad].
 
     phi_i = base_angle + sum_{k<=i} (q_k + theta_k0)
     """
@@ -51,7 +57,11 @@ def absolute_angles(q, theta0, base_angle, phi):
 
 
 def relative_angles(phi, theta0, base_angle, q):
-    """Joint angles q (n,) from absolute link angles; the inverse of `absolute_angles`."""
+    """Write the joint angles to q (n,) [rad], measured from the rest shape, from the absolute link angles phi (n,)
+    [rad].
+
+    This is the inverse of `absolute_angles`.
+    """
     before = base_angle
     for i in range(len(phi)):
         q[i] = phi[i] - before - theta0[i]
@@ -59,7 +69,10 @@ def relative_angles(phi, theta0, base_angle, q):
 
 
 def tips(phi, l, x0, y0, p):
-    """Link tips p (n, 2) from absolute angles; (x0, y0) is the first joint.
+    """Write the tip positions of the links to p (n, 2) [m], from the absolute link angles phi (n,) [rad] and lengths l
+    (n,) [m].
+
+    (x0, y0) [m] is the position of the first joint.
 
     p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i)
 
@@ -75,7 +88,9 @@ def tips(phi, l, x0, y0, p):
 
 
 def angles_from_tips(p, x0, y0, l, phi):
-    """Link lengths l (n,) and absolute angles phi (n,) of the chain whose tips are p (n, 2).
+    """Write the lengths l (n,) [m] and absolute angles phi (n,) [rad] of the links whose tips are at p (n, 2) [m].
+
+    (x0, y0) [m] is the position of the first joint.
 
     l_i = |p^i - p^{i-1}|,  phi_i = atan2(-dx, dy), continued so that neighbours differ by less than pi
     """
@@ -94,13 +109,15 @@ def angles_from_tips(p, x0, y0, l, phi):
 
 
 def station(phi, l, first, base_angle, point, p):
-    """Position p (2,) of a `point` (link, along, across): fixed to a link, along it from its joint, and across it.
+    """Write the position p (2,) [m], in the base frame, of a point fixed to a link, from the absolute link angles phi
+    (n,) [rad].
 
-    `first` (2,) is the first joint.
+    `point` is (link, along, across): the index of the link, and the distances [m] along the link from its joint and
+    across the link. `first` (2,) [m] is the position of the first joint.
 
     p = joint + along e(phi) + across n(phi),  e = (-sin, cos),  n = (-cos, -sin)
 
-    On the base (`link` = -1) `along` is measured from the origin.
+    For a point on the base (`link` = -1), `along` is measured from the origin.
     """
     link, along, across = point
     x = first[0]

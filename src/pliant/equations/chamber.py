@@ -1,9 +1,10 @@
-"""One pressure -> one torque, over an interval of time: laws, chambers that swell, hyperelastic walls.
+"""Mean torque of a pressure chamber over a time interval, for polynomial and other torque laws, viscoelastic lag and
+hyperelastic walls.
 
-A chamber makes the torque of its law (`laws`), or, where its rubber takes time, one that depends on two slow
-states: a pressure that lags (swelling) and the fourth power of the hoop stretch (inflation). `advance` averages the
-torque over an interval and moves the slow states on, `share_out` gives it to the joints: whoever takes steps takes its
-torques from here.
+A chamber gives the torque of its law (`laws`). A chamber of slow rubber gives a torque which also depends on two slow
+states: a lagged pressure (viscoelastic lag) and the fourth power of the hoop stretch of the wall (inflation). `advance`
+computes the mean torque over an interval and updates the slow states. `share_out` adds this torque to the joints. Every
+integrator of this package takes its torques from these two functions.
 """
 
 from __future__ import annotations
@@ -16,36 +17,40 @@ from pliant.equations.symbols import ChamberConstants, Interval
 
 
 def mean_of_law(p, a):
-    """Mean torque of the law a in an `Interval` p of pressure; N m.
+    """Return the mean torque [N m] of a polynomial law with coefficients `a` while the pressure varies over the
+    `Interval` p.
 
-    Simpson's rule; what that rule misses of the mean pressure, where a valve settles within the interval, enters by
-    the slope of the law's secant. Exact for a linear law.
+    Simpson's rule. The mean pressure may differ from Simpson's mean where a valve settles within the interval. This
+    difference enters with the secant slope of the law. The result is exact for a linear law.
     """
     simpson = (torque(p.start, a) + 4.0 * torque(p.middle, a) + torque(p.end, a)) / 6.0
     return simpson + (p.mean - (p.start + 4.0 * p.middle + p.end) / 6.0) * secant(p.start, p.end, a, 0)
 
 
 def swollen_torque(p, slow, share, a, form):
-    """Torque at the pressure p of a chamber that swells: its lever grows with a pressure that lags behind; N m.
+    """Return the torque [N m] of a chamber of viscoelastic rubber, whose lever arm grows with the lagged pressure
+    `slow` [Pa].
 
-    tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p); of another law p lever(s)
+    tau = p (a_1 + a_2 s + a_3 s^2 + ...),  s = p + share (slow - p); for other laws tau = p lever(s)
 
-    At rest, where slow = p, and at share = 0 it is the law. Without pressure there is no torque, however swollen the
-    chamber still is.
+    `slow` is the lagged pressure [Pa]. In equilibrium (slow = p) and for share = 0 the torque is that of the law.
+    Without pressure the torque is zero, whatever the lagged pressure is.
     """
     return lever(p + share * (slow - p), a, form) * p
 
 
 def slow_interval(h, p, slow, time):
-    """Slow pressure at the middle and the end of an `Interval` p of length h [s]: time slow' = p - slow; Pa.
+    """Return the lagged pressure [Pa] of a chamber at the middle and the end of a pressure `Interval` p of length h
+    [s].
 
-    Exact for a pressure that runs straight from start to end; one that bends in between is taken as a straight line of
-    the same mean and the same rise.
+    The lagged pressure obeys time slow' = p - slow, with the time constant `time` [s] and its value `slow` [Pa] at the
+    start. The result is exact for a pressure that changes linearly from start to end. A pressure that curves in between
+    is replaced by a straight line with the same mean and the same rise.
     """
     first = p.mean - 0.5 * (p.end - p.start)
     rise = p.end - p.start
     x = h / time
-    gone = -np.expm1(-0.5 * x)  # share of the way that half the interval goes
+    gone = -np.expm1(-0.5 * x)  # fraction of the way after half the interval
     middle = slow + gone * (first - slow) + 0.5 * (1.0 - gone / (0.5 * x)) * rise
     gone = -np.expm1(-x)
     last = slow + gone * (first - slow) + (1.0 - gone / x) * rise
@@ -53,7 +58,12 @@ def slow_interval(h, p, slow, time):
 
 
 def mean_swollen(p, slow, chamber):
-    """Mean of `swollen_torque` over an `Interval` p, the slow pressure given at its start, middle and end; N m."""
+    """Return the mean torque [N m] of a chamber with viscoelastic lag while its pressure varies over the `Interval` p.
+
+    The torque at each instant is that of `swollen_torque`.
+
+    `slow` (3,) is the lagged pressure [Pa] at the start, middle and end of the interval.
+    """
     share = chamber.swell_share
     a = chamber.law
     simpson = (
@@ -66,17 +76,22 @@ def mean_swollen(p, slow, chamber):
 
 
 def swollen_slope(start, end, slow, share, a, form):
-    """Slope of the chord of `swollen_torque` between two pressures [Pa], the slow one held; N m/Pa."""
+    """Return the secant slope [N m/Pa] of the torque between two pressures [Pa], with the lagged pressure held at
+    `slow`.
+
+    The torque is that of `swollen_torque`.
+    """
     s0 = start + share * (slow - start)
     s1 = end + share * (slow - end)
     return lever(s1, a, form) + start * (1.0 - share) * lever_secant(s0, s1, a, form)
 
 
 def gent_factor(y, jm):
-    """Factor of Gent's rubber on the tension of the wall, and its slope by y, the fourth power of the hoop stretch.
+    """Return Gent's strain-stiffening factor G of a rubber wall and its derivative dG/dy, where y is the hoop stretch
+    to the fourth power.
 
-    G = 1 / (1 - J / jm), J = stretch^2 + stretch^-2 - 2, the first invariant less 3 of a tube whose length is held.
-    Above J = 0.9 jm the tangent there continues it, so that any step of time stays finite.
+    G = 1 / (1 - J / jm), J = stretch^2 + stretch^-2 - 2, the first invariant less 3 of a tube of constant length.
+    Above J = 0.9 jm, G continues along its tangent, so that the result of any time step is finite.
 
     Source: Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69 (1996) 59
     """
@@ -91,15 +106,17 @@ def gent_factor(y, jm):
 
 
 def wall_rate(p, y, chamber):
-    """Rate y' [1/s] of the fourth power of the hoop stretch at the pressure p [Pa], and its slope by y.
+    """Return the rate y' [1/s] of a viscous rubber wall at pressure p [Pa], and dy'/dy [1/s]. y is the hoop stretch to
+    the fourth power.
 
     time y' = p / limit y - (y - 1) G(y)
 
-    A thin tube of viscous rubber whose length fibres hold; `limit` [Pa] is the shear modulus times wall over radius.
-    Of a neo-Hookean rubber, `inflation_jm` = 0, G = 1: p = limit (1 - stretch^-4) at rest, and it grows without end at
-    the limit, ever more slowly towards it. Gent's rubber stiffens towards J = jm: `gent_factor`.
+    The wall is a thin tube of viscous rubber, whose length is kept by fibres. `limit` [Pa] is the shear modulus times
+    the wall thickness over the radius. For neo-Hookean rubber (`inflation_jm` = 0) G = 1: the equilibrium is
+    p = limit (1 - stretch^-4), so that the stretch grows without bound as p approaches the limit, and the approach to
+    equilibrium becomes slower and slower. Gent's rubber stiffens as J approaches jm, see `gent_factor`.
 
-    Source: Rivlin (1949) for the tube; the rate is work done by p less work stored, taken by the wall's viscosity.
+    Source: Rivlin (1949) for the tube. The viscosity of the wall dissipates the work of p less the energy stored.
     """
     push = p / chamber.inflation_limit
     if chamber.inflation_jm.real > 0.0:
@@ -110,15 +127,21 @@ def wall_rate(p, y, chamber):
 
 
 def inflated_interval(h, p, y, chamber):
-    """Fourth power y of a chamber's hoop stretch at the middle and the end of an `Interval` p of length h [s]."""
+    """Return y, the hoop stretch of the wall to the fourth power, at the middle and the end of a pressure `Interval` p
+    of h [s].
+
+    The argument `y` is the value at the start.
+    """
     first = 2.0 * p.mean - 0.5 * (p.middle + p.end)
     return inflated(0.5 * h, first, y, chamber), inflated(h, p.mean, y, chamber)
 
 
 def inflated(h, p, y, chamber):
-    """Fourth power of the hoop stretch after h [s] at the pressure p [Pa], by the exponential of `wall_rate`'s slope.
+    """Return y, the hoop stretch of the wall to the fourth power, after h [s] at constant pressure p [Pa], from its
+    value `y` at the start.
 
-    Exact of a neo-Hookean wall, of second order in h of Gent's.
+    An exponential Euler step with the slope of `wall_rate`: exact for a neo-Hookean wall, of second order in h for a
+    Gent wall.
     """
     rate, slope = wall_rate(p, y, chamber)
     x = -slope * h
@@ -129,7 +152,10 @@ def inflated(h, p, y, chamber):
 
 
 def lever_growth(y):
-    """Factor stretch^3 on the torque: V = A L + A d sum(q) and A d = 2/3 r2^3 grows with the cube of the radius.
+    """Return the factor by which inflation increases a chamber's torque: the cube of the hoop stretch, from its fourth
+    power y.
+
+    V = A L + A d sum(q), and A d = 2/3 r2^3 grows with the cube of the radius.
 
     Paper: Sec. III-C, with a radius that grows
     """
@@ -137,7 +163,12 @@ def lever_growth(y):
 
 
 def mean_inflated(p, slow, y, chamber):
-    """Mean of `swollen_torque` times `lever_growth` over an `Interval` p, y at its three times as slow is; N m."""
+    """Return the mean torque [N m] of a chamber with inflating wall and viscoelastic lag while its pressure varies over
+    `Interval` p.
+
+    The torque is `swollen_torque` times `lever_growth`. `slow` (3,) [Pa] and `y` (3,) are the lagged pressure and the
+    fourth power of the hoop stretch at the start, middle and end of the interval.
+    """
     share = chamber.swell_share
     a = chamber.law
     simpson = (
@@ -150,7 +181,10 @@ def mean_inflated(p, slow, y, chamber):
 
 
 def torque_now(p, slow, y, chamber):
-    """Torque [N m] of a chamber at the pressure p [Pa] and its slow states."""
+    """Return the torque [N m] of a chamber at the pressure p [Pa], for given lagged pressure and wall stretch.
+
+    `slow` [Pa] is its lagged pressure, `y` the fourth power of its hoop stretch.
+    """
     made = swollen_torque(p, slow, chamber.swell_share, chamber.law, chamber.form)
     if chamber.inflation_limit.real > 0.0:
         return made * lever_growth(y)
@@ -158,7 +192,9 @@ def torque_now(p, slow, y, chamber):
 
 
 def slow_rates(p, slow, y, chamber):
-    """Rates of the slow states at the pressure p [Pa]: of the slow pressure, Pa/s, and of y, 1/s."""
+    """Return the rates of a chamber's two slow states at the pressure p [Pa]: lagged pressure [Pa/s] and fourth power
+    of the hoop stretch [1/s].
+    """
     growing = 0.0 * y
     if chamber.inflation_limit.real > 0.0:
         growing, _ = wall_rate(p, y, chamber)
@@ -166,10 +202,11 @@ def slow_rates(p, slow, y, chamber):
 
 
 def advance(h, p, chamber, state):
-    """Mean torque [N m] of a chamber over an `Interval` p of length h [s]; its slow `state` (2,) moves on in place.
+    """Return the mean torque [N m] of a chamber over a pressure `Interval` p of h [s], and update its lagged pressure
+    and wall stretch in place.
 
-    The state is the slow pressure [Pa] and the fourth power of the hoop stretch; a chamber without rubber that takes
-    time leaves it as it is.
+    `state` (2,) holds the lagged pressure [Pa] and the fourth power of the hoop stretch, and is changed in place. A
+    chamber without lag and inflation leaves it unchanged.
     """
     if not (chamber.swell_share.real > 0.0 or chamber.inflation_limit.real > 0.0):
         if chamber.form.real == 0.0:
@@ -187,7 +224,11 @@ def advance(h, p, chamber, state):
 
 
 def advance_one(c, h, p, actuation, state):
-    """As `advance`, of chamber c of an `ActuationConstants`; its slow states are row c of `state` (C, 2)."""
+    """Return the mean torque [N m] of chamber number c over a pressure `Interval` p of h [s], and update its lagged
+    pressure and wall stretch.
+
+    `actuation` is an `ActuationConstants`. Row c of `state` (C, 2) holds the slow states, which `advance` describes.
+    """
     rubber = actuation.rubber
     chamber = ChamberConstants(
         actuation.law[c], rubber[c, 0], rubber[c, 1], rubber[c, 2], rubber[c, 3], rubber[c, 4], rubber[c, 5],
@@ -196,9 +237,12 @@ def advance_one(c, h, p, actuation, state):
 
 
 def share_out(c, torque, gain, tau):
-    """Add the torque [N m] of chamber c to those of the joints, tau (n,): tau_i = sum_c gain_ci torque_c.
+    """Add the torque [N m] of chamber c, times the gain of the chamber at each joint, to the joint torques tau (n,) [N
+    m].
 
-    The first chamber writes over what was there.
+    tau_i = sum_c gain_ci torque_c
+
+    Chamber 0 overwrites the previous content of tau.
     """
     for i in range(len(tau)):
         if c == 0:
@@ -208,9 +252,10 @@ def share_out(c, torque, gain, tau):
 
 
 def held_torques(h, pressure, actuation, state, tau):
-    """Mean torques tau (n,) [N m] of the joints over h [s] under pressures (C,) [Pa] that are held.
+    """Write the mean joint torques tau (n,) [N m] over h [s] while each of the C chambers has a constant pressure,
+    `pressure` (C,) [Pa].
 
-    The slow states (C, 2) of the chambers move on in place.
+    The slow states `state` (C, 2) of the chambers are updated in place.
     """
     for c in range(len(pressure)):
         p = pressure[c]

@@ -1,4 +1,6 @@
-"""Forces at points of the body: what they do to the links, and the momentum that betrays them."""
+"""Generalized forces of point forces on the links of a planar chain, and the generalized momentum used to detect
+contact.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +8,15 @@ import numpy as np
 
 
 def point_force(phi, l, link, along, across, fx, fy, Q):
-    """Generalized forces Q (n,) in absolute angles of a force (fx, fy) [N] at a point fixed to link `link`; N m.
+    """Write the generalized forces Q (n,) [N m] of one point force (fx, fy) [N] on link `link` of a planar chain with
+    link angles phi (n,).
+
+    Q is in absolute angles, the force in the base frame.
 
     Q_k = f . dx/dphi_k = l_k n_k . f for k < link,  (a n_k - b e_k) . f for k = link,  0 beyond
 
-    with e = (-sin, cos), n = (-cos, -sin), a `along` the link from its joint and b `across` it, m. Suffix sums of Q are
-    the joint torques r_k = (x - p^{k-1}) x f.
+    with e = (-sin, cos), n = (-cos, -sin). a = `along` and b = `across` [m] are the distances of the point x along the
+    link from its joint and across the link. Suffix sums of Q are the joint torques r_k = (x - p^{k-1}) x f.
 
     Source: virtual work of a point force on the chain of Eq. (3) [eq:Rp^i]
     """
@@ -28,11 +33,12 @@ def point_force(phi, l, link, along, across, fx, fy, Q):
 
 
 def add_link_loads(phi, w, ahead, load, body, joints, work):
-    """Add to the joint torques work.tau (n,) those of forces at points of the links, N m.
+    """Add the joint torques [N m] due to external forces at points of the links to work.tau (n,).
 
-    `load` (n, 2) is what each link carries times the force, so that Q_k = -(load_k0 cos phi_k + load_k1 sin phi_k), as
-    weight does; tau_i takes the sum of Q_k over the links that it moves, k >= i. Angles are those `ahead` [s] along w.
-    Where links lengthen, `extension.add_link_loads` stands here; in space `spatial_points.add_link_loads`.
+    `load` (n, 2) [N m] holds for each link the sum of force times lever, so that, as for weight,
+    Q_k = -(load_k0 cos phi_k + load_k1 sin phi_k). tau_i receives the sum of Q_k over the links which joint i moves,
+    k >= i. The angles are phi + ahead w, with `ahead` in s. `extension.add_link_loads` does the same for links that
+    lengthen, `spatial_points.add_link_loads` in space.
 
     Source: `point_force`, with along f for a link's own point and l_k f for the links before it; across as (f_y, -f_x)
     """
@@ -44,7 +50,9 @@ def add_link_loads(phi, w, ahead, load, body, joints, work):
 
 
 def momentum(phi, w, body, p):
-    """Generalized momentum p = M w (n,) in absolute angles, N m s."""
+    """Write the generalized momentum p = M w (n,) [N m s] of a planar chain, from absolute link angles phi (n,) [rad]
+    and rates w [rad/s].
+    """
     n = len(phi)
     for k in range(n):
         p[k] = (body.B[k, k] + body.I[k]) * w[k]
@@ -54,11 +62,13 @@ def momentum(phi, w, body, p):
 
 
 def momentum_rate(phi, w, t, body, rate):
-    """Rate of the momentum (n,) that joint torques t (n + 1,) and gravity alone would make; N m.
+    """Write the rate (n,) [N m] of the generalized momentum that the joint torques t (n + 1,) and gravity cause without
+    contact.
 
-    d(M w)_k/dt = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_k w_l + Q_k,  here without Q
+    d(M w)_k/dt = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_k w_l + Q_k,  here with Q = 0
 
-    The sum is C^T w: no derivative of a rate is needed to find Q.
+    Q are the generalized forces of contact. The sum is C^T w. An observer finds Q by comparing this rate with the
+    momentum, without differentiating w.
 
     Source: De Luca and Mattone (2003), written for Eq. (5) [eq:eom]
     """

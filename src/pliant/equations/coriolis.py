@@ -1,10 +1,13 @@
-"""Centrifugal and Coriolis forces C dq of Eq. (5), with Mdot - 2C skew-symmetric."""
+"""Centrifugal and Coriolis matrix C of Eq. (5), in a form for which dM/dt - 2C is skew-symmetric."""
 
 from __future__ import annotations
 
 
 def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
-    """C (n, n) by the Christoffel symbols of M, from body Jacobians and Hessians of the centres of mass.
+    """Write the Coriolis matrix C (n, n) [N m s] of Eq. (5) in joint angles, from the Christoffel symbols of the
+    inertia M.
+
+    J (n, 2, n) and H (n, 2, n, n) are the body Jacobians and Hessians of the links' centres of mass.
 
     dM_ab/dq_r = sum_i m_i (H_i[:, a, r] . J_i[:, b] + J_i[:, a] . H_i[:, b, r])
     C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r
@@ -26,7 +29,13 @@ def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
 
 
 def inertia_derivative(J, H, m, tip, at):
-    """dM_ab/dq_r, kg m^2/rad, at = (a, b, r); `tip` its Jacobian, Hessian and mass. See `coriolis_from_hessian`."""
+    """Return dM_ab/dq_r [kg m^2/rad], one derivative of the inertia matrix by a joint angle, for indices `at` = (a, b,
+    r).
+
+    `tip` is (J_tip, H_tip, m_tip): Jacobian, Hessian and mass [kg] of the cap at the tip.
+
+    The other arguments are those of `coriolis_from_hessian`.
+    """
     a, b, r = at
     J_tip, H_tip, m_tip = tip
     value = m_tip * (
@@ -42,7 +51,10 @@ def inertia_derivative(J, H, m, tip, at):
 
 
 def coriolis_absolute(c, s, B, w, C):
-    """C (n, n) in absolute angles, given c = cos(phi), s = sin(phi) and w = dphi/dt.
+    """Write the Coriolis matrix C (n, n) [N m s] in absolute link angles, from their cosines c, sines s and rates w
+    [rad/s].
+
+    c = cos(phi), s = sin(phi), w = dphi/dt for absolute angles phi (n,) [rad].
 
     C_kl = B_kl sin(phi_k - phi_l) w_l;  Mdot - 2C = -B_kl sin(phi_k - phi_l) (w_k + w_l) is skew-symmetric
     """

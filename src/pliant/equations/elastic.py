@@ -1,28 +1,29 @@
-"""Springs, dampers, drive and gravity of Eq. (5)."""
+"""Spring, damper, actuation and gravity torques of a planar chain, as they enter Eq. (5)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-LEAST_STRETCH = 0.05  # of a segment: pressed further, it is none
-TERMS = 2  # of a spring's torque beyond the linear one: the first rows of `symbols.Joints.hardening`
-ROWS = TERMS + 1  # of `hardening`: the last one, R, bounds what the first term does to the slope
+LEAST_STRETCH = 0.05  # smallest admissible ratio of a segment's length to its unstretched length
+TERMS = 2  # number of nonlinear terms of a spring's torque: the first rows of `symbols.Joints.hardening`
+ROWS = TERMS + 1  # of `hardening`; the last one, R, bounds the change of the slope by the first term
 TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
-    """Torque of the spring of joint i, N m, on numbers or arrays: K q + K2 bend^2 + K3 bend^3, as many as `TERMS` says.
+    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i, for angles q and bend
+    [rad], scalars or arrays.
 
-    `q` [rad] is the joint's angle from where its spring holds nothing, `bend` [rad] the angle from the unloaded rest
-    shape; the two differ where hysteresis moves the first. K2 = K s, K3 = K a make springs K q (1 + s q + a q^2), which
-    soften (s < 0) and then stiffen (a > 0) with the angle; s = a = 0 is the paper's.
+    `q` [rad] is the joint's angle from where its spring is unloaded, `bend` [rad] the angle from the unloaded rest
+    shape. The two differ where hysteresis shifts the first. The number of terms beyond K q is `TERMS`. With K2 = K s
+    and K3 = K a the torque is K q (1 + s q + a q^2), which softens (s < 0) and then stiffens (a > 0) with the angle.
+    The paper has s = a = 0.
 
-    K2 comes with a factor (2/3) r (2 + r) / (1 + r), r = 1 / sqrt(1 + R bend^2), R = (4 s / (3 f))^2: its slope runs
-    steadily from 0 at rest to -f K far out on the side that softens, f K on the other, so that for f < 1 the torque
-    never runs out. R = 0 is no bound.
+    K2 is multiplied by (2/3) r (2 + r) / (1 + r), r = 1 / sqrt(1 + R bend^2), R = (4 s / (3 f))^2. The slope of this
+    term then goes from 0 at rest to -f K at large angles on the side that softens, and to f K on the other side. For
+    f < 1 the slope of K q and this term together stays positive. R = 0 means no bound.
 
-    The law of the springs is written in this and the next three functions, and nowhere else. On whole arrays i is a
-    slice of joints.
+    Only this and the next three functions contain the law of the springs. For whole arrays, i is a slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -35,7 +36,11 @@ def spring_torque(i, joints, q, bend):
 
 
 def spring_slope(i, joints, bend):
-    """Slope d(torque)/d(angle) of the spring of joint i, N m/rad: K + K2 bend (2/3) r (2 + r^2) + 3 K3 bend^2."""
+    """Return d(torque)/d(angle) [N m/rad] of the nonlinear spring of joint i, at the angle `bend` [rad] from its
+    unloaded shape.
+
+    K + K2 bend (2/3) r (2 + r^2) + 3 K3 bend^2, with r as in `spring_torque`.
+    """
     more = 0.0 * bend
     for k in range(TERMS - 1, 0, -1):
         more = (more + (k + 2.0) * joints.hardening[k, i]) * bend
@@ -45,10 +50,13 @@ def spring_slope(i, joints, bend):
 
 
 def spring_slope_between(i, joints, bend, change):
-    """Slope of a spring in the linearised step, N m/rad: that at the middle `bend` and how it changes with it.
+    """Return the derivative [N m/rad] of a spring's torque over one implicit time step by the joint angle `bend` [rad].
 
-    d/d(bend) of [torque + slope times half of `change`], both at `bend`: the slope of K and K2 there with half of
-    `change` times 2 K2 r^5, and p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
+    `bend` [rad] is the angle at which the step evaluates the spring, `change` [rad] twice the further turn of the joint
+    to the angle that the step finds.
+
+    d/d(bend) of [torque + slope change / 2], both at `bend`: the slope of K and K2 plus K2 r^5 `change`, and
+    p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
     """
     r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     curved = r * (2.0 + r * r) * TWO_THIRDS * bend + r * r * r * r * r * change
@@ -63,7 +71,11 @@ def spring_slope_between(i, joints, bend, change):
 
 
 def spring_energy(i, joints, q, bend):
-    """Energy of the spring of joint i, J, 0 at rest: K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4."""
+    """Return the elastic energy [J] of the nonlinear spring of joint i, at angle q [rad] of its linear and `bend` of
+    its other terms.
+
+    K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4, with q, bend and r as in `spring_torque`.
+    """
     root = np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     more = joints.hardening[0, i] * bend * bend * bend * (TWO_THIRDS / (1.0 + root))
     for k in range(1, TERMS):
@@ -75,11 +87,12 @@ def spring_energy(i, joints, q, bend):
 
 
 def joint_torques(phi, w, joints, torque, ahead, t):
-    """Net torque t (n,) of drive, spring and damper at each joint, with t[n] = 0 behind the last one; N m.
+    """Write the net torque t (n,) [N m] of actuation, spring and damper at each joint, and 0 to t[n].
 
     t_i = torque_i - spring_torque(q_i + ahead dq_i) - D_i dq_i
 
-    `ahead` [s] looks ahead along the present velocity: half a step in the implicit midpoint rule, 0 elsewhere.
+    `torque` (n,) is the actuation torque. `ahead` [s] extrapolates the angles along the present rates w: half a step in
+    the implicit midpoint rule, 0 elsewhere.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -98,7 +111,11 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
 
 def joint_tangents(phi, w, joints, ahead, slope):
-    """Slopes (n,) of the springs of `joint_torques`; N m/rad."""
+    """Write the stiffness (n,) [N m/rad] of each joint's spring to `slope`, at the link angles phi + ahead w (`ahead`
+    [s]).
+
+    `joint_torques` gives the torques of the same springs.
+    """
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -109,7 +126,10 @@ def joint_tangents(phi, w, joints, ahead, slope):
 
 
 def tangent(i, phi, joints):
-    """Slope of the spring of joint i, N m/rad: what is not positive holds nothing."""
+    """Return the stiffness [N m/rad] of the spring of joint i, at the absolute link angles phi (n,) [rad].
+
+    A slope that is not positive means that the spring no longer holds the joint.
+    """
     angle = phi[i] - joints.unloaded[i]
     if i > 0:
         angle = angle - phi[i - 1]
@@ -119,7 +139,7 @@ def tangent(i, phi, joints):
 
 
 def bending_energy(phi, joints):
-    """Energy of the springs of all joints at absolute angles phi, J."""
+    """Return the elastic energy [J] of all joint springs at the absolute link angles phi (n,) [rad]."""
     value = 0.0 * phi[0]
     before = joints.base_angle
     for i in range(len(joints.theta0)):
@@ -131,10 +151,12 @@ def bending_energy(phi, joints):
 
 
 def follows(phi, w, h, joints):
-    """Whether a step of h [s] could follow the chain to where it is, on real parts; not for what is not a number.
+    """Return whether a time step of h [s] is valid for a planar chain in the state (phi, w): no link turns too far and
+    every spring is stable.
 
-    No link turns by more than a radian, no spring has softened to nothing; and where segments lengthen, no strain
-    changes by more than 1, none is pressed to nothing.
+    The conditions are that no link turns by more than 1 rad in the step and that every spring has a positive slope.
+    Where segments lengthen, also that no strain changes by more than 1 and that no segment is compressed to below 5 %
+    of its length. Only real parts are compared.
     """
     for i in range(len(joints.theta0)):
         if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):
@@ -142,19 +164,29 @@ def follows(phi, w, h, joints):
     for i in range(len(joints.theta0), len(phi)):
         if not (abs((w[i] * h).real) <= 1.0 and phi[i].real > LEAST_STRETCH - 1.0):
             return False
+    for i in range(len(joints.theta0), joints.hardening.shape[1]):
+        if not spring_slope(i, joints, phi[i]).real > 0.0:
+            return False
     return True
 
 
 def gravity_absolute(c, s, body, g):
-    """Gravity torques g (n,) on the left-hand side of Eq. (5), in absolute angles; N m.
+    """Write the gravity torques g (n,) [N m] on the left-hand side of Eq. (5) in absolute angles, from cosines c and
+    sines s of the link angles.
 
-    g_k = h_k (gx cos phi_k + gy sin phi_k), the slope of the potential -sum m (gx x + gy y); c, s: cos, sin of phi.
+    g_k = h_k (gx cos phi_k + gy sin phi_k), the slope of the potential -sum m (gx x + gy y), with c = cos(phi) and
+    s = sin(phi).
     """
     for k in range(len(c)):
         g[k] = body.h[k] * (body.gx * c[k] + body.gy * s[k])
 
 
 def to_joint_torques(g):
-    """Carry torques from absolute to joint angles, in place: T^T g, T the lower triangle of ones (suffix sums)."""
+    """Transform generalized torques g (n,) [N m] from absolute link angles to joint angles, in place.
+
+    T^T g, with T the lower triangle of ones.
+
+    The product is computed by suffix sums.
+    """
     for i in range(len(g) - 2, -1, -1):
         g[i] = g[i] + g[i + 1]

@@ -1,12 +1,14 @@
-"""Energies and power of the chain: what the tests balance and what a trajectory reports. All in absolute angles."""
+"""Energies and power of a planar chain, in absolute link angles, with which tests check the energy balance."""
 
 from __future__ import annotations
 
-from pliant.equations.elastic import bending_energy
+from pliant.equations.elastic import bending_energy, spring_energy
 
 
 def kinetic_energy(c, s, w, body):
-    """1/2 w^T M w, J, given c = cos(phi), s = sin(phi) and w = dphi/dt."""
+    """Return the kinetic energy 1/2 w^T M w [J] of a planar chain, from cosines c, sines s and rates w [rad/s] of the
+    link angles.
+    """
     n = len(w)
     value = 0.0 * w[0]
     for k in range(n):
@@ -17,15 +19,24 @@ def kinetic_energy(c, s, w, body):
 
 
 def elastic_energy(phi, joints):
-    """Energy of the springs, J, 0 in the rest shape; those of the strains (n..n+S) of `phi` count too."""
+    """Return the elastic energy [J] of all joint springs and axial springs of a planar chain, 0 in the rest shape.
+
+    `phi` holds the absolute angles (n,), and behind them the strains (S,) of segments that lengthen.
+    """
     value = bending_energy(phi, joints)
-    for i in range(len(joints.theta0), len(phi)):
+    for i in range(len(joints.theta0), joints.hardening.shape[1]):
+        value = value + spring_energy(i, joints, phi[i], phi[i])
+    for i in range(joints.hardening.shape[1], len(phi)):
         value = value + 0.5 * joints.K[i] * phi[i] * phi[i]
     return value
 
 
 def gravity_energy(c, s, body):
-    """-sum m (gx x + gy y), J, zero where every link lies at the first joint; c = cos(phi), s = sin(phi)."""
+    """Return the gravitational energy -sum m (gx x + gy y) [J] of a planar chain, from cosines c and sines s of the
+    link angles.
+
+    It is zero where every link lies at the first joint.
+    """
     value = 0.0 * c[0]
     for k in range(len(c)):
         value = value + body.h[k] * (body.gx * s[k] - body.gy * c[k])
@@ -33,7 +44,10 @@ def gravity_energy(c, s, body):
 
 
 def damping_power(w, joints):
-    """sum_i D_i dq_i^2, W, what the dampers take; those of the extensions stand behind those of the joints."""
+    """Return the power [W] that the dampers of the joints and of extensible segments dissipate at the rates w.
+
+    sum_i D_i dq_i^2
+    """
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -46,7 +60,11 @@ def damping_power(w, joints):
 
 
 def input_power(w, torque, joints):
-    """sum_i torque_i dq_i + sum_s torque_s de_s, W, what the pressure gives: p dV/dt by virtual work."""
+    """Return the mechanical power [W] which the actuation `torque` supplies to joints and extensible segments at the
+    rates w.
+
+    sum_i torque_i dq_i + sum_s torque_s de_s, which is p dV/dt by virtual work.
+    """
     value = 0.0 * w[0]
     before = 0.0 * w[0]
     for i in range(len(joints.theta0)):
@@ -58,9 +76,12 @@ def input_power(w, torque, joints):
 
 
 def add_step_work(w, h, torque, joints, work, total):
-    """Add what a step of `motion.step` took to total (2,) [J]: input work, and loss of the dampers, by the middle rate.
+    """Add the work of the actuation and the loss in the dampers over one time step to total (2,) [J], using the
+    mid-step rates.
 
-    w: rates (n,) after the step, which leaves its turns over half the time in work.a.
+    The step is one of `motion.step`.
+
+    `w` (n,) are the rates after the step. `work.a` still holds the change of the rates over the step.
     """
     for i in range(len(w)):
         work.c[i] = w[i] - 0.5 * work.a[i]

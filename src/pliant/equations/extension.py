@@ -1,28 +1,33 @@
-"""A body that lengthens: the chain of Eq. (5) with one uniform axial strain e_s for each of its segments.
+"""Planar chain whose segments lengthen: Eq. (5) with one uniform axial strain as an additional coordinate for each
+segment.
 
-Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s
-with a_ks the share of link k that lies in segment s. Index 0 of the links is the part between the origin and the first
-joint: it lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic
-energy is 1/2 sum_kl B_kl u'_k . u'_l and B is the constant of the chain that does not lengthen, rotary inertia on its
-diagonal: a rod that stretches takes its own with it. So
+Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s,
+where a_ks is the fraction of link k that lies in segment s. Link 0 is the part between the origin and the first joint,
+which lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic energy
+is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not lengthen, with the rotary inertia on its
+diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
 
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
 M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
 
-and all else is what an acceleration of each u_k meets (`carried`), seen along n_k by phi_k and along e_k by the
-strains. Without segments it is `motion`, which runs where nothing lengthens. Derived for Eq. (5) [eq:eom].
+All other inertial terms are the forces b_k = sum_l B_kl u''_l (`carried`), projected on n_k for phi_k and on e_k for
+the strains. Chains without such segments use `motion` instead. Derived for Eq. (5) [eq:eom].
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.elastic import joint_tangents, joint_torques
+from pliant.equations.elastic import joint_tangents, joint_torques, spring_slope, spring_torque
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def place(x, v, ahead, body, joints, work):
-    """Cosine, sine and stretch (n + 1,) of all links, `ahead` [s] along the rates v, into `work`."""
+    """Write cosine, sine and stretch of each link, and of the part before joint 1, to `work`, at the extrapolated
+    coordinates x + ahead v.
+
+    `ahead` [s] extrapolates along the rates v.
+    """
     n = len(joints.theta0)
     for k in range(n + 1):
         angle = joints.base_angle
@@ -37,7 +42,13 @@ def place(x, v, ahead, body, joints, work):
 
 
 def carried(body, work):
-    """b_k = sum_l B_kl a_l for vectors a (n + 1,) of `work`, in one sweep each way: B_kl = l_k h_l for k < l."""
+    """Multiply vectors (work.ax, work.ay) of the n + 1 links by the constant inertia matrix B, and write the products
+    to work.bx, work.by.
+
+    b_k = sum_l B_kl a_l, with a the vectors in work.ax, work.ay and b those in work.bx, work.by.
+
+    One sweep in each direction suffices, because B_kl = l_k h_l for k < l.
+    """
     last = len(body.l) - 1
     x = 0.0 * work.ax[0]
     y = 0.0 * work.ay[0]
@@ -56,7 +67,11 @@ def carried(body, work):
 
 
 def along_strain(s, body, work):
-    """sum_k a_ks e_k . b_k: what a vector b_k on every link does along the strain s."""
+    """Return the generalized force of strain number s due to the force vectors (work.bx, work.by)
+    of the n + 1 links.
+
+    sum_k a_ks e_k . b_k, with a_ks the fraction of link k that lies in segment s and e_k the direction of link k.
+    """
     value = 0.0 * work.bx[0]
     for k in range(len(body.l)):
         value = value + body.share[k, s] * (work.c[k] * work.by[k] - work.s[k] * work.bx[k])
@@ -64,7 +79,11 @@ def along_strain(s, body, work):
 
 
 def inertia(body, work, M):
-    """The lower triangle of M (n + S, n + S), kg m^2, of links as `place` left them."""
+    """Write the lower triangle of the inertia matrix M (n + S, n + S) of n link angles and S strains, for the link
+    poses in `work`.
+
+    `place` writes the poses of the links to `work`.
+    """
     n = len(body.l) - 1
     c = work.c
     s = work.s
@@ -85,10 +104,12 @@ def inertia(body, work, M):
 
 
 def inertial_forces(v, body, work, f):
-    """Centrifugal, Coriolis and gravity forces f (n + S,) on the left-hand side of Eq. (5), at rates v; N m.
+    """Write the centrifugal, Coriolis and gravity forces f (n + S,) [N m] of n link angles and S strains, at the rates
+    v (n + S,).
 
-    What the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l meet, less the weight:
     f_k = st_k n_k . (b_k - h_k g),  f_s = sum_k a_ks e_k . (b_k - h_k g)
+
+    with b of `carried` for the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l at constant rates.
     """
     n = len(body.l) - 1
     c = work.c
@@ -115,9 +136,11 @@ def inertial_forces(v, body, work, f):
 
 
 def acceleration(x, v, torque, body, joints, work, a):
-    """Accelerations a (n + S,) of angles [rad/s^2] and strains [1/s^2]; as `motion.acceleration`.
+    """Write the accelerations a (n + S,) of n link angles [rad/s^2] and S segment strains [1/s^2], at coordinates x and
+    rates v.
 
-    `torque` (n + S,) is what drives each joint and each strain [N m]. `work.A` keeps the factors of M.
+    `torque` (n + S,) [N m] is the actuation of each joint and each strain. `work.A` keeps the factors of M. The planar
+    chain of constant length has `motion.acceleration`.
 
     Paper: Eq. (5) [eq:eom], of a body that lengthens
     """
@@ -128,18 +151,39 @@ def acceleration(x, v, torque, body, joints, work, a):
     inertial_forces(v, body, work, work.f)
     for k in range(n):
         a[k] = t[k] - t[k + 1] - work.f[k]
+    axial_forces(x, v, joints, torque, 0.0, a)
     for i in range(n, len(x)):
-        a[i] = torque[i] - joints.K[i] * x[i] - joints.D[i] * v[i] - work.f[i]
+        a[i] = a[i] - work.f[i]
     inertia(body, work, work.A)
     ldl_factor(work.A)
     ldl_solve(work.A, a)
 
 
-def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (n + S,) in place by h [s] under the mean torques (n + S,): the step of `motion.step`.
+def axial_forces(x, v, joints, torque, ahead, f):
+    """Net forces of drive, spring and damper along each strain, times its length, behind the n entries of f; N m.
 
-    Springs, dampers and the slope of gravity are implicit, of the axial springs as of the joints; what goes with the
-    square of the rates is taken at their middle by a second solve with the same factors.
+    The law of the springs is that of the joints, with the strain in the place of the angle: EA e (1 + s e + a e^2) with
+    bounded softening, see `elastic.spring_torque`. `ahead` [s] looks ahead along the rates v.
+    """
+    n = len(joints.theta0)
+    for i in range(n, joints.hardening.shape[1]):
+        e = x[i] + ahead * v[i]
+        f[i] = torque[i] - spring_torque(i, joints, e, e) - joints.D[i] * v[i]
+    for i in range(joints.hardening.shape[1], len(x)):
+        f[i] = torque[i] - joints.K[i] * (x[i] + ahead * v[i]) - joints.D[i] * v[i]
+    for i in range(len(joints.rest)):
+        f[n + i] = f[n + i] + joints.K[n + i] * joints.rest[i]
+
+
+def step(x, v, h, torque, body, joints, work):
+    """Advance n link angles and S strains x (n + S,), and their rates v, in place by one implicit step h [s] under the
+    mean actuation `torque`.
+
+    The rule is that of `motion.step`.
+
+    Springs, dampers and the slope of gravity are implicit, for the axial springs as for the joints. Terms quadratic in
+    the rates are evaluated at the rates in mid-step by a second solve with the same factors. `work.a` keeps the change
+    of v.
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] of a body that lengthens
     """
@@ -153,10 +197,13 @@ def step(x, v, h, torque, body, joints, work):
     joint_torques(x, v, joints, torque, half, t)
     for k in range(n):
         r[k] = h * (t[k] - t[k + 1])
+    axial_forces(x, v, joints, torque, half, r)
     for i in range(n, len(x)):
-        r[i] = h * (torque[i] - joints.K[i] * (x[i] + half * v[i]) - joints.D[i] * v[i])
+        r[i] = h * r[i]
     inertia(body, work, A)
     joint_tangents(x, v, joints, half, a)
+    for i in range(n, joints.hardening.shape[1]):
+        a[i] = spring_slope(i, joints, x[i] + half * v[i])
     implicit_terms(half, body, joints, work, A)
     ldl_factor(A)
     inertial_forces(v, body, work, work.f)
@@ -175,10 +222,13 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def implicit_terms(half, body, joints, work, A):
-    """Add to the lower triangle of A what a step of 2 `half` [s] takes as implicit; `work.a` has the springs' slopes.
+    """Add the damping, stiffness and gravity terms of an implicit step of 2 `half` [s] to the lower triangle of its
+    matrix A.
 
-    h/2 D + h^2/4 (K + G), G the slope of gravity: h_k st_k (g_y cos - g_x sin) among angles, a_ks h_k (g_x cos +
-    g_y sin) between an angle and a strain.
+    The terms are h/2 D + h^2/4 (K + G), with the step h = 2 `half`.
+
+    G is the slope of gravity: h_k st_k (g_y cos - g_x sin) on the diagonal of the angles, a_ks h_k (g_x cos + g_y sin)
+    between an angle and a strain. `work.a` holds the slopes of the joint springs [N m/rad].
     """
     n = len(joints.theta0)
     quarter = half * half
@@ -194,16 +244,20 @@ def implicit_terms(half, body, joints, work, A):
         weight = quarter * body.h[k + 1] * (body.gx * c + body.gy * s)
         for i in range(n, A.shape[0]):
             A[i, k] = A[i, k] + body.share[k + 1, i - n] * weight
-    for i in range(n, A.shape[0]):
+    for i in range(n, joints.hardening.shape[1]):
+        A[i, i] = A[i, i] + half * joints.D[i] + quarter * work.a[i]
+    for i in range(joints.hardening.shape[1], A.shape[0]):
         A[i, i] = A[i, i] + half * joints.D[i] + quarter * joints.K[i]
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add to the torques work.tau (n + S,) of joints and strains those of forces at points of the links, N m.
+    """Add the generalized forces [N m] of external forces on an extensible planar chain to work.tau (n + S,), for n
+    joints and S strains.
 
-    `load` (n + 1, 4) holds for each link, the part before the first joint first, what it carries along itself times the
-    force, which stretches with it, and behind that what it carries across, which does not. With L_k and R_k of these
-    Q_k = n_k . (st_k L_k + R_k) and Q_s = sum_k a_ks e_k . L_k, at angles and strains `ahead` [s] along v.
+    `load` (n + 1, 4) [N m] holds two vectors for each link, beginning with the part before the first joint: L_k, the
+    sum of forces times their distance along the link, which stretches with it, and R_k, the sum of forces times their
+    distance across the link, which does not stretch. Q_k = n_k . (st_k L_k + R_k) and Q_s = sum_k a_ks e_k . L_k, at
+    the angles and strains x + ahead v (`ahead` in s).
 
     Source: virtual work, as `contact.add_link_loads`
     """
@@ -226,7 +280,11 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
 
 
 def kinetic_energy(x, v, body, joints, work):
-    """1/2 v^T M v, J: 1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k."""
+    """Return the kinetic energy 1/2 v^T M v [J] of an extensible planar chain with coordinates x
+    and rates v (n + S,).
+
+    1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k
+    """
     n = len(joints.theta0)
     place(x, v, 0.0, body, joints, work)
     for k in range(n + 1):
@@ -246,7 +304,9 @@ def kinetic_energy(x, v, body, joints, work):
 
 
 def gravity_energy(x, v, body, joints, work):
-    """-sum m (gx x + gy y), J, zero where all mass lies at the origin."""
+    """Return the gravitational energy -sum m (gx x + gy y) [J] of an extensible planar chain, 0 where all mass is at
+    the origin.
+    """
     place(x, v, 0.0, body, joints, work)
     value = 0.0 * x[0]
     for k in range(len(body.l)):

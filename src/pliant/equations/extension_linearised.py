@@ -1,22 +1,29 @@
-"""The exact Jacobian of one implicit step of `extension.step`: as `linearised`, of a body that lengthens.
+"""Exact Jacobian of one implicit time step of a planar chain whose segments lengthen.
 
-Both solves of the step ask that F = h f + M a meets what drive, springs and dampers give. Seen by link k that is
-st_k n_k . (b_k - h h_k g), and e_k . of the same by the strains, with b_k what an acceleration of each u_l meets:
-`met` along n_l and e_l. A turn of link j moves its own two directions and, through b, all other links.
+The step is `extension.step`.
+
+Both solves of the step balance F = h f + M a with the torques of actuation, springs and dampers. The component of F for
+the angle of link k is st_k n_k . (b_k - h h_k g), and for a strain it is e_k . of the same vector. b_k is the sum of
+`extension.carried` for the accelerations of all u_l; `met` returns these along n_l and e_l. A turn of link j changes
+its own two directions and, through b, the forces of all other links.
 """
 
 from __future__ import annotations
 
+from pliant.equations.elastic import spring_slope_between
 from pliant.equations.extension import along_strain, carried, inertial_forces, step
 from pliant.equations.linearised import finish, tridiagonal_terms
 from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
-    """Advance x and v (N,), N = n + S, in place as `extension.step`, and give the Jacobian J (3N, 2N) of that step.
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
+    and torques to J (3N, 2N).
 
-    J[v, u] = d(x', v')_u / d(x, v, t)_v, row by variable, t [N m] being a further torque of each joint and of each
-    strain that is held over the step.
+    `extension.step` makes the same step without derivatives. N = n + S, for n link angles and S strains.
+
+    J[v, u] = d(x', v')_u / d(x, v, t)_v: one row for each variable. t (N,) [N m] are additional torques of the joints
+    and strains, constant over the step.
 
     Paper: Eq. (5) [eq:eom] of a body that lengthens, discretised and differentiated
     """
@@ -36,7 +43,7 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
         for u in range(2 * N):
             J[N + k, u] = 0.5 * h * J[k, u]  # the rates move the middle by half a step
     tridiagonal_terms(x, v, h, joints, work, J)
-    axial_terms(h, joints, J)
+    axial_terms(x, v, h, joints, work, J)
     for i in range(N):
         work.v[i] = v[i] - work.a[i]
     for k in range(N):
@@ -58,9 +65,14 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Take from row (N,) the change of h f as the rates work.v (N,) change by work.t (N,); the latter is used up.
+    """Subtract from row (N,) the change of the inertial impulse h f(v) [N m s] that a change work.t (N,) of the rates
+    causes.
 
-    Half of h f at v + t less that at v - t: exact, since f goes with the square of the rates.
+    work.t is overwritten.
+
+    work.v (N,) are the rates v, f the inertial forces at these rates, and h [s] the step.
+
+    The change is h/2 (f(v + t) - f(v - t)), which is exact because f is quadratic in the rates.
     """
     N = len(row)
     for side in range(2):
@@ -68,14 +80,17 @@ def other_rates(h, body, work, row):
             work.t[i] = work.v[i] + work.t[i]
         inertial_forces(work.t, body, work, work.f)
         for i in range(N):
-            work.t[i] = work.v[i] - work.t[i]  # back to the change, to the other side
+            work.t[i] = work.v[i] - work.t[i]  # v - t in the second pass
             row[i] = row[i] + (side - 0.5) * h * work.f[i]
 
 
 def moved_middles(v, h, body, work, J):
-    """Right-hand sides of both solves of `step_jacobian` for a move of each middle angle and strain.
+    """Write the derivatives of the step's residuals by the mid-step coordinates to the first N rows of its Jacobian J
+    (3N, 2N).
 
-    The first N entries of a row belong to the first solve (in `work.r`), the others to the second (in `work.a`).
+    The rows hold the right-hand sides of both solves of `step_jacobian`.
+
+    The first N entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """
     N = len(v)
     for stage in range(2):
@@ -98,7 +113,10 @@ def moved_middles(v, h, body, work, J):
 
 
 def met(k, h, a, body, work):
-    """Acceleration of u_k over a step along n_k and e_k: h times that of the rates work.v, and that of a (N,)."""
+    """Return the change of the velocity of link k over a step of h [s], across the link and along the link.
+
+    This is h times the acceleration at constant rates `work.v`, plus the part of the change a (N,) of the rates.
+    """
     n = len(body.l) - 1
     turn = 0.0 * a[0]
     alpha = 0.0 * a[0]
@@ -114,7 +132,14 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """What a move does to the directions by which a link sees b - h h_k g, b in `work.bx`, and to gravity's slope."""
+    """Add to the Jacobian J the effect of each link's own turn and stretch on the projection of the force on this link.
+
+    The force is b - h h_k g, projected on the link's own directions n_k and e_k.
+
+    The derivative of gravity's slope is included.
+
+    b is in `work.bx`, `work.by`. `o` is the first column of the solve at hand.
+    """
     n = len(body.l) - 1
     quarter = 0.25 * h * h
     for k in range(1, n + 1):
@@ -135,7 +160,11 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Into `work.ax`: how the accelerations that `met` tells change with angle or strain `row`."""
+    """Write the derivatives of all links' velocity changes by coordinate number `row` to work.ax
+    and work.ay (n + 1,).
+
+    The velocity change of link k is that of `met`.
+    """
     n = len(body.l) - 1
     for k in range(n + 1):
         across = 0.0 * a[0]
@@ -152,7 +181,9 @@ def other_links(row, h, a, body, work):
 
 
 def seen(body, work, row):
-    """Take from row (N,) what the vectors b_k in `work.bx` do to each angle and strain."""
+    """Subtract from row (N,) the generalized forces of the force vectors (work.bx, work.by) along each link angle and
+    strain.
+    """
     n = len(body.l) - 1
     for k in range(n):
         across = work.c[k + 1] * work.bx[k + 1] + work.s[k + 1] * work.by[k + 1]
@@ -161,13 +192,21 @@ def seen(body, work, row):
         row[n + s] = row[n + s] - along_strain(s, body, work)
 
 
-def axial_terms(h, joints, J):
-    """Add what springs and dampers of the strains, and their torques, give to both solves of `step_jacobian`."""
+def axial_terms(x, v, h, joints, work, J):
+    """Add the derivatives of the segments' axial springs, dampers and torques to the step's Jacobian J (3N, 2N).
+
+    x and v are those after the step, as in `linearised.tridiagonal_terms`.
+    """
     N = len(joints.K)
     for i in range(len(joints.theta0), N):
         spring = h * joints.K[i]
         for stage in range(2):
             o = stage * N + i
+            if i < joints.hardening.shape[1]:
+                change = work.r[i]
+                if stage == 1:
+                    change = work.a[i]
+                spring = h * spring_slope_between(i, joints, x[i] - 0.5 * h * v[i], 0.5 * h * change)
             J[i, o] = J[i, o] - spring
             J[N + i, o] = J[N + i, o] - h * (0.5 * spring + joints.D[i])
             J[2 * N + i, o] = J[2 * N + i, o] + h

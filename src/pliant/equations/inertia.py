@@ -1,14 +1,15 @@
-"""The generalized inertia matrix M of Eq. (5): from the body Jacobians, and in absolute angles."""
+"""Generalized inertia matrix M of Eq. (5) of a planar chain, in joint angles and in absolute link angles."""
 
 from __future__ import annotations
 
 
 def inertia_from_jacobians(J, m, I, J_tip, m_tip, M):
-    """M (n, n) from body Jacobians J (n, 2, n) of the links' centres of mass.
+    """Write the inertia matrix M (n, n) [kg m^2] in joint angles, from the Jacobians J (n, 2, n) of the links' centres
+    of mass.
 
     M = sum_i m_i J_i^T J_i + I_i 1_i^T 1_i + m_tip J_tip^T J_tip,  1_i = (1, ..., 1, 0, ..., 0) with i ones
 
-    J_tip (2, n) is the Jacobian of the last link's tip, which carries the cap m_tip [kg].
+    J_tip (2, n) is the Jacobian of the last link's tip, where the cap of mass m_tip [kg] sits.
 
     Paper: Eq. (5) [eq:eom], by the recursive formulation of Godage et al., IJRR 35(6), 2016
     """
@@ -22,7 +23,10 @@ def inertia_from_jacobians(J, m, I, J_tip, m_tip, M):
 
 
 def body_constants(l, m, c, m_tip, B, h):
-    """Constants of the inertia in absolute angles: B (n, n) [kg m^2] and first moments h (n,) [kg m].
+    """Write the constants of a planar chain's inertia in absolute angles: matrix B (n, n) [kg m^2] and first moments h
+    (n,) [kg m].
+
+    From link lengths l (n,) [m], masses m (n,) [kg], and the mass m_tip [kg] at the last tip.
 
     With a_jk = l_k (k < j), c_j (k = j), 0 (k > j):  B_kl = sum_j m_j a_jk a_jl + m_tip l_k l_l and
     h_k = sum_j m_j a_jk + m_tip l_k. c_j [m] is the distance of the centre of mass of link j from its joint.
@@ -40,7 +44,8 @@ def body_constants(l, m, c, m_tip, B, h):
 
 
 def inertia_absolute(c, s, B, I, M):
-    """Inertia M (n, n) in absolute angles, given c = cos(phi) and s = sin(phi).
+    """Write the inertia matrix M (n, n) [kg m^2] in absolute link angles, from the cosines c and sines s of these
+    angles.
 
     M_kl = B_kl cos(phi_k - phi_l) + I_k delta_kl
     """
@@ -53,9 +58,12 @@ def inertia_absolute(c, s, B, I, M):
 
 
 def to_joint_angles(X, Y):
-    """Carry a matrix from absolute to joint angles: Y = T^T X T, T the lower triangle of ones (suffix sums).
+    """Transform an inertia or Coriolis matrix X (n, n) from absolute link angles to joint angles, and write the result
+    to Y.
 
-    Serves M and C alike: phi = T q, and T is constant.
+    Y = T^T X T, with T the lower triangle of ones.
+
+    This holds for M and for C, because phi = T q with a constant T.
     """
     n = X.shape[0]
     for a in range(n - 1, -1, -1):

@@ -1,4 +1,4 @@
-"""What a torque law is: a few numbers with a meaning, and the torque that they make of a pressure."""
+"""Interface of a torque law, which gives the joint torque as a function of pressure: its parameters and functions."""
 
 from __future__ import annotations
 
@@ -12,34 +12,35 @@ Array = np.ndarray
 
 
 class LawParameter(NamedTuple):
-    """One number of a law, SI."""
+    """One parameter of a torque law: its unit, bounds, typical size and meaning, in SI units."""
 
     unit: str
     lower: float
     upper: float
-    scale: float  # a typical size; 0: from where a fit begins
+    scale: float  # a typical size; 0: the value at the start of a fit
     meaning: str
 
 
 @dataclass(frozen=True)
 class TorqueLaw:
-    """A law of few numbers.
+    """A torque law: joint torque as a function of the chamber's pressure, with its parameters.
 
     Attributes
     ----------
     name : str
-        A fit calls its parameters ``NAME_parameter``.
+        In a fit the parameters of the law are called ``NAME_parameter``.
     parameters : dict of str to LawParameter
     coefficients : callable or None
-        Of a polynomial: of the parameters by their names the coefficients (k,) of pressure, pressure^2, ...
-        [N m/Pa^i], at most 16.
+        For a polynomial law: a function which takes the parameters as keyword arguments and returns the coefficients
+        (k,) of pressure, pressure^2, ... [N m/Pa^i], at most 16. None for a law with a `lever`.
     start : callable
-        Where a fit begins: of pressures (T,) [Pa] and torques (T,) [N m] at rest, a value for each parameter.
+        Starting values of a fit: takes pressures (T,) [Pa] and torques (T,) [N m] at rest, and returns a value for each
+        parameter.
     scale : str
         The parameter that multiplies the whole torque.
     lever : callable, optional
-        Kernel of a law that is no polynomial: its torque for each pascal [N m/Pa], of a pressure p [Pa] and the
-        parameters a (k,) in their order, which a chamber holds as `torque`.
+        Kernel of a law that is not a polynomial: takes a pressure p [Pa] and the parameters a (k,) in their order, and
+        returns the torque per pascal [N m/Pa]. A chamber holds these parameters as `torque`.
     """
 
     name: str
@@ -50,14 +51,22 @@ class TorqueLaw:
     lever: Callable[[Any, Any], Any] | None = None
 
     def scaling(self) -> str:
-        """What a fit calls the parameter that multiplies the whole torque."""
+        """Return the name of the fit parameter that multiplies the whole torque of this law, for example
+        ``saturating_lever``.
+        """
         return f"{self.name}_{self.scale}"
 
     def numbers(self, values: Mapping[str, float]) -> Array:
-        """What a chamber holds as `torque` for `values` of all parameters, by the law's own names."""
+        """Return the coefficients (k,) that a chamber of this torque law stores as `torque`, from the parameter values.
+
+        These are the coefficients of a polynomial law, else the parameters in their order. `values` uses the law's own
+        names.
+        """
         own = [values[p] for p in self.parameters] if self.coefficients is None else self.coefficients(**values)
         return np.asarray(own, dtype=float)
 
     def own(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The parameters of the law among `values`, by the law's own names."""
+        """Return the parameters of this torque law from all parameter values of a fit, without the law's name as a
+        prefix.
+        """
         return {p: values[f"{self.name}_{p}"] for p in self.parameters if f"{self.name}_{p}" in values}

@@ -1,7 +1,7 @@
-"""Torque laws of one input: the polynomial, and those that have a kernel of their own.
+"""Torque laws for one pressure: the polynomial law, and the registry of laws that have their own function.
 
-A law with a kernel is one file, such as `saturating_law`; it is entered here twice: in `LAWS`, and in `lever` under its
-number, which is its place in `LAWS` counted from 1. Chambers carry that number through every kernel as `form`.
+A law with a kernel is one file, such as `saturating_law`. It is registered here twice: in `LAWS`, and in `lever` under
+its number, which is its position in `LAWS` counted from 1. Chambers carry this number through every kernel as `form`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ NUMBERS = {POLYNOMIAL: 0.0, **{law.name: k + 1.0 for k, law in enumerate(LAWS)}}
 
 
 def lever(p, a, form):
-    """Torque for each pascal [N m/Pa] of a law at the pressure p [Pa], a (k,) its numbers.
+    """Return the torque per unit pressure [N m/Pa] at the pressure p [Pa], for the law number `form` with coefficients
+    `a` (k,).
 
-    Of the polynomial, form 0: a_1 + a_2 p + a_3 p^2 + ...
+    `a` (k,) are the numbers of the law, `form` selects it (see `NUMBERS`). For the polynomial, form 0: a_1 + a_2 p +
+    a_3 p^2 + ...
     """
     if form.real == 1.0:
         return saturating_lever(p, a)
@@ -28,7 +30,10 @@ def lever(p, a, form):
 
 
 def secant(p0, p1, a, first):
-    """Slope of the secant of the polynomial (a_first, a_first+1, ...) between two pressures [Pa], also equal ones.
+    """Return the secant slope of the polynomial a[first] p + a[first + 1] p^2 + ... between the pressures p0 and p1
+    [Pa].
+
+    The pressures may be equal.
 
     (tau(p1) - tau(p0)) / (p1 - p0) = sum_k a_k (p0^{k-1} + p0^{k-2} p1 + ... + p1^{k-1})
     """
@@ -43,9 +48,13 @@ def secant(p0, p1, a, first):
 
 
 def lever_secant(p0, p1, a, form):
-    """Slope of the secant of a law's lever between two pressures [Pa], also where they are equal; N m/Pa^2.
+    """Return the secant slope [N m/Pa^2] of the torque per unit pressure between two pressures [Pa], which may be
+    equal.
 
-    Of a law with a kernel of its own between points a little further apart, so that equal pressures need no other way.
+    `lever` gives the torque per unit pressure.
+
+    For a law with a kernel of its own, the two points are moved slightly apart, so that equal pressures are no special
+    case.
     """
     if form.real == 0.0:
         return secant(p0, p1, a, 1)
@@ -55,10 +64,12 @@ def lever_secant(p0, p1, a, form):
 
 
 def law_torque(p, a, form):
-    """Torque [N m] of a law at the pressure p [Pa], a (k,) its numbers."""
+    """Return the torque [N m] at the pressure p [Pa], for the torque law number `form` with coefficients `a` (k,)."""
     return lever(p, a, form) * p
 
 
 def law_slope(p, a, form):
-    """Slope [N m/Pa] of a law at the pressure p [Pa]."""
+    """Return d(torque)/dp [N m/Pa] at the pressure p [Pa], for the torque law number `form` with
+    coefficients `a` (k,).
+    """
     return lever(p, a, form) + p * lever_secant(p, p, a, form)

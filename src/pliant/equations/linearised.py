@@ -1,7 +1,7 @@
-"""The exact Jacobian of one implicit step of `motion.step`: what an estimator or a controller linearises about.
+"""Exact Jacobian of one implicit time step of a planar chain of constant length, for estimators and controllers.
 
-Differentiated by hand from the two solves of the step, whose factors are used again. A test holds it to the complex
-step through the very text of `motion.step`.
+The derivatives are written out by hand from the two solves of the step and use its factors again. A test compares them
+with complex-step derivatives of `motion.step`.
 """
 
 from __future__ import annotations
@@ -12,10 +12,13 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(phi, w, h, torque, body, joints, work, J):
-    """Advance phi and w (n,) in place as `motion.step`, and give the Jacobian J (3n, 2n) of that step.
+    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s], and write the step's derivatives by
+    phi, w and joint torques to J (3n, 2n).
 
-    J[v, u] = d(phi', w')_u / d(phi, w, t)_v, row by variable, t_i [N m] being a further torque of joint i that is held
-    over the step.
+    `motion.step` makes the same step without derivatives.
+
+    J[v, u] = d(phi', w')_u / d(phi, w, t)_v: one row for each variable. t_i [N m] is an additional torque of joint i,
+    constant over the step.
 
     Paper: Eq. (5) [eq:eom], discretised and differentiated
     """
@@ -55,9 +58,12 @@ def step_jacobian(phi, w, h, torque, body, joints, work, J):
 
 
 def turned_directions(w, h, body, work, J):
-    """Right-hand sides of both solves of `step_jacobian` for a turn of each link's middle direction.
+    """Write the derivatives of the step's residuals by the mid-step link angles to the first n rows of its Jacobian J
+    (3n, 2n).
 
-    The first n entries of a row belong to the first solve (in `work.r`), the others to the second (in `work.a`).
+    The rows hold the right-hand sides of both solves of `step_jacobian`.
+
+    The first n entries of a row belong to the first solve (solution in `work.r`), the others to the second (`work.a`).
     """
     n = len(w)
     c = work.c
@@ -84,11 +90,13 @@ def turned_directions(w, h, body, work, J):
 
 
 def tridiagonal_terms(phi, w, h, joints, work, J):
-    """Add what springs, dampers and joint torques give to both right-hand sides of `step_jacobian`.
+    """Add the derivatives of joint springs, dampers and torques to the residuals' derivatives in the step's Jacobian J.
 
-    phi and w are those after the step: phi - h/2 w are the middle angles that the step looked ahead to. The change of
-    the step's matrix with them takes the springs' slope to where the solution of each stage puts the middle. Rows of a
-    body that lengthens are longer by its strains.
+    They belong to both right-hand sides of `step_jacobian`.
+
+    phi and w are the values after the step; phi - h/2 w are the mid-step angles which the step extrapolated from its
+    start. The slope of each spring includes the change of the step's matrix with these angles, for the solution of each
+    stage. For a body that lengthens, w and the rows of J also contain its strains.
     """
     N = len(w)
     for i in range(len(joints.theta0)):
@@ -121,7 +129,11 @@ def tridiagonal_terms(phi, w, h, joints, work, J):
 
 
 def finish(h, J):
-    """From the change of the rates to that of the whole state: dphi' = dphi + h (dw + da/2), dw' = dw + da."""
+    """Convert J (3n, 2n) from derivatives of the rate changes of a time step to derivatives of the angles and rates
+    after it.
+
+    dphi' = dphi + h (dw + da/2), dw' = dw + da, for the change a of the rates.
+    """
     n = J.shape[1] // 2
     for v in range(3 * n):
         for k in range(n):

@@ -1,30 +1,34 @@
-"""Memory of the joints: creep (Prony), rate-independent friction (Maxwell-slip) and Bouc-Wen, beside Eq. (5).
+"""Hysteresis torques of the joints, in addition to Eq. (5): creep (Prony), rate-independent friction (Maxwell-slip) and
+Bouc-Wen.
 
-Every joint i carries K_i r_i beside its spring, r_i [rad] being a sum over branches whose states are angles, the same
-normalised law for all joints:
+Every joint i carries the torque K_i r_i in addition to its spring. r_i [rad] is a sum over branches, whose states are
+angles. The law is the same for all joints, relative to their K_i:
 
     r = sum_j creep_share_j (q - xi_j) + sum_j slip_share_j e_j + boucwen_share z
 
-Within one step each branch is a straight line in the joint's middle angle, r = slope q_m + offset. So the step of
-`motion.step` stays as it is: it sees a stiffer spring K_i (1 + slope_i) with another rest angle. What a branch gives
-back and what it dissipates add up to what it takes at every step, whatever the step's length.
+Within one step, r is a linear function of the joint's mid-step angle, r = slope q_m + offset. `motion.step` can
+therefore be used unchanged, with a stiffer spring K_i (1 + slope_i) and another rest angle. In every step, whatever its
+length, the energy that a branch takes up equals the energy that it stores, returns and dissipates.
 
-Comparisons look at real parts: derivatives by complex step pass through.
+Comparisons use real parts, so that derivatives by complex step are preserved.
 """
 
 from __future__ import annotations
 
 from pliant.equations.motion import step
 
-TRIALS = 60  # solves of one step before it is given up; one or two are the rule
-CALM = 12  # from this trial on, half-way moves: they end a cycle between two sets of sticking branches
-AGREE = 1e-12  # rad, between what the step took for r and what the branches deliver
+TRIALS = 60  # solves of one step, at most; one or two are usual
+CALM = 12  # from this trial on, moves are halved, which ends a cycle between two sets of sticking branches
+AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of the branches after it
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Slope and offset (n,) of the creep part of r over a step of h [s], whatever the turn.
+    """Write the creep part of each joint's hysteresis angle as a linear function (slope, offset [rad]) of its mid-step
+    angle, over h [s].
 
-    The implicit midpoint rule:  q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
+    r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
+
+    q_m - xi_m = (q_m - xi) / (1 + a),  a = h / (2 creep_time)
     """
     for i in range(len(q)):
         slope[i] = 0.0 * q[i]
@@ -37,9 +41,14 @@ def creep_lines(q, h, state, memory, slope, offset):
 
 
 def friction_line(e, q, dq, share, limit):
-    """Slope and offset of one slip element of stretch e over a step in which its joint is thought to turn by dq.
+    """Return slope and offset [rad] of a slip element's hysteresis angle, linear in the mid-step joint angle, over a
+    turn dq [rad] from q.
 
-    It sticks, r = share (e + q_m - q), where |e + dq| <= limit; else it ends there, r = share (e +- limit) / 2.
+    `e` is the stretch of the element at the start, `limit` [rad] the stretch at which it slips. The pair describes r =
+    slope q_m + offset, with q_m the joint angle in mid-step.
+
+    The element sticks, r = share (e + q_m - q), where |e + dq| <= limit. Otherwise it ends at the limit, and
+    r = share (e +- limit) / 2.
     """
     end = e + dq
     if end.real > limit.real:
@@ -50,9 +59,15 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add the slip elements and Bouc-Wen, z_m = (z + q_m - q) / (1 + x), to slope and offset (n,); see `creep_lines`.
+    """Add the slip elements and Bouc-Wen to `slope` and `offset` (n,) [rad] of each joint's hysteresis angle, linear in
+    the mid-step angle.
 
-    Exact where the turns dq (n,) lead slip elements to the same ends, and Bouc-Wen where they are the turns made.
+    `creep_lines` writes slope and offset before.
+
+    For Bouc-Wen, z_m = (z + q_m - q) / (1 + x).
+
+    dq (n,) [rad] are the assumed turns of the joints over the step. The result is exact for slip elements if the actual
+    turns end in the same state (sticking or slipping), and for Bouc-Wen if the actual turns equal dq.
     """
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -75,10 +90,15 @@ def friction_lines(q, dq, state, memory, slope, offset):
 
 
 def boucwen_decay(z, dq, memory):
-    """Decay x = |dq|/2 (beta + gamma sgn(dq z_m)) |z_m|^{n-1} of z_m (1 + x) = z + dq/2; not negative.
+    """Return the relative decay x >= 0 of the Bouc-Wen state z of one joint over a step, in which the joint turns by dq
+    [rad].
 
-    dz = dq - |dq| (beta + gamma sgn(dq z)) |z|^{n-1} z at the middle of the step. The right-hand side of z_m = ... is
-    monotone in z_m, so that Newton's method from above finds its one root.
+    The mid-step state z_m satisfies z_m (1 + x) = z + dq/2.
+
+    x = |dq|/2 (beta + gamma sgn(dq z_m)) |z_m|^{n-1}, for the turn dq [rad] of the joint over the step.
+
+    This is dz = dq - |dq| (beta + gamma sgn(dq z)) |z|^{n-1} z with the right-hand side at the middle of the step. The
+    equation is monotone in z_m, so that Newton's method from above finds its only root.
 
     Source: Bouc (1967), Wen (1976); passive where beta >= |gamma| (Erlicher and Point 2004; Ikhouane and Rodellar 2007)
     """
@@ -89,7 +109,11 @@ def boucwen_decay(z, dq, memory):
 
 
 def decay_along(goal, turn, memory):
-    """`boucwen_decay` of a size z_m (1 + x) = `goal`, not negative, and a `turn` along it."""
+    """Return the relative decay of the Bouc-Wen state over a step, from its undecayed mid-step value `goal` >= 0 and
+    the turn in its direction.
+
+    `goal` = |z_m| (1 + x) >= 0, and `turn` [rad] is the part of dq along z_m, with z_m and x as in `boucwen_decay`.
+    """
     rate = memory.boucwen_beta
     if turn.real > 0.0 and goal.real > 0.0:
         rate = rate + memory.boucwen_gamma
@@ -113,14 +137,16 @@ def decay_along(goal, turn, memory):
 
 
 def size(x):
-    """|x|, on complex numbers that of the real part: what carries a derivative by complex step."""
+    """Return the absolute value of x, as x or -x, so that the derivative in its imaginary part
+    (complex step) is kept.
+    """
     if x.real < 0.0:
         return -x
     return x
 
 
 def stretched(e, dq, limit):
-    """Stretch of a slip element at the end of a step that turns its joint by dq."""
+    """Return the stretch [rad] of a slip element after its joint turned by dq [rad], limited to +-`limit` [rad]."""
     end = e + dq
     if end.real > limit.real:
         return limit
@@ -130,10 +156,11 @@ def stretched(e, dq, limit):
 
 
 def remember(q, dq, h, K, state, memory):
-    """Move the states (n, branches) over a step from q by dq (n,); returns the energy that they dissipate, J.
+    """Update the hysteresis states (n, branches) [rad] of the n joints after they turn from q by dq (n,) [rad] in h
+    [s], and return the dissipated energy [J].
 
-    The rules of `creep_lines` and `friction_lines`; each term of the loss is a square or a product of equal signs, so
-    never negative.
+    The rules are those of `creep_lines` and `friction_lines`. Each term of the energy is a square or a product of equal
+    signs, and therefore not negative.
     """
     lost = 0.0 * q[0]
     P = len(memory.creep_share)
@@ -164,9 +191,10 @@ def remember(q, dq, h, K, state, memory):
 
 
 def follow_change(phi, change, joints, past):
-    """Move slip elements and Bouc-Wen as if the links turned from phi by `change` (n,) at once; creep stays.
+    """Update slip elements and Bouc-Wen states of the joints for an instantaneous change of the link angles from phi by
+    `change` (n,) [rad].
 
-    It leaves the joints' angles and turns in `past.held`; what that dissipates is not counted.
+    Creep states do not change. `past.held` receives the joints' angles and turns. The dissipated energy is not counted.
     """
     held = past.held
     angle = joints.base_angle
@@ -180,7 +208,7 @@ def follow_change(phi, change, joints, past):
 
 
 def memory_angle(i, q, state, memory):
-    """r_i [rad]: the torque of the memory of joint i at this moment, over K_i."""
+    """Return the hysteresis torque of joint i divided by its stiffness K_i [rad], at the joint angle q [rad]."""
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -194,7 +222,10 @@ def memory_angle(i, q, state, memory):
 
 
 def memory_stored(i, q, state, memory):
-    """Energy that the branches of joint i hold, over K_i: half the sum of share times stretch squared."""
+    """Return the energy stored in the hysteresis branches of joint i, divided by its stiffness K_i [rad^2].
+
+    It is half the sum of share times squared stretch.
+    """
     value = 0.0 * q
     P = len(memory.creep_share)
     S = len(memory.slip_share)
@@ -208,7 +239,7 @@ def memory_stored(i, q, state, memory):
 
 
 def relax(phi, joints, past):
-    """Set the creep of all joints to rest at phi (n,)."""
+    """Set the creep states of all joints to their equilibrium at the absolute link angles phi (n,) [rad]."""
     last = joints.base_angle
     for i in range(len(joints.theta0)):
         for j in range(len(past.memory.creep_share)):
@@ -217,14 +248,16 @@ def relax(phi, joints, past):
 
 
 def step_with_memory(phi, w, h, torque, body, joints, past, work):
-    """`motion.step` with the memory of every joint: phi, w (n,) and state (n, branches) advance in place by h [s].
+    """Advance link angles phi (n,), rates w (n,) and hysteresis states in place by one step h [s], and return the
+    energy [J] lost to hysteresis.
 
-    `past` (`symbols.Past`) holds the law of the memory, its state, and scratch arrays.
+    `past` (`symbols.Past`) holds the hysteresis law, its states (n, branches), and scratch arrays. `torque` (n,) [N m]
+    is the mean actuation torque of each joint.
 
-    Which elements slip, and Bouc-Wen's decay, depend on the turn that the step is to find. They are guessed, the
-    linear step is made, and made again until what it took for r agrees with what the branches deliver.
+    Which elements slip, and the decay of Bouc-Wen, depend on the unknown turn of the step. They are guessed,
+    `motion.step` is made, and both are repeated until the r used by the step equals the r of the branches after it.
 
-    Returns the energy [J] that the branches dissipate, never negative; -1 where no agreement is found.
+    The returned energy is never negative. It is -1 where this iteration does not converge.
 
     Paper: Eq. (5) [eq:eom], with the hysteresis that the paper leaves to later work
     """
@@ -252,7 +285,9 @@ def step_with_memory(phi, w, h, torque, body, joints, past, work):
 
 
 def hold_start(phi, w, h, joints, held):
-    """Keep the start of a step in `held`, with a first guess of the turns: every joint goes on at its rate."""
+    """Copy the state at the start of a time step to `held`, and estimate each joint's turn over the step from its
+    present rate.
+    """
     angle = joints.base_angle
     rate = 0.0 * w[0]
     for i in range(len(phi)):
@@ -266,34 +301,39 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Largest difference [rad] in any joint between r as the step took it and as it comes out of the turns made.
+    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
+    the assumed turns.
 
-    Leaves these turns in held.dq (half-way between them and those of before, when `calm`). Not a number where the step
+    Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
     failed.
     """
-    memory = past.memory
-    state = past.state
     held = past.held
     worst = 0.0
     rate = 0.0 * w[0]
-    P = len(memory.creep_share)
-    S = len(memory.slip_share)
-    for i in range(len(held.q)):
+    for i in range(len(held.theta0)):
         mean = w[i] - 0.5 * work.a[i]
         turn = h * (mean - rate)
         rate = mean
-        middle = held.q[i] + 0.5 * turn
-        apart = (held.slope[i] - held.creep_slope[i]) * middle + (held.offset[i] - held.creep_offset[i])
-        for j in range(S):
-            e = state[i, P + j]
-            limit = memory.slip_angle[j]
-            apart = apart - 0.5 * memory.slip_share[j] * (e + stretched(e, turn, limit))
-        if memory.boucwen_share.real > 0.0:
-            z = state[i, P + S]
-            apart = apart - memory.boucwen_share * (z + 0.5 * turn) / (1.0 + boucwen_decay(z, turn, memory))
-        if not size(apart).real <= worst:
-            worst = size(apart).real
-        if calm and size(apart).real > AGREE:
+        apart = size(apart_by(i, turn, past.memory, past.state, held)).real
+        if not apart <= worst:
+            worst = apart
+        if calm and apart > AGREE:
             turn = 0.5 * (turn + held.dq[i])
         held.dq[i] = turn
     return worst
+
+
+def apart_by(i, turn, memory, state, held):
+    """Difference [rad] between r of row i as the step took it and as it comes out of the `turn` made."""
+    P = len(memory.creep_share)
+    S = len(memory.slip_share)
+    middle = held.q[i] + 0.5 * turn
+    apart = (held.slope[i] - held.creep_slope[i]) * middle + (held.offset[i] - held.creep_offset[i])
+    for j in range(S):
+        e = state[i, P + j]
+        limit = memory.slip_angle[j]
+        apart = apart - 0.5 * memory.slip_share[j] * (e + stretched(e, turn, limit))
+    if memory.boucwen_share.real > 0.0:
+        z = state[i, P + S]
+        apart = apart - memory.boucwen_share * (z + 0.5 * turn) / (1.0 + boucwen_decay(z, turn, memory))
+    return apart

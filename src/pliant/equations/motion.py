@@ -1,10 +1,11 @@
-"""The equation of motion, Eq. (5): acceleration, its exact derivatives, and one linearly implicit step.
+"""The equation of motion of a planar chain, Eq. (5): acceleration, its exact derivatives, and one linearly implicit
+time step.
 
 M ddq + (C + D) dq + K q = tau
 
-Everything here runs in absolute angles phi with w = dphi/dt: M is B_kl cos(phi_k - phi_l) with constant B, springs
-and dampers are tridiagonal, and for up to about eight links this dense form needs less work than any recursion.
-`acceleration_recursive` is the paper's own route, in joint angles; a test holds the two equal.
+All functions except the last use absolute angles phi with w = dphi/dt. M is then B_kl cos(phi_k - phi_l) with constant
+B, springs and dampers are tridiagonal, and for up to about eight links this dense form needs less work than a
+recursion. `acceleration_recursive` follows the paper's recursion in joint angles; a test checks that the two are equal.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def acceleration(phi, w, torque, body, joints, work, a):
-    """Angular accelerations a (n,) of the links [rad/s^2] at absolute angles phi and rates w.
+    """Write the angular accelerations a (n,) [rad/s^2] of the links at absolute link angles phi (n,) [rad] and rates w
+    (n,) [rad/s].
 
-    `torque` (n,) is what drives each joint [N m].
+    `torque` (n,) [N m] is the actuation torque of each joint.
 
-    M a = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_l^2;  `work.A` keeps the factors of M.
+    (M a)_k = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_l^2;  `work.A` keeps the factors of M.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -50,9 +52,10 @@ def acceleration(phi, w, torque, body, joints, work, a):
 
 
 def acceleration_jacobian(phi, w, torque, body, joints, work, out):
-    """Acceleration and its derivatives with respect to phi and w, written to the `symbols.Slopes` of `out`.
+    """Write the link accelerations (n,) [rad/s^2] and their derivatives by the link angles phi and rates w to `out`, a
+    `Slopes` record.
 
-    Stored row by variable, so that each right-hand side of the shared factors is contiguous.
+    Each row holds the derivatives by one variable, so that each right-hand side of the shared factors is contiguous.
 
     Paper: Eq. (5) [eq:eom], differentiated
     """
@@ -97,13 +100,16 @@ def acceleration_jacobian(phi, w, torque, body, joints, work, out):
 
 
 def step(phi, w, h, torque, body, joints, work):
-    """Advance phi and w (n,) in place by h [s] under the mean torques (n,) of the step: the implicit midpoint rule.
+    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s] of the linearised implicit midpoint
+    rule.
+
+    `torque` (n,) [N m] is the mean actuation torque of each joint over the step.
 
     (M + h/2 D + h^2/4 (K' + G)) dw = h [tau - K q_m - K2 q_m^2 - K3 q_m^3 - D dq - g(q_m) - S(q_m) w_m^2],
     K' = K + 2 K2 q_m + 3 K3 q_m^2,  q_m = q + h/2 dq,  phi += h (w + dw/2),  w += dw
 
-    Springs, dampers and the slope G of gravity are implicit, so that the linear part is stable at any step; S w^2
-    is taken at w_m = w + dw/2 by a second solve with the same factors, which makes the rule second order.
+    Springs, dampers and the slope G of gravity are implicit, so that the linear part is stable at any step size. S w^2
+    is evaluated at w_m = w + dw/2 by a second solve with the same factors, which makes the rule second order.
 
     Source: theory of linearly implicit one-step methods (Hairer and Wanner II, Sec. IV.7), written for Eq. (5) [eq:eom]
     """
@@ -149,7 +155,11 @@ def step(phi, w, h, torque, body, joints, work):
 
 
 def centrifugal(S, square, r, a):
-    """a_k = r_k - sum_l S_kl square_l, S (n, n) skew-symmetric and given by its lower triangle."""
+    """Write the forces r (n,) less the centrifugal terms, S times `square`, to a (n,). `square` (n,) are squared rates,
+    S is skew-symmetric.
+
+    a_k = r_k - sum_l S_kl square_l. S (n, n) is given by its lower triangle.
+    """
     n = len(r)
     for k in range(n):
         a[k] = r[k]
@@ -160,10 +170,13 @@ def centrifugal(S, square, r, a):
 
 
 def acceleration_recursive(q, dq, torques, links, ddq):
-    """Joint accelerations ddq (n,) by the paper's recursion: Eq. (4) -> Jacobians -> M and C -> Eq. (5).
+    """Write the joint accelerations ddq (n,) [rad/s^2] from joint angles q and rates dq (n,), by the paper's recursion
+    of Eqs. (4), (5).
 
-    `torques` (n,) is tau - K q - D dq, `links` a `symbols.Links`. Gravity enters through the Jacobians. Allocates: this
-    is the route to read and to check against, not the one to run.
+    The sequence is Eq. (4) -> Jacobians -> M and C -> Eq. (5).
+
+    `torques` (n,) [N m] is tau - K q - D dq, `links` a `symbols.Links`. Gravity enters through the Jacobians. This
+    function allocates arrays and is slow; tests compare `acceleration` with it.
 
     Paper: Eqs. (4), (5) [eq:wvi_recursive] [eq:eom], by Godage et al., IJRR 35(6), 2016
     """

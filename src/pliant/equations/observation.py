@@ -1,20 +1,23 @@
-"""What sensors see of a chain: positions of points that are fixed to links, and how they move with its coordinates.
+"""Measurement functions of a planar chain: positions of points on links, link angles, and their derivatives by the
+chain's coordinates.
 
-The one text for fits, filters and contact; whole arrays of a motion take `mechanics.PlanarChain.stations`.
+Fits, filters and contact detection use these kernels. `mechanics.PlanarChain.stations` is the vectorised form for a
+whole motion.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # what a row of a measurement sees
+ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # kinds of rows of a measurement
 
 
 def place_links(x, base_angle, chain, links):
-    """Cosine, sine, stretch and joint (x, y) [m] of the base and all links into `links` (5, n + 1).
+    """Write cosine, sine, stretch and joint position (x, y) [m] of the base and all n links to `links` (5, n + 1), at
+    coordinates x.
 
-    Coordinates x (n + S,) are absolute angles, strains behind them; `chain` is `symbols.ObservedChain`. The joint of
-    the base is the origin.
+    The coordinates x (n + S,) are absolute angles [rad], then strains. `chain` is a `symbols.ObservedChain`. Column 0
+    is the base, whose joint is the origin.
     """
     n = len(chain.length)
     px = 0.0 * x[0]
@@ -40,7 +43,10 @@ def place_links(x, base_angle, chain, links):
 
 
 def position(axis, link, along, across, links):
-    """Position along an axis (0: x, 1: y) of a point fixed to a link (-1: the base), m; see `place_links`.
+    """Return one coordinate [m] (`axis` 0: x, 1: y) of the point at `along`, `across` [m] on link `link` (-1: the
+    base).
+
+    `along` and `across` [m] locate the point on the link, `links` is the array written by `place_links`.
 
     p = joint + stretch along e(phi) + across n(phi),  e = (-sin, cos),  n = (-cos, -sin)
     """
@@ -52,7 +58,11 @@ def position(axis, link, along, across, links):
 
 
 def point_slope(axis, place, chain, links, row):
-    """Slopes (n + S,) by the coordinates of `position`; `place` is (link, along, across)."""
+    """Write the derivatives of a point's x or y position [m] by n link angles and S strains to `row` (n + S,); `place`
+    is (link, along, across).
+
+    The position is that of `position`.
+    """
     link, along, across = place
     n = len(chain.length)
     for i in range(len(row)):
@@ -82,9 +92,10 @@ def point_slope(axis, place, chain, links, row):
 
 
 def observe_point(axis, row, chain, links, slope):
-    """Return the position along an axis [m] that a row (kind, link, along, across) sees; slope (n + S,) by coordinates.
+    """Return the x or y position [m] of a measured point on a link, and write its derivatives by the coordinates to
+    `slope` (n + S,).
 
-    `links` holds what `place_links` wrote.
+    `axis` is 0 for x, 1 for y. The row is (kind, link, along, across). `links` is the array written by `place_links`.
     """
     link = int(row[1])
     point_slope(axis, (link, row[2], row[3]), chain, links, slope)
@@ -92,10 +103,11 @@ def observe_point(axis, row, chain, links, slope):
 
 
 def observe_rows(x, frame, links, seen, H):
-    """What each row of a measurement sees (m,), and its slopes H (m, N) with respect to the coordinates x (N,).
+    """Write the m predicted measurements at coordinates x (N,) to `seen` (m,), and their derivatives by x to H (m, N).
 
-    A row is (kind, link, along, across): the angle of a link, from +y or from the link before it, or x or y of a point
-    fixed to it. `links` is scratch. In space: `spatial_observation.observe_rows`.
+    A row of `frame.rows` is (kind, link, along, across). It measures the angle of a link [rad], from +y or from the
+    link before it, or the x or y position [m] of a point fixed to the link. `links` is scratch. Chains in space use
+    `spatial_observation.observe_rows`.
     """
     rows = frame.rows
     place_links(x, frame.base_angle, frame.chain, links)
@@ -115,7 +127,11 @@ def observe_rows(x, frame, links, seen, H):
 
 
 def tip_outputs(angle, strain, geometry, out):
-    """Outputs at absolute angles (n,) and strains (S,): tip x, tip y [m] or the last link's angle, as `which` says."""
+    """Write the selected outputs to `out`: tip x or y [m], or the last link's angle [rad], from absolute link angles
+    and segment strains.
+
+    `geometry` is (length, share, x0, y0, which). which[j] selects output j: 0 is x, 1 is y, 2 is the angle.
+    """
     length, share, x0, y0, which = geometry
     x = 0.0
     y = 0.0
@@ -139,7 +155,11 @@ def tip_outputs(angle, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Write what shifts of the joints' rest angles (n,) turn the links by, turn (n + S,), strains behind untouched."""
+    """Write the changes of the absolute link angles to turn (n + S,) [rad], for changes `rest_shift` (n,) [rad] of the
+    joints' rest angles.
+
+    The entries of the strains are not changed.
+    """
     total = 0.0
     for i in range(len(rest_shift)):
         total = total + rest_shift[i]
@@ -147,7 +167,11 @@ def turned(rest_shift, turn):
 
 
 def motion_of(w, joints):
-    """Return the mean square of the joint rates [rad^2/s^2], of the rates w of links, and of strains behind them."""
+    """Return the mean over the joints of the squared joint rates [rad^2/s^2], from the rates w of the absolute link
+    angles.
+
+    w may hold rates of strains behind those of the links.
+    """
     n = len(joints.theta0)
     power = w[0] * w[0]
     for i in range(1, n):
@@ -156,9 +180,10 @@ def motion_of(w, joints):
 
 
 def observe(phi, base_angle, places, seen):
-    """Position [m] and angle [rad] of the observed points, seen (S, 3), at coordinates phi (n + S,).
+    """Write position x, y [m] and angle [rad] of the S observed points to seen (S, 3), from link angles and strains
+    `phi`.
 
-    Angles are less `places.reference`.
+    The angles are measured from `places.reference`.
     """
     place_links(phi, base_angle, places.chain, places.links)
     for j in range(len(places.carrier)):

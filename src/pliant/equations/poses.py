@@ -1,8 +1,9 @@
-"""Settled poses of a chain in space, one after the other: each is at rest under the inputs of its row.
+"""Static poses of a chain in space, under one load or as a sequence, each in equilibrium under its own torques and
+tendon inputs.
 
-Friction of tendons holds against the way from one pose to the next: `tendon.slip` sees the change of the coordinates as
-rates over one second. Slopes come from complex steps, so all but what is found is complex; imaginary parts of what is
-given lead to those of the poses by the implicit function theorem.
+The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
+coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
+complex. The imaginary parts of the inputs give those of the poses by the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -11,51 +12,66 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_points import observe
+from pliant.equations.spatial_points import add_pose_loads, observe
 from pliant.equations.tendon import eliminate, forces_at_rest, slip
 
 STEP = 1e-30  # imaginary part: its square vanishes beside 1
-ROUNDS = 60  # of Newton's method for a pose, at most
-PARTS = (1, 8, 64)  # a change of inputs is divided into so many where it does not settle in fewer
-FARTHEST = 0.5  # rad, of a move
-SETTLED = 1e-10  # rad, of the last move
-SHIFT = 1e-3  # of the stiffest coordinate: a first help where the chain would run away
-STABLE = 1e-9  # of the stiffest coordinate: a stable rest has no smaller pivot
+ROUNDS = 60  # iterations of Newton's method for a pose, at most
+PARTS = (1, 8, 64)  # numbers of sub-steps of a change of inputs, tried in turn until one converges
+FARTHEST = 0.5  # rad, largest Newton move
+SETTLED = 1e-10  # rad, size of a Newton move at convergence
+SHIFT = 1e-3  # first diagonal shift of a stiffness matrix that is not positive definite, over its largest entry
+STABLE = 1e-9  # smallest pivot of a stable equilibrium, over the largest diagonal entry
 
 
 class Settling(NamedTuple):
-    """What is found of T poses and the start before them, and scratch arrays."""
+    """Results and scratch arrays of the search for T static poses of a chain, each computed from the one before."""
 
     x: np.ndarray  # (T + 1, N) coordinates, the start first
-    K: np.ndarray  # (T + 1, N, N) minus the slopes of what pulls there, by x
-    at: np.ndarray  # (N,) complex, as the others: coordinates of a pose
-    last: np.ndarray  # (N,) of the one before
-    torque: np.ndarray  # (N + R,) inputs on the way from one to the next
-    push: np.ndarray  # (N,) what pulls
-    move: np.ndarray  # (N,) of Newton's method
+    K: np.ndarray  # (T + 1, N, N) stiffness at each pose: minus the derivative of the net force by x
+    at: np.ndarray  # (N,) coordinates of the present pose; complex, as are all arrays below
+    last: np.ndarray  # (N,) coordinates of the pose before
+    torque: np.ndarray  # (N + R,) inputs between two poses
+    push: np.ndarray  # (N,) net force
+    move: np.ndarray  # (N,) Newton move
+    load: np.ndarray  # (n + 1, 3, 5) forces on the links, as `add_pose_loads` takes them
 
 
-def forces_after(x, last, torque, body, joints, work, push):
-    """Write what pulls at x (N,) at rest, reached from `last` (N,): push (N,), zero in equilibrium, N m."""
+def forces_after(x, last, torque, load, body, joints, work, push):
+    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m], after a motion from `last`
+    (N,) to x.
+
+    The friction of tendons opposes this motion. The force is zero in equilibrium.
+
+    `load` (n + 1, 3, 5) holds the forces on the links.
+    """
     for i in range(len(x)):
         work.v[i] = x[i] - last[i]
     for r in range(len(body.friction)):
         slip(r, x, work.v, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
+    add_pose_loads(load, body, work, push)
 
 
-def stiffness_at(x, last, torque, body, joints, work, K):
-    """Write minus the slopes of `forces_after` by x to K (N, N), N m/rad."""
+def stiffness_at(x, last, torque, load, body, joints, work, K):
+    """Write the stiffness K (N, N) [N m/rad] at the pose x (N,): minus the derivative of the net force at rest by x.
+
+    The net force is that of `forces_after`.
+    """
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
-        forces_after(x, last, torque, body, joints, work, work.a)
+        forces_after(x, last, torque, load, body, joints, work, work.a)
         x[j] = x[j] - complex(0.0, STEP)
         for i in range(len(x)):
             K[i, j] = -work.a[i].imag / STEP
 
 
 def solved(K, shift, push, work, move):
-    """Solve (K + shift) move = push for move (N,); return the smallest pivot, which is positive in a stable rest."""
+    """Solve (K + shift I) move = push for move (N,), and return the smallest pivot, which is positive for a positive
+    definite matrix.
+
+    The smallest pivot is positive in a stable equilibrium.
+    """
     for i in range(len(push)):
         move[i] = push[i]
         for j in range(len(push)):
@@ -69,7 +85,7 @@ def solved(K, shift, push, work, move):
 
 
 def largest_of(values):
-    """Return the largest size of the real parts of values (N,)."""
+    """Return the largest absolute real part of values (N,)."""
     largest = 0.0
     for i in range(len(values)):
         largest = max(largest, abs(values[i].real))
@@ -77,15 +93,17 @@ def largest_of(values):
 
 
 def settle(torque, body, joints, work, found, K):
-    """Move found.at (N,) to the rest under `torque` (N + R,), reached from found.last; write K (N, N) there.
+    """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,), and write the stiffness there to
+    K. Return 1 for success, else 0.
 
-    Newton's method; a move that makes matters worse is halved. Returns 1 where a stable rest is found, else 0.
+    found.last (N,) is the pose before, which gives the direction of friction. Newton's method; a move that increases
+    the residual is halved. Returns 1 where a stable equilibrium is found, else 0.
     """
     x, last, push, move = found.at, found.last, found.push, found.move
-    forces_after(x, last, torque, body, joints, work, push)
+    forces_after(x, last, torque, found.load, body, joints, work, push)
     for _ in range(ROUNDS):
         before = largest_of(push)
-        stiffness_at(x, last, torque, body, joints, work, K)
+        stiffness_at(x, last, torque, found.load, body, joints, work, K)
         stiffest = 0.0
         for i in range(len(x)):
             stiffest = max(stiffest, abs(K[i, i]))
@@ -96,21 +114,22 @@ def settle(torque, body, joints, work, found, K):
         part = min(1.0, FARTHEST / max(far, 1e-300))
         for i in range(len(x)):
             x[i] = x[i] + part * move[i].real
-        forces_after(x, last, torque, body, joints, work, push)
+        forces_after(x, last, torque, found.load, body, joints, work, push)
         if far < SETTLED:
             return 1.0 if shift == 0.0 else 0.0
         while largest_of(push) > before and part > 1e-4:
             part = 0.5 * part
             for i in range(len(x)):
                 x[i] = x[i] - part * move[i].real
-            forces_after(x, last, torque, body, joints, work, push)
+            forces_after(x, last, torque, found.load, body, joints, work, push)
     return 0.0
 
 
 def reach(torque, before, parts, body, joints, work, found, K):
-    """Move found.at (N,) from found.last to the rest under `torque` (N + R,) while inputs change from `before`.
+    """Find the equilibrium after the inputs change from `before` to `torque` in `parts` equal steps, and write it to
+    found.at (N,).
 
-    They change in so many parts. Returns 1 where a stable rest is found each time, else 0.
+    The inputs (N + R,) change in `parts` equal steps. Returns 1 where every step ends in a stable equilibrium, else 0.
     """
     for i in range(len(found.at)):
         found.at[i] = found.last[i]
@@ -123,15 +142,16 @@ def reach(torque, before, parts, body, joints, work, found, K):
 
 
 def settle_all(torque, body, joints, work, found):
-    """Find the rests under the inputs torque (T + 1, N + R) of all poses, each from the one before; in the first none.
+    """Find the static pose under each row of the inputs `torque` (T + 1, N + R), each search starting from the pose
+    before.
 
-    found.x[0] (N,) is the rest of the first row, where nothing rubs. Returns the index of the first row without a
-    stable rest, or -1.
+    found.x[0] (N,) is the given equilibrium of the first row, without friction. Returns the index of the first row
+    without a stable equilibrium, or -1.
     """
     size = found.x.shape[1]
     for i in range(size):
         found.last[i] = complex(found.x[0, i], 0.0)
-    stiffness_at(found.last, found.last, torque[0], body, joints, work, found.K[0])
+    stiffness_at(found.last, found.last, torque[0], found.load, body, joints, work, found.K[0])
     for row in range(1, len(found.x)):
         good = 0.0
         for parts in PARTS:
@@ -146,15 +166,18 @@ def settle_all(torque, body, joints, work, found):
 
 
 def show_all(torque, body, joints, work, found, places, seen):
-    """Observe all poses that were found, seen (T + 1, S, 3); imaginary parts of what is given lead to those of it."""
+    """Write the positions [m] of the S observed points in all T + 1 static poses to seen (T + 1, S, 3).
+
+    Imaginary parts of the inputs and constants give those of the observed points (derivatives by complex step).
+    """
     size = found.x.shape[1]
     for row in range(len(found.x)):
         for i in range(size):
             found.at[i] = complex(found.x[row, i], 0.0)
         if row == 0:
-            forces_after(found.at, found.at, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.at, torque[row], found.load, body, joints, work, found.push)
         else:
-            forces_after(found.at, found.last, torque[row], body, joints, work, found.push)
+            forces_after(found.at, found.last, torque[row], found.load, body, joints, work, found.push)
         for i in range(size):
             found.push[i] = complex(0.0, found.push[i].imag)
         solved(found.K[row], 0.0, found.push, work, found.move)

@@ -1,4 +1,7 @@
-"""The cross-section: bladder area, lever arm, and the torque that pressure makes. Sec. III-C; `chamber` goes on."""
+"""Cross-section of the chamber, Sec. III-C: area, lever arm, and the torque as a polynomial of the pressure.
+
+`chamber` adds the dynamics of soft walls.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import numpy as np
 
 
 def bladder_area(r2):
-    """Area of the half-round chamber of inner radius r2 [m], m^2.
+    """Return the area A = pi r2^2 / 2 [m^2] of the half-round chamber of inner radius r2 [m].
 
     A = pi r2^2 / 2
 
@@ -17,7 +20,8 @@ def bladder_area(r2):
 
 
 def lever_arm(r2):
-    """Distance of the chamber's centroid from its flat face, m.
+    """Return the lever arm d = 4 r2 / (3 pi) [m] of a half-round chamber: the distance of its centroid from the flat
+    face, for inner radius r2 [m].
 
     d = 4 r2 / (3 pi)
 
@@ -27,10 +31,12 @@ def lever_arm(r2):
 
 
 def torque(p, a):
-    """Torque on every joint at gauge pressure p [Pa], N m.
+    """Return the torque [N m] which a chamber at the gauge pressure p [Pa] exerts on every joint, for polynomial
+    coefficients `a`.
 
     tau = a_1 p + a_2 p^2 + ... with a = (a_1, a_2, ...) in N m/Pa^k. The paper's law tau = p A d is a = (A d,).
-    Every joint feels the same torque: the flat face does not stretch, so V(q) = A L + A d sum(q) and p dV/dq_i = p A d.
+    The torque is the same on every joint: the flat face does not stretch, so V(q) = A L + A d sum(q), p dV/dq_i = p A
+    d.
 
     Paper: Sec. III-C
     """

@@ -1,15 +1,15 @@
-"""The chain in space, Eq. (5) with a swing of two coordinates at every joint, and a twist where wanted.
+"""Chain of links in space: Eq. (5) with two swing angles at every joint, and optionally a twist angle.
 
-Coordinates x = (a_1, b_1 ... a_n, b_n), then (c_1 ... c_n) where joints twist, rad. The rotation of link k is
-R_k = P_k exp([a_k, b_k, 0]) Rz(c_k) with P_k = R_{k-1} R_rest,k, and the link points along its third column z_k. R_0,
-of the part before the first joint, is constant. With y = a^2 + b^2 and Stumpff's functions c_j(y), exp(v) =
-c0 + c1 [v] + c2 v v^T turns as J_l dv/dt, J_l = 1 + c2 [v] + c3 [v]^2: no branch, no root, no division. Regular in all
-direction below a swing of 2 pi.
+Coordinates x = (a_1, b_1 ... a_n, b_n), then (c_1 ... c_n) where joints twist, all in rad. The rotation of link k is
+R_k = P_k exp([a_k, b_k, 0]) Rz(c_k) with P_k = R_{k-1} R_rest,k. The link points along z_k, the third column of R_k.
+R_0, of the part before the first joint, is constant. The functions use y = a^2 + b^2 and Stumpff's functions c_j(y):
+exp(v) = c0 + c1 [v] + c2 v v^T, and its angular velocity is J_l dv/dt with J_l = 1 + c2 [v] + c3 [v]^2. These need no
+branch, root or division, and are regular in all directions for swings below 2 pi.
 
-All vectors have fixed axes, so that none is transformed from link to link. A link is a body of revolution whose centre
-of mass lies on its axis: its inertia is a mass and the moments along and across the axis.
+All vectors are in the fixed axes of the world, so that no vector is transformed from link to link. A link is a body of
+revolution with its centre of mass on its axis: its inertia is a mass and the moments along and across the axis.
 
-Where segments lengthen, their strains (S,) stand behind the coordinates that turn: `spatial_extension`.
+Where segments lengthen, their strains (S,) follow the angles in x: `spatial_extension`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,20 @@ from pliant.equations.spatial_extension import (
 from pliant.equations.spatial_springs import add_spring_slopes, joint_torques
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
-TERMS = 14  # to rounding for swings up to 4 rad
+TERMS = 14  # of the series: exact to rounding for swings up to 4 rad
 FACTORIALS = np.cumprod(np.arange(1.0, 2 * TERMS + 4))  # of 1, 2, 3 ...
 C4 = tuple((-1.0) ** j / float(FACTORIALS[2 * j + 3]) for j in range(TERMS))  # (-1)^j / (2 j + 4)!
 C5 = tuple((-1.0) ** j / float(FACTORIALS[2 * j + 4]) for j in range(TERMS))
 
 
 def stumpff(y):
-    """Return c2, c3 and their derivatives by y, c_k(y) = sum_j (-y)^j / (2 j + k)!, from the series of c4 and c5.
+    """Return Stumpff's functions c2(y) and c3(y) and their derivatives by y, which describe rotations by an angle
+    sqrt(y).
 
-    c_k = 1/k! - y c_{k+2} and c_k' = (k c_{k+2} - c_{k+1}) / 2. Exact to rounding for y <= 16.
+    c_k(y) = sum_j (-y)^j / (2 j + k)!
+
+    They follow from the series of c4 and c5 with c_k = 1/k! - y c_{k+2} and c_k' = (k c_{k+2} - c_{k+1}) / 2. Exact to
+    rounding for y <= 16.
 
     Source: Stiefel and Scheifele, Linear and Regular Celestial Mechanics (1971), Sec. 11
     """
@@ -49,11 +53,15 @@ def stumpff(y):
 
 
 def pose_links(x, body, work):
-    """Write rotations R (n + 1, 3, 3), starts r (n + 1, 3) [m] and axes S (T, 3) of all links at x (N,) into `work`.
+    """Write rotation and start position of each link, and the rotation axis of each joint angle, to `work`, at the
+    coordinates x (N,).
 
-    R[0] and r[0] are those of the part before the first joint; r[k] is the joint, counted from 1, of link k. Row i of
-    S is the angular velocity of all links beyond the joint for a unit rate of x_i. `work.P` (n, 3, 3) has the frames of
-    the joints, `work.series` (n, 4) what `stumpff` returns.
+    work.R (n + 1, 3, 3) receives the rotations, work.r (n + 1, 3) the start positions [m], and work.S (T, 3) the axes
+    of the T angles.
+
+    R[0] and r[0] belong to the part before the first joint, and r[k] is the joint of link k, counted from 1. Row i of S
+    is the angular velocity of all links beyond the joint for a unit rate of x_i. `work.P` (n, 3, 3) receives the frames
+    of the joints, and `work.series` (n, 4) the results of `stumpff`.
     """
     n = len(body.mass)
     stretch_links(x, body, work)
@@ -73,7 +81,11 @@ def pose_links(x, body, work):
 
 
 def swing(k, a, b, work):
-    """Turn link k, counted from 0, out of the frame of its joint by the rotation vector (a, b, 0) [rad]."""
+    """Write the rotation of link k after its joint swings by the rotation vector (a, b, 0) [rad], and the axes of a and
+    b, to `work`.
+
+    k counts from 0. `work.P` holds the frame of the joint before the swing.
+    """
     y = a * a + b * b
     c2, c3, d2, d3 = stumpff(y)
     work.series[k, 0] = c2
@@ -95,7 +107,7 @@ def swing(k, a, b, work):
 
 
 def twist(i, k, angle, work):
-    """Turn link k of `work.R` about its axis, which is the axis S of coordinate i."""
+    """Turn link k about its own axis by `angle` [rad] in work.R, and write this axis to row i of work.S."""
     c = np.cos(angle)
     s = np.sin(angle)
     for j in range(3):
@@ -108,10 +120,12 @@ def twist(i, k, angle, work):
 
 
 def composites(body, work):
-    """Write of each link with all that it carries the first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2].
+    """Write first moment C (n, 3) [kg m] and inertia J (n, 3, 3) [kg m^2] of each link together with all links beyond
+    it to `work`.
 
-    Both about the joint that the link begins at. J = J_next + m l^2 (1 - z z^T) + l (2 (z . C) 1 - z C^T - C z^T) and
-    the link's own, m the mass and C the first moment of what it carries.
+    Both are about the joint at the start of the link. J is the link's own inertia plus
+    J_next + m l^2 (1 - z z^T) + l (2 (z . C) 1 - z C^T - C z^T), with m the mass and C the first moment of the links
+    beyond it.
     """
     n = len(body.mass)
     mass = 0.0 * body.mass[0]  # beyond the link
@@ -135,7 +149,9 @@ def composites(body, work):
 
 
 def carry(k, length, work):
-    """Add to C and the lower triangle of J of link k those of the links beyond it."""
+    """Add the first moment and inertia of the links beyond link k to those of link k in `work`. `length` [m] is that of
+    link k.
+    """
     along = 0.0 * length
     for i in range(3):
         along = along + work.R[k + 1, i, 2] * work.C[k + 1, i]
@@ -149,11 +165,13 @@ def carry(k, length, work):
 
 
 def inertia(quarter, body, work, A):
-    """Write the lower triangle of A (N, N): the inertia M and `quarter` [s^2] times the slope of the weight, kg m^2.
+    """Write the lower triangle of the implicit step's matrix A (N, N): the inertia M plus `quarter` [s^2] times the
+    gravity stiffness.
 
-    For coordinate i before j on the way to the tip, M_ij = s_i . (J s_j + (r_j - r_i) x f_j) with f_j = s_j x C, and
-    the slope of the weight is s_i . (g x f_j): it moves r_j by `quarter` g. Between the two of a swing the slope is
-    made symmetric; what the turn of their axes adds to it vanishes where the joint is straight and is left out.
+    For coordinate i nearer to the base than j, M_ij = s_i . (J s_j + (r_j - r_i) x f_j) with f_j = s_j x C. The slope
+    of gravity is s_i . (g x f_j), which equals a shift of r_j by `quarter` g. Between the two coordinates of a swing
+    the slope is made symmetric. The contribution of the turn of their axes, which vanishes where the joint is straight,
+    is neglected.
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 6.2, in fixed axes
     """
@@ -181,7 +199,13 @@ def inertia(quarter, body, work, A):
 
 
 def moment_of_turn(j, k, quarter, body, work):
-    """Write force F and moment N about the origin for a unit acceleration of coordinate j, of link k, and E = r x s."""
+    """Write the force and the moment about the origin that a unit acceleration of coordinate j requires, to row j of
+    work.F and work.N.
+
+    Row j of work.E receives E = r x s, for the axis s of the coordinate at the joint position r.
+
+    Coordinate j belongs to link k, counted from 0. All three are rows of `work`.
+    """
     sx = work.S[j, 0]
     sy = work.S[j, 1]
     sz = work.S[j, 2]
@@ -206,11 +230,12 @@ def moment_of_turn(j, k, quarter, body, work):
 
 
 def inertial_forces(x, v, body, work, f):
-    """Write centrifugal, Coriolis and gravity forces f (N,) on the left-hand side of Eq. (5) at rates v (N,); N m.
+    """Write the centrifugal, Coriolis and gravity forces f (N,) [N m] of a chain in space, at coordinates x and rates v
+    (N,).
 
-    `work` holds the pose at x. From the base, which accelerates by -g, go the accelerations that links have without any
-    of x; from the tip come the moments that they need about each joint. Those of a link alone are
-    z x (c F + I_across z'') + I_along ((alpha . z) z + (omega . z) z').
+    `work` holds the pose at x. The accelerations of the links at zero acceleration of x are computed from the base,
+    which accelerates by -g, to the tip. The moments which these need about each joint are summed from the tip to the
+    base. The moment of one link is z x (c F + I_across z'') + I_along ((alpha . z) z + (omega . z) z').
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, Sec. 5.3 (Newton and Euler, recursively), in fixed axes
     """
@@ -239,10 +264,10 @@ def inertial_forces(x, v, body, work, f):
 
 
 def swing_rates(k, x, v, work):
-    """Carry angular velocity and acceleration over the swing of link k.
+    """Add the swing of joint k to the angular velocity and acceleration in `work`, which proceed from link to link.
 
-    The rate of J_l dv/dt, seen from the frame of the joint and at constant rates (da, db) of the swing, is
-    kappa (d3 b + c3 db, -(d3 a + c3 da), d2), kappa = a db - b da, with d_j the rate of c_j.
+    In the frame of the joint, at constant rates (da, db) of the swing, the derivative of J_l dv/dt by time is
+    kappa (d3 b + c3 db, -(d3 a + c3 da), d2), with kappa = a db - b da and d_j the rate of c_j.
     """
     a = x[2 * k]
     b = x[2 * k + 1]
@@ -262,7 +287,9 @@ def swing_rates(k, x, v, work):
 
 
 def turn_on(axis, rate, work):
-    """Add a turn about an axis that moves along: its rate to angular velocity, the axis' motion to acceleration."""
+    """Add a rotation at `rate` [rad/s] about a moving `axis` (3,) to the angular velocity and
+    acceleration in `work`.
+    """
     tx = axis[0] * rate
     ty = axis[1] * rate
     tz = axis[2] * rate
@@ -278,7 +305,11 @@ def turn_on(axis, rate, work):
 
 
 def link_force(k, body, work):
-    """Write force L [N] and moment M about the joint [N m] that move link k; carry the joint's acceleration on."""
+    """Write the inertial and gravity force [N] of link k, and its moment about the joint [N m], to work.L[k] and
+    work.M[k].
+
+    work.lift, the acceleration of the joint less gravity, is updated for the next link.
+    """
     wx = work.omega[0]
     wy = work.omega[1]
     wz = work.omega[2]
@@ -311,7 +342,9 @@ def link_force(k, body, work):
 
 
 def pass_down(k, length, work):
-    """Add to force and moment of link k those of the links beyond it."""
+    """Add the force and moment of all links beyond link k to those of link k, in work.L and work.M. `length` [m] is
+    that of link k.
+    """
     x = length * work.R[k + 1, 0, 2]
     y = length * work.R[k + 1, 1, 2]
     z = length * work.R[k + 1, 2, 2]
@@ -327,9 +360,10 @@ def pass_down(k, length, work):
 
 
 def acceleration(x, v, torque, body, joints, work, a):
-    """Write the accelerations a (N,) of all coordinates, rad/s^2; as `motion.acceleration`.
+    """Write the accelerations a (N,) of a chain in space: angles [rad/s^2], then strains [1/s^2], at coordinates x and
+    rates v.
 
-    `work.A` keeps the factors of M.
+    `torque` (N,) [N m] is the actuation along each coordinate. `work.A` keeps the factors of M.
 
     Paper: Eq. (5) [eq:eom], in space
     """
@@ -344,10 +378,11 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under the mean torques (N,): the step of `motion.step`.
+    """Advance the coordinates x (N,) and rates v (N,) of a chain in space in place by one implicit step h [s], under
+    the mean `torque` (N,) [N m].
 
-    Springs, dampers and the slope of gravity are implicit; what goes with the square of the rates is taken at their
-    middle by a second solve with the same factors. `work.a` keeps the change of v.
+    Springs, dampers and the slope of gravity are implicit. Terms quadratic in the rates are evaluated at the rates in
+    mid-step by a second solve with the same factors. `work.a` keeps the change of v.
 
     Source: as `motion.step`, written for Eq. (5) [eq:eom] in space
     """
@@ -370,7 +405,11 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def build_step(x, v, h, torque, body, joints, work):
-    """Write what a `step` solves into `work`: coordinates q and pose in its middle, torques t, and A, not factored.
+    """Write the matrix and torques of one implicit time step of a chain in space into `work`, without solving the
+    equations.
+
+    `work.q` (N,) receives the mid-step coordinates, with their pose, and `work.t` (N,) the torques there. `work.A` (N,
+    N) receives the matrix, not factored.
 
     Source: as `step`
     """

@@ -1,16 +1,20 @@
-"""Segments of a chain in space that lengthen: one uniform axial strain e_s each, behind the coordinates that turn.
+"""Segments of a chain in space that lengthen, each with one uniform axial strain as an additional coordinate.
 
-Link k is st_k times as long as unstretched, st_k = 1 + sum_s a_ks e_s with a_ks the part of link k that lies in segment
-s; k = 0 is the part before the first joint. Its mass lies along its axis in u_k = st_k z_k, which a strain changes by
-a_ks z_k; of each of its cross-sections the second moment stays, half of the moment about the axis. Without segments
-nothing here adds an operation to a step.
+The strains follow the angles in the coordinates x.
+
+The length of link k is st_k times its unstretched length, st_k = 1 + sum_s a_ks e_s. Here a_ks is the fraction of link
+k that lies in segment s, and k = 0 is the part before the first joint. The mass of a link lies along its axis in
+u_k = st_k z_k, and a strain moves it by a_ks z_k. The second moment of each cross-section, half of the moment about the
+axis, does not change. Without such segments these functions add no operation to a step.
 """
 
 from __future__ import annotations
 
 
 def stretch_links(x, body, work):
-    """Write stretch (n + 1,), length (n + 1,), centre of mass and moment across (n,) of all links at x (N,)."""
+    """Write stretch, length, centre of mass and lateral inertia of all stretched links to `work`, at the coordinates x
+    (N,).
+    """
     n = len(body.mass)
     turns = len(work.S)
     for k in range(n + 1):
@@ -33,7 +37,7 @@ def stretch_links(x, body, work):
 
 
 def stretch_rates(v, body, work):
-    """Write the rates of the stretches, work.growth (n + 1,) [1/s], at rates v (N,)."""
+    """Write the rate of each link's stretch to work.growth (n + 1,) [1/s], from the rates v (N,) of the coordinates."""
     turns = len(work.S)
     if body.share.shape[1] > 0:
         for k in range(len(body.mass) + 1):
@@ -44,15 +48,18 @@ def stretch_rates(v, body, work):
 
 
 def along_axis(k, body):
-    """Return the second moment of mass of link k, counted from 0, about its joint along its axis, unstretched."""
+    """Return the second moment of mass [kg m^2] of unstretched link k along its axis, about its joint."""
     return body.lateral[k] - 0.5 * body.axial[k] + body.mass[k] * body.centre[k] * body.centre[k]
 
 
 def add_strain_inertia(quarter, body, work, A):
-    """Write the rows of the strains of `spatial.inertia`, after those of the coordinates that turn.
+    """Write the rows of the segment strains to the matrix A (N, N) of an implicit step, below the rows of the angles.
 
-    A unit acceleration of st_k moves the joint beyond link k by l_k z_k. It takes the force h_k z_k, h_k the first
-    moment m c of the link and of all mass beyond it at its end, with the moment l_k C_{k+1} x z_k about the joint of k.
+    A is the matrix of `spatial.inertia`.
+
+    A unit acceleration of st_k accelerates the joint beyond link k by l_k z_k. It needs the force h_k z_k, where h_k is
+    the first moment m c of the link and of all mass beyond it at its end, and the moment l_k C_{k+1} x z_k about the
+    joint of k.
     """
     if body.share.shape[1] > 0:
         n = len(body.mass)
@@ -76,10 +83,11 @@ def add_strain_inertia(quarter, body, work, A):
 
 
 def inner_turns(s, quarter, body, work, row):
-    """Write what a unit acceleration of strain s asks of the joints before each link that it stretches.
+    """Write the torques at joints nearer to the base, due to a unit acceleration of strain s, to the entries of the
+    angles in `row` (N,).
 
-    From tip to base: force work.alpha and moment about the origin work.omega of all links from k on, and along each
-    link, work.along, what itself and these ask. The slope of the weight comes in as in `spatial.moment_of_turn`.
+    From tip to base, work.alpha holds the force and work.omega the moment about the origin of all links from k on, and
+    work.along the inertial force along each link. The slope of gravity enters as in `spatial.moment_of_turn`.
     """
     n = len(body.mass)
     for j in range(3):
@@ -113,9 +121,11 @@ def inner_turns(s, quarter, body, work, row):
 
 
 def outer_turns(s, body, work, row):
-    """Add what a unit acceleration of strain s asks of the joints, and along the links, beyond those that it stretches.
+    """Add the torques at joints nearer to the tip, due to a unit acceleration of strain s, to the entries of the angles
+    in `row` (N,).
 
-    From base to tip: the acceleration work.lift that joint k gets.
+    From base to tip, work.lift holds the acceleration of joint k. The forces along the links, work.along, are updated
+    too.
     """
     n = len(body.mass)
     for i in range(3):
@@ -132,9 +142,13 @@ def outer_turns(s, body, work, row):
 
 
 def lengthen_link(k, turned, body, work):
-    """Add to force and moment of link k, counted from 0, what its growth asks; `turned` is z', work.lift that of k.
+    """Add the inertial force and moment due to the lengthening of link k to work.L[k] and work.M[k].
 
-    u'' = st z'' + 2 st' z' at constant rates. work.along takes what link k itself asks along its axis: z . z'' = -z'^2.
+    At constant rates u = st z, the vector along the link, has the additional acceleration 2 st' z' (u'' = st z'' + 2
+    st' z').
+
+    k counts from 0 and `turned` (3,) is z'. work.lift receives the acceleration due to growth, work.along the force of
+    the link's own mass along its axis, with z . z'' = -z'^2.
     """
     if body.share.shape[1] > 0:
         dx, dy, dz = turned
@@ -158,9 +172,11 @@ def lengthen_link(k, turned, body, work):
 
 
 def strain_forces(body, work, f):
-    """Write centrifugal, Coriolis and gravity forces of the strains behind those of the turns in f (N,); N m.
+    """Write the centrifugal, Coriolis and gravity forces [N m] of the S segment strains to the last S entries of f
+    (N,).
 
-    work.L has the forces that each link and all beyond it need, work.along what each link asks along its axis.
+    work.L holds the force on each link with all links beyond it, and work.along [N m] the force along each link's own
+    axis times its length.
     """
     if body.share.shape[1] > 0:
         n = len(body.mass)

@@ -1,7 +1,6 @@
-"""The exact Jacobian of one step of a chain in space, and outputs for control: `linearised` in three dimensions.
+"""Jacobian of one time step of a chain in space by complex steps, and the tip outputs that controllers use.
 
-The derivatives are complex steps through the text of `spatial.step`: whatever that text says, springs, tendons and
-weight, is in the Jacobian.
+The derivatives are complex steps through `spatial.step`, so that springs, tendons and gravity are all included.
 """
 
 from __future__ import annotations
@@ -12,11 +11,14 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, slopes):
-    """Advance x and v (N,) in place by h [s] as `spatial.step`, and write the Jacobian slopes.J of that step.
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
+    and inputs to slopes.J.
 
-    As `linearised.step_jacobian`: J (3N + R, 2N), J[i, k] = d(x', v')_k / d(x, v, t)_i, row by variable, t being
-    further torques (N,) [N m] along the coordinates and commands (R,) [N] of tendons behind them, held over the step.
-    `slopes` is `symbols.SpatialSlopes`.
+    `spatial.step` makes the same step without derivatives.
+
+    slopes.J (3N + R, 2N) has one row for each variable: J[i, k] = d(x', v')_k / d(x, v, t)_i. t are additional torques
+    (N,) [N m] along the coordinates and then commands (R,) [N] of tendons, constant over the step. `slopes` is a
+    `symbols.SpatialSlopes`.
 
     Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions (1998)
     """
@@ -42,9 +44,13 @@ def step_jacobian(x, v, h, torque, body, joints, work, slopes):
 
 
 def tip_outputs(x, strain, geometry, out):
-    """Outputs at turns x (T,) and strains (S,): the tip's x, y or z [m], as `which` says.
+    """Write the selected tip coordinates (x, y or z) [m] of a chain in space to `out`, from its joint angles `x` and
+    segment strains.
 
-    `observation.tip_outputs` of a chain in space.
+    Output j is x, y or z as which[j] says. x has T angles, the strains have the shape (S,).
+
+    `geometry` is (body, work, which), with which[j] = 0, 1, 2 for x, y, z. The planar function is
+    `observation.tip_outputs`.
     """
     body, work, which = geometry
     n = len(body.mass)
@@ -59,15 +65,20 @@ def tip_outputs(x, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Write what shifts of the rest (T,) turn the joints by: themselves; `observation.turned` in space."""
+    """Copy the shifts of the rest angles [rad] to `turn`. In space, unlike in the plane, they shift the coordinates
+    directly.
+
+    The planar function is `observation.turned`.
+    """
     for i in range(len(rest_shift)):
         turn[i] = rest_shift[i]
 
 
 def motion_of(v, joints):
-    """Return the mean over the joints of the square of their rate [rad^2/s^2], of swing and twist together.
+    """Return the sum of squared joint rates, swing and twist, divided by the number of joints [rad^2/s^2], from the
+    rates v (N,).
 
-    `observation.motion_of` of a chain in space.
+    The planar function is `observation.motion_of`.
     """
     power = v[0] * v[0]
     for i in range(1, joints.hardening.shape[1]):

@@ -1,17 +1,17 @@
-"""Memory of the joints in space: creep, slip elements and Bouc-Wen of `memory`, on swings and on twists.
+"""Hysteresis of the joints of a chain in space: creep, slip elements and Bouc-Wen, for swings and twists.
 
-Every coordinate of a joint has states of its own. Creep is linear, so each coordinate has the law of the plane. What
-slips is one law for both coordinates of a swing: an element's stretch e = (e_a, e_b) has the size of `swing_size`,
-sqrt(e_a^2 + (K_b / K_a) e_b^2), and slips where that passes its limit, towards where it is pulled. So with K_a = K_b
-the loss of a bend does not depend on its direction, and with b = 0 the law is the plane's. Limits for a and b, each by
-itself, would make a bend along a diagonal hold sqrt(2) times as much. A twist has the plane's law by itself.
+Every coordinate of a joint has its own states. Creep is linear, so that each coordinate follows the planar law. Slip is
+one law for both coordinates of a swing: the stretch e = (e_a, e_b) of an element has the size of `swing_size`,
+sqrt(e_a^2 + (K_b / K_a) e_b^2), and the element slips where this size exceeds its limit, in the direction of the pull.
+With K_a = K_b the loss of a bend therefore does not depend on its direction, and with b = 0 the law is the planar one.
+(Separate limits for a and b would allow sqrt(2) times the torque in a diagonal bend.) A twist follows the planar law.
 
-A slip element of stretch e whose joint moves by dq ends at e + dq, pulled back to its limit along the same line: then
-torque times motion is what it gains and a loss that is never negative. Bouc-Wen's z obeys
+A slip element of stretch e whose joint moves by dq ends at e + dq, scaled back to its limit along the same line. The
+work of its torque is then its gain of energy plus a loss that is never negative. Bouc-Wen's z obeys
 
     dz = dq - |z|^{n-2} z (beta |z . dq| + gamma z . dq)
 
-which is the law of the plane where z and dq have one direction. |z| stays below (beta + gamma)^{-1/n}.
+which is the planar law where z and dq have the same direction. |z| stays below (beta + gamma)^{-1/n}.
 
 Source: Park, Wen and Ang (1986), Earthquake Eng. Struct. Dyn. 14, 543 (Bouc-Wen in two directions, n = 2); the slip
 element as radial return, Simo and Hughes, Computational Inelasticity (1998), Sec. 3.3
@@ -25,11 +25,14 @@ from pliant.equations.memory import AGREE, CALM, TRIALS, decay_along
 from pliant.equations.spatial import step
 from pliant.equations.spatial_springs import NO_STIFFNESS
 
-DIRECTION = 1e-3  # rad: how much a difference in the direction of slip, which is second order in r, counts beside r
+DIRECTION = 1e-3  # rad: weight, beside r, of a difference in the direction of slip, which is second order in r
 
 
 def yielded(a, b, ratio, limit):
-    """Return how much of a stretch (a, b) an element keeps, and its direction where it slips, (0, 0) where it sticks.
+    """Return the factor that scales the stretch (a, b) [rad] of a slip element back to its limit, and the slip
+    direction (two components).
+
+    A sticking element has the factor 1 and the direction (0, 0).
 
     `ratio` is K_b / K_a.
     """
@@ -41,7 +44,10 @@ def yielded(a, b, ratio, limit):
 
 
 def flow(a, b, da, db, ratio, memory):
-    """Return the decay of Bouc-Wen's (a, b) over a motion (da, db), see `memory.boucwen_decay`."""
+    """Return the relative decay of the Bouc-Wen state (a, b) [rad] of a joint's swing over a motion (da, db) [rad].
+
+    The planar function is `memory.boucwen_decay`.
+    """
     a = a + 0.5 * da
     b = b + 0.5 * db
     square = a * a + ratio * b * b
@@ -52,14 +58,18 @@ def flow(a, b, da, db, ratio, memory):
 
 
 def relax(x, joints, past):
-    """Set the creep of all coordinates to rest at x (N,)."""
+    """Set the creep states of all joint angles to their equilibrium at the coordinates x (N,) of a chain in space."""
     for i in range(past.state.shape[0]):
         for j in range(len(past.memory.creep_share)):
             past.state[i, j] = x[i]
 
 
 def follow_change(x, change, joints, past):
-    """Move slip elements and Bouc-Wen as if the chain turned from x by `change` at once: `memory.follow_change`."""
+    """Update slip elements and Bouc-Wen states for an instantaneous change of the coordinates from
+    x by `change` (N,).
+
+    The planar function is `memory.follow_change`.
+    """
     held = past.held
     for i in range(len(x)):
         held.x[i] = x[i]
@@ -69,14 +79,19 @@ def follow_change(x, change, joints, past):
 
 
 def ratio_of(i, joints):
-    """Return K_b / K_a of the swing whose first coordinate is i."""
+    """Return the stiffness ratio K_b / K_a of the two swing angles of a joint, which are the
+    coordinates i and i + 1.
+    """
     return joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
 
 
 def write_lines(h, joints, past):
-    """Write r of all coordinates as straight lines in the middle of a step of h [s] that turns them by held.dq (m,).
+    """Write the hysteresis angle of each joint coordinate, as a linear function of the mid-step coordinates, to
+    held.line (m, 3).
 
-    Row i of held.line (m, 3) has level [rad], slope by the coordinate itself and by the other one of its swing.
+    held.dq (m,) [rad] is the assumed motion over the step of h [s].
+
+    Row i of held.line (m, 3) is: offset [rad], slope by coordinate i, slope by the other coordinate of the same swing.
     """
     held = past.held
     memory = past.memory
@@ -97,9 +112,13 @@ def write_lines(h, joints, past):
 
 
 def add_friction(i, k, ratio, past):
-    """Add slip elements and Bouc-Wen to the lines of coordinates i and k, those of one swing; k = i of a twist.
+    """Add slip elements and Bouc-Wen of one joint to the linear functions in held.line of its two swing coordinates i
+    and k.
 
-    Tangents at the motion held.dq: r(dq) = share (e + end(dq)) / 2, whose slope is that of the projection on the limit.
+    A twist has k = i.
+
+    These are tangents at the motion held.dq of r(dq) = share (e + end(dq)) / 2. Their slope is that of the projection
+    of e + dq to the limit.
     """
     held = past.held
     memory = past.memory
@@ -134,19 +153,23 @@ def add_friction(i, k, ratio, past):
 
 
 def add_line(i, level, own, across, held):
-    """Add a straight line to that of coordinate i."""
+    """Add an offset `level` [rad] and the slopes `own`, `across` to row i of held.line, a linear function of the
+    mid-step coordinates.
+    """
     held.line[i, 0] = held.line[i, 0] + level
     held.line[i, 1] = held.line[i, 1] + own
     held.line[i, 2] = held.line[i, 2] + across
 
 
 def step_with_memory(x, v, h, torque, body, joints, past, work):
-    """Advance x, v (N,) and the states of all joints by h [s], as `memory.step_with_memory` in the plane.
+    """Advance coordinates x (N,), rates v (N,) and hysteresis states in place by one step h [s], and return the energy
+    [J] lost to hysteresis.
 
-    Which elements slip and where to depends on the motion that the step is to find: it is guessed, the step is made
-    with tangents (Newton's method), and made again until what it took agrees with what the branches deliver.
+    The planar function is `memory.step_with_memory`. Which elements slip, and in which direction, depends on the
+    unknown motion of the step. It is guessed, the step is made with tangents (Newton's method), and both are repeated
+    until the r used by the step equals the r of the branches after it.
 
-    Returns the energy [J] that the branches dissipate, never negative; -1 where no agreement is found.
+    The returned energy is never negative. It is -1 where this iteration does not converge.
 
     Paper: Eq. (5) [eq:eom], in space, with the hysteresis that the paper leaves to later work
     """
@@ -169,10 +192,11 @@ def step_with_memory(x, v, h, torque, body, joints, past, work):
 
 
 def disagreement(v, h, joints, past, work, calm):
-    """Return by how much r as the step took it and as the branches deliver it differ at most, rad.
+    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
+    the assumed motion.
 
-    Where an element slips, the turn of its direction from the guess counts too. Leaves the motion that the step made in
-    held.dq, half-way to that of before when `calm` and not agreed. Not a number where the step failed.
+    Where an element slips, the change of its direction from the guess counts too. Writes the motion of the step to
+    held.dq, or its mean with the previous one if `calm` and not yet converged. The result is NaN where the step failed.
     """
     held = past.held
     n = len(joints.unloaded)
@@ -197,7 +221,13 @@ def disagreement(v, h, joints, past, work, calm):
 
 
 def gap(i, k, da, db, ratio, h, past):
-    """Return the difference of `disagreement` for coordinates i and k that move by da and db; k = i of a twist."""
+    """Return the mismatch [rad] between assumed and resulting hysteresis angles of one joint, whose coordinates i and k
+    move by da and db.
+
+    `disagreement` takes the largest of these.
+
+    A twist has k = i.
+    """
     held = past.held
     memory = past.memory
     state = past.state
@@ -233,9 +263,11 @@ def gap(i, k, da, db, ratio, h, past):
 
 
 def remember(h, joints, past):
-    """Move the states (m, branches) over a step of h [s] that turned by held.dq; returns the energy dissipated, J.
+    """Update the hysteresis states of m joint coordinates after a step of h [s], and return the dissipated energy [J].
 
-    Each term of the loss is a square or a product of equal signs, so never negative.
+    held.dq (m,) is the motion of the coordinates.
+
+    Each term of the energy is a square or a product of equal signs, and therefore not negative.
     """
     held = past.held
     memory = past.memory
@@ -258,7 +290,9 @@ def remember(h, joints, past):
 
 
 def move_friction(i, k, ratio, past):
-    """Move slip elements and Bouc-Wen of coordinates i and k; returns what they dissipate over the stiffness of i."""
+    """Update slip elements and Bouc-Wen states of the joint coordinates i and k, and return the dissipated energy
+    divided by K_i.
+    """
     held = past.held
     memory = past.memory
     state = past.state

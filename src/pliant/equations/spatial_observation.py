@@ -1,4 +1,4 @@
-"""What filters see of a chain in space: positions of points and orientations of links, with their slopes."""
+"""Measurement functions of a chain in space: positions of points and orientations of links, with their derivatives."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pliant.equations.observation import ALONG_X, ALONG_Z, TURN_X
 from pliant.equations.spatial import pose_links, stumpff
 from pliant.equations.spatial_points import axis_slope, point_position
 
-HALVINGS = 3  # of an angle below half a turn, until the series below holds to rounding
+HALVINGS = 3  # of an angle below 180 degrees, after which the series below is exact to rounding
 SERIES = 12  # terms of theta / sin(theta)
 LEAST = 1e-15  # beside cos^2(theta / 2): keeps the root real at half a turn
 FLIPPED = 0.0  # cosine below which, beyond 90 degrees, an orientation is taken for a flip of its markers
 
 
 def angle_over_sine(cosine):
-    """Return theta / sin(theta) from cos(theta), also of complex numbers and arrays; theta from 0 to below pi.
+    """Return theta / sin(theta) from `cosine` = cos(theta), for 0 <= theta < pi, accurate also near 0.
 
     Three halvings of the angle, then theta / sin(theta) = sum_n a_n (1 - cos theta)^n, a_n / a_{n-1} = n / (2 n + 1).
-    A rotation vector is this times the vector of the skew part of its rotation.
+    The rotation vector of a rotation matrix is this factor times the vector of the matrix' skew part.
     """
     halved = 1.0 + 0.0 * cosine
     for _ in range(HALVINGS):
@@ -31,10 +31,12 @@ def angle_over_sine(cosine):
 
 
 def observe_rows(x, frame, links, seen, H):
-    """What each row of a measurement sees (m,), and its slopes H (m, N) with respect to the coordinates x (N,).
+    """Write the m predicted measurements at coordinates x (N,) of a chain in space to `seen` (m,), and their
+    derivatives by x to H (m, N).
 
-    A row is (kind, link, along, across, aside) and sees x, y or z of a point fixed to a link, or, in three rows one
-    after the other, the orientation of a link. `links` is scratch; `observation.observe_rows` of the plane.
+    A row of `frame.rows` is (kind, link, along, across, aside). It measures x, y or z [m] of a point fixed to a link.
+    Three consecutive rows measure the orientation of a link. `links` is scratch. The planar function is
+    `observation.observe_rows`.
     """
     rows = frame.rows
     pose_links(x, frame.chain, links)
@@ -51,11 +53,14 @@ def observe_rows(x, frame, links, seen, H):
 
 
 def observe_turn(link, value, work, seen, H):
-    """See the orientation of a link beside a measured one, `value` (3,): its rotation vector in the base frame, rad.
+    """Write the predicted orientation of a link, as a rotation vector, to seen (3,) [rad], and its derivatives by the
+    coordinates to H (3, N).
 
-    value - seen = e is the rotation vector, in fixed axes, from the link R to the measured frame E, exp(e) = E R^T; a
-    turn dw of the link changes it by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 - c2'/c2 [e]^2. No number is seen
-    where e is more than 90 degrees.
+    `value` (3,) is the measured rotation vector.
+
+    Both are in the base frame. value - seen = e is the rotation vector, in fixed axes, from the link's R to the
+    measured frame E, exp(e) = E R^T. A turn dw of the link changes e by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 -
+    c2'/c2 [e]^2. `seen` is NaN where e exceeds 90 degrees.
     """
     y = value[0] * value[0] + value[1] * value[1] + value[2] * value[2]
     c2, c3, _, _ = stumpff(y)
@@ -85,7 +90,11 @@ def observe_turn(link, value, work, seen, H):
 
 
 def turn_slopes(link, e, work, H):
-    """Write the slopes H (3, N) of `observe_turn`: J_r^{-1}(e) times the axes of the joints before the link."""
+    """Write the derivatives of a link's predicted rotation vector by the N coordinates to H (3, N), at the orientation
+    error e (3,) [rad].
+
+    They are J_r^{-1}(e) times the axes of the joints before the link, as derived in `observe_turn`.
+    """
     y = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
     c2, _, d2, _ = stumpff(y)
     n = work.P.shape[0]

@@ -1,4 +1,7 @@
-"""Points of a chain in space, forces at them, and its energies. `work` holds the pose from `spatial.pose_links`."""
+"""Points of a chain in space: their positions and derivatives, forces at them, and the energies of the chain.
+
+`work` is a scratch record which holds the pose written by `spatial.pose_links`.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,11 @@ from pliant.equations.spatial_springs import joint_torques
 
 
 def point_position(link, aside, across, along, work, p):
-    """Write the position p (3,) [m] of a point of a link: r + R (aside, -across, along); link -1 is the base part.
+    """Write the position p (3,) [m] of a point fixed to link `link` (-1: the base part), at aside, across and along [m]
+    on the link.
 
-    `across` counts to the left of who looks along the link against x, as in the plane; `along` is that of the link
-    unstretched.
+    `aside`, `across` and `along` [m] are the point's coordinates on the link, with `along` on the unstretched link.
+    `across` is along -y of the link, as in the plane.
     """
     k = link + 1
     reach = work.stretch[k] * along
@@ -20,16 +24,21 @@ def point_position(link, aside, across, along, work, p):
 
 
 def point_slope(link, along, p, body, work, J):
-    """Write the Jacobian J (3, N) of a point p (3,), which lies `along` [m] a link unstretched.
+    """Write the derivatives J (3, N) of a point's position by the N coordinates. The point is at p (3,) [m], `along`
+    [m] on its link.
 
-    By a turn it is s x (p - r) of each before it, by a strain the sum of a_ks l_k z_k of all links before it.
+    The column of an angle is s x (p - r), that of a strain the sum of a_ks l_k z_k over all links before the point.
     """
     for axis in range(3):
         axis_slope(axis, link, along, p, body, work, J[axis])
 
 
 def axis_slope(axis, link, along, p, body, work, row):
-    """Write one row (N,) of `point_slope`: that of the position along an axis."""
+    """Write the derivatives of one coordinate (`axis` 0, 1, 2: x, y, z) of a point's position by the N coordinates to
+    row (N,).
+
+    It is row `axis` of the Jacobian of `point_slope`.
+    """
     n = work.P.shape[0]
     turns = len(work.S)
     j = (axis + 1) % 3
@@ -57,10 +66,11 @@ def place_points(x, link, offset, body, work, place, slope):
 
 
 def add_pose_loads(load, body, work, t):
-    """Add to the torques t (N,) those of forces and moments on the links at the pose in `work`; N m.
+    """Add the generalized forces of external forces and moments on the links to t (N,) [N m], for the pose stored in
+    `work`.
 
-    `load` (n + 1, 3, 5) holds for each link, the part before the first joint first, in fixed axes, the sum over its
-    points (aside, -across, along) of force times these three, then the force [N], then free moments [N m].
+    `load` (n + 1, 3, 5), in fixed axes, holds for each link (first the part before the first joint) the sums over its
+    points of: force times aside, force times -across, force times along [N m], force [N], and free moment [N m].
 
     Source: virtual work; a force at R o has the moment sum_m R_m x (f o_m) about the joint
     """
@@ -95,9 +105,9 @@ def add_pose_loads(load, body, work, t):
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add to the torques work.tau (N,) those of forces at points of the links, `ahead` [s] along the rates v; N m.
+    """Add the generalized forces [N m] of external loads on the links to work.tau (N,), at the coordinates x + ahead v.
 
-    `load` as in `add_pose_loads`.
+    `ahead` is in s. `add_pose_loads` describes `load`.
     """
     for i in range(len(x)):
         work.q[i] = x[i] + ahead * v[i]
@@ -106,7 +116,10 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
 
 
 def kinetic_energy(x, v, body, work):
-    """Return 1/2 v^T M v, J, link by link: of the centre of mass, of the turn of the axis and of that about it."""
+    """Return the kinetic energy 1/2 v^T M v [J] of a chain in space, at coordinates x and rates v (N,).
+
+    Each link contributes the motion of its centre of mass, the turn of its axis and the spin about it.
+    """
     n = len(body.mass)
     pose_links(x, body, work)
     for k in range(n + 1):
@@ -138,7 +151,9 @@ def kinetic_energy(x, v, body, work):
 
 
 def gravity_energy(x, body, work):
-    """Return -sum m g . r, J, 0 where every centre of mass lies at the origin."""
+    """Return the gravitational energy -sum m g . r [J] of a chain in space, 0 where every centre of mass is at the
+    origin.
+    """
     pose_links(x, body, work)
     value = 0.0 * x[0]
     for k in range(len(body.mass)):
@@ -154,9 +169,12 @@ def gravity_energy(x, body, work):
 
 
 def add_step_work(v, h, torque, joints, work, total):
-    """Add what a `spatial.step` took to total (2,) [J]: input work, and loss of dampers and friction, by middle rates.
+    """Add the work of the inputs, and the loss in dampers and tendon friction, over one time step to total (2,) [J].
 
-    v: rates (N,) after the step, which leaves their change in work.a. Of tendons: `tendon.step`.
+    The step is one of `spatial.step`.
+
+    Both use the mid-step rates. `v` (N,) are the rates after the step, `work.a` still holds their change. For tendons,
+    `work` is that of `tendon.step`.
     """
     for i in range(len(v)):
         rate = v[i] - 0.5 * work.a[i]
@@ -165,7 +183,10 @@ def add_step_work(v, h, torque, joints, work, total):
 
 
 def observe(x, base_angle, places, seen):
-    """Positions of the observed points, seen (S, 3) [m], at coordinates x (N,); `observation.observe` of the plane."""
+    """Write the positions [m] of the S observed points to seen (S, 3), at the coordinates x (N,) of a chain in space.
+
+    The planar function is `observation.observe`. `base_angle` is not used.
+    """
     pose_links(x, places.body, places.work)
     for j in range(len(places.carrier)):
         point_position(places.carrier[j], places.aside[j], places.across[j], places.along[j], places.work, seen[j])
@@ -174,7 +195,11 @@ def observe(x, base_angle, places, seen):
 
 
 def static_forces(x, torque, body, joints, work, forces):
-    """What inputs (N,), springs and weight do to x at rest, forces (N,): zero in equilibrium, N m."""
+    """Write the net generalized force of actuation `torque` (N,), springs and gravity on a chain at rest at x to forces
+    (N,) [N m].
+
+    It is zero in equilibrium.
+    """
     for i in range(len(x)):
         work.v[i] = 0.0 * x[i]
     pose_links(x, body, work)

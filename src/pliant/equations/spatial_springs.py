@@ -1,13 +1,16 @@
-"""Springs and dampers of a chain in space: the law of `elastic`, on the size of a swing and on a twist.
+"""Springs and dampers of a chain in space: nonlinear springs for the swing and the twist of each joint, linear ones for
+strains.
 
-The swing (a, b) of a joint has the energy K_a a^2 / 2 + K_b b^2 / 2 + W(m), m^2 = a^2 + (K_b / K_a) b^2, where W is
-what the law of the first coordinate adds to its linear spring. With K_a = K_b no direction is preferred, and with b = 0
-and a > 0 it is the spring of the plane. Of `hardening` (terms + 1, T), for the T coordinates that turn, the columns of
-b are not read. The strains behind these have linear springs.
+The nonlinear law is that of `elastic`, applied to the size of a swing and to a twist.
 
-In a `SpatialJoints` record `theta0` (N,) is where the linear springs hold nothing: 0.
-`unloaded` (n,) is 0: its length is the number of links. `line` holds what hysteresis adds, a straight line in the
-coordinates of each joint: `spatial_memory`.
+The swing (a, b) of a joint has the energy K_a a^2 / 2 + K_b b^2 / 2 + W(m), m^2 = a^2 + (K_b / K_a) b^2. W is the
+nonlinear part of the law of the first coordinate. With K_a = K_b no direction is preferred, and with b = 0 and a > 0
+the law is that of the plane. In `hardening` (terms + 1, T), for the T angles, the columns of b are not used. The
+strains behind the angles have linear springs.
+
+In a `SpatialJoints` record, `theta0` (N,), where the linear springs are unloaded, is 0. `unloaded` (n,) is 0, and its
+length is the number of links. `line` holds the contribution of hysteresis, a linear function of the coordinates of each
+joint: `spatial_memory`.
 """
 
 from __future__ import annotations
@@ -17,20 +20,23 @@ import numpy as np
 from pliant.equations.elastic import LEAST_STRETCH, spring_energy, spring_slope, spring_torque
 
 TINY = 1e-24  # rad^2: under the root, so that the size of a swing has a derivative where the joint is straight
-NO_STIFFNESS = 1e-60  # N m/rad: of K_a = 0, by which no K_b is divided
-MOST_SWING = 16.0  # rad^2: a swing of 4 rad, up to which `spatial.stumpff` is good
+NO_STIFFNESS = 1e-60  # N m/rad: added to K_a so that K_b / K_a is finite
+MOST_SWING = 16.0  # rad^2: a swing of 4 rad, up to which `spatial.stumpff` is accurate
 
 
 def swing_size(i, joints, a, b):
-    """Return the size m of the swing (a, b) of coordinates i, i + 1 [rad], and K_b / K_a."""
+    """Return the stiffness-weighted size [rad] of a joint's swing (a, b) [rad], coordinates i and i + 1, and the
+    stiffness ratio K_b / K_a.
+    """
     ratio = joints.K[i + 1] / (joints.K[i] + NO_STIFFNESS)
     return np.sqrt(a * a + ratio * (b * b) + TINY), ratio
 
 
 def joint_torques(x, v, joints, torque, ahead, t):
-    """Write the net torques t (N,) of drive, spring and damper along each coordinate; N m.
+    """Write the net torque t (N,) [N m] of actuation, spring and damper along each coordinate of a chain in space.
 
-    `ahead` [s] looks ahead along the present rates v: half a step in the implicit midpoint rule, 0 elsewhere.
+    `torque` (N,) is the actuation torque. `ahead` [s] extrapolates x along the present rates v: half a step in the
+    implicit midpoint rule, 0 elsewhere.
 
     Paper: Eq. (5) [eq:eom], in space
     """
@@ -55,12 +61,20 @@ def joint_torques(x, v, joints, torque, ahead, t):
 
 
 def partner(i, n):
-    """Return the other coordinate of the swing that coordinate i is of; i of a twist."""
+    """Return the index of the other swing coordinate of the same joint as coordinate i, for n joints; i itself for a
+    twist.
+    """
     return i + 1 - 2 * (i % 2) if i < 2 * n else i
 
 
 def add_spring_slopes(q, half, joints, A):
-    """Add to the lower triangle of A (N, N) what a step of 2 `half` [s] has implicit at q (N,): h/2 D + h^2/4 K'."""
+    """Add the stiffness and damping terms of springs and dampers to the lower triangle of the implicit step's matrix A
+    (N, N).
+
+    The terms are h/2 D + h^2/4 K' at the mid-step coordinates q (N,).
+
+    The step is h = 2 `half` [s].
+    """
     n = len(joints.unloaded)
     quarter = half * half
     for i in range(0, 2 * n, 2):
@@ -84,7 +98,7 @@ def add_spring_slopes(q, half, joints, A):
 
 
 def elastic_energy(x, joints):
-    """Return the energy of the springs, J, 0 in the rest shape."""
+    """Return the energy [J] of all springs of a chain in space at the coordinates x (N,), 0 in the rest shape."""
     n = len(joints.unloaded)
     value = 0.0 * x[0]
     for i in range(0, 2 * n, 2):
@@ -100,10 +114,13 @@ def elastic_energy(x, joints):
 
 
 def follows(x, v, h, joints):
-    """Return whether a step of h [s] could follow the chain to where it is, on real parts; as `elastic.follows`.
+    """Return whether a time step of h [s] is valid for a chain in space in the state (x, v): no large motion, and every
+    spring stable.
 
-    No coordinate moves by more than 1, no joint swings by more than 4 rad, no spring has softened to nothing, and no
-    segment is pressed to nothing.
+    The planar function is `elastic.follows`.
+
+    The conditions are that no coordinate changes by more than 1 in the step, no joint swings by more than 4 rad, every
+    spring has a positive slope, and no segment is compressed to below 5 % of its length. Only real parts are compared.
     """
     n = len(joints.unloaded)
     for i in range(len(x)):

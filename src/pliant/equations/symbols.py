@@ -1,4 +1,4 @@
-"""The symbol table as code: what the kernels call their parameters.
+"""Parameter records of the compiled kernels: named tuples with the symbols, shapes and units of the equations.
 
 Two coordinate sets describe the same motion: the joint angles q of the paper, relative to the rest shape, and
 the absolute link angles phi_i = base_angle + sum_{k<=i} (q_k + theta0_k), from the base tangent +y.
@@ -13,35 +13,46 @@ if TYPE_CHECKING:
 
 
 class Body(NamedTuple):
-    """Constants of the inertia in absolute angles, from `inertia.body_constants`.
+    """Constants of the inertia of a planar chain, in absolute link angles.
+
+    `inertia.body_constants` computes them.
 
     In absolute angles the kinetic energy is 1/2 sum_kl B_kl cos(phi_k - phi_l) w_k w_l + 1/2 sum_k I_k w_k^2 with
-    constant B: all that depends on the shape is the cosine (Sec. III-C; derived, see docs/equations.md).
+    constant B. Only the cosine depends on the shape (Sec. III-C; derived, see docs/equations.md).
     """
 
     B: np.ndarray  # (n, n) kg m^2, coupling of the link directions
     I: np.ndarray  # (n,)   kg m^2, rotary inertia of each link about its centre of mass
-    h: np.ndarray  # (n,)   kg m, first moment of what link k carries
+    h: np.ndarray  # (n,)   kg m, first moment of link k and all mass beyond it
     gx: float  # m/s^2, gravity along x of the base frame
     gy: float  # m/s^2, gravity along y of the base frame
 
 
 class ExtensibleBody(NamedTuple):
-    """Constants of the inertia of a body that lengthens: `extension`. Link 0 lies before the first joint."""
+    """Constants of the inertia of a planar chain whose segments lengthen.
+
+    The module `equations.extension` uses them.
+
+    Link 0 is the part before the first joint.
+    """
 
     B: np.ndarray  # (n + 1, n + 1) kg m^2, rotary inertia on its diagonal
     l: np.ndarray  # (n + 1,) m, lengths of the links unstretched
-    h: np.ndarray  # (n + 1,) kg m, first moment of what link k carries
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment
+    h: np.ndarray  # (n + 1,) kg m, first moment of link k and all mass beyond it
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment
     gx: float  # m/s^2
     gy: float  # m/s^2
 
 
 class SpatialBody(NamedTuple):
-    """Constants of a chain in space: `spatial`. Links are bodies of revolution; a tip mass belongs to the last."""
+    """Constants of a chain in space: geometry and inertia of its links, gravity, and tendons. The last link carries a
+    tip mass.
+
+    Links are bodies of revolution. The module `equations.spatial` uses these constants.
+    """
 
     length: np.ndarray  # (n + 1,) m, the part before the first joint first
-    mass: np.ndarray  # (n,)   kg, of the links behind joints: the part before the first joint does not move
+    mass: np.ndarray  # (n,)   kg, of the links behind joints; the part before the first joint is fixed
     centre: np.ndarray  # (n,)   m, from the joint to the centre of mass, on the link's axis
     lateral: np.ndarray  # (n,)   kg m^2, moment of inertia about an axis across the link through its centre of mass
     axial: np.ndarray  # (n,)   kg m^2, about the link's own axis
@@ -50,17 +61,17 @@ class SpatialBody(NamedTuple):
     gx: float  # m/s^2, gravity in fixed axes
     gy: float  # m/s^2
     gz: float  # m/s^2
-    lever: np.ndarray  # (R, N) m, of each tendon at each coordinate: `tendon`; no rows without tendons
+    lever: np.ndarray  # (R, N) m, lever arm of each tendon at each coordinate, see `tendon`; no rows without tendons
     tendon_stiffness: np.ndarray  # (R,) N/m
     pretension: np.ndarray  # (R,) N
     friction: np.ndarray  # (R,) coefficient of friction along the path
     slip_rate: np.ndarray  # (R,) m/s, over which friction changes its direction
-    beyond: np.ndarray  # (N, n) part of what a coordinate draws in that lies beyond the middle of each joint's arc
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; no columns without
+    beyond: np.ndarray  # (N, n) fraction of a coordinate's path length beyond the middle of each joint's arc
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
 
 
 class Links(NamedTuple):
-    """The links one by one, as the paper's recursion takes them."""
+    """Length, rest angle, mass and inertia of each link of a planar chain, for the recursion of the paper."""
 
     l: np.ndarray  # (n,) m
     theta0: np.ndarray  # (n,) rad
@@ -74,22 +85,38 @@ class Links(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Springs and dampers of the joints, and the direction that the first one counts from.
-
-    Of a body that lengthens, K and D (n + S,) hold behind those of the joints EA L [N m] and the damping times L
-    [N m s] of its segments.
-    """
+    """Springs and dampers of the joints of a planar chain, and the direction of the base tangent."""
 
     base_angle: float  # rad, the base tangent from +y
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
     hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
-    unloaded: np.ndarray  # (n,) rad, theta0, from which these count also where memory moves a step's theta0
+    unloaded: np.ndarray  # (n,) rad, theta0 without the shift by hysteresis; K2, K3 ... act on the angle from here
+
+
+class ExtensibleJoints(NamedTuple):
+    """As `Joints`, of a body that lengthens, with S axial springs and dampers behind those of the joints.
+
+    Where no segment softens or stiffens, `hardening` has the columns of the joints alone; where no segment has
+    hysteresis, `rest` is empty.
+    """
+
+    base_angle: float  # rad
+    theta0: np.ndarray  # (n,) rad
+    K: np.ndarray  # (n + S,) N m/rad; EA L [N m] of the segments
+    D: np.ndarray  # (n + S,) N m s/rad; axial damping times L [N m s]
+    hardening: np.ndarray  # (terms + 1, n) or (terms + 1, n + S); of the segments EA L times s and a, and R
+    unloaded: np.ndarray  # (n,) rad
+    rest: np.ndarray  # (S,) strains at which the linear axial springs hold nothing, which hysteresis moves; or (0,)
 
 
 class SpatialJoints(NamedTuple):
-    """Springs and dampers of a chain in space, as in `Joints`; each of n joints has two or three coordinates of N."""
+    """Springs and dampers of a chain in space, for N coordinates: two swings and optionally a twist of each of n
+    joints, then strains.
+
+    For the plane there is `Joints`.
+    """
 
     base_angle: float  # 0
     theta0: np.ndarray  # (N,) rad, 0
@@ -97,55 +124,80 @@ class SpatialJoints(NamedTuple):
     D: np.ndarray  # (N,) N m s/rad
     hardening: np.ndarray  # (terms + 1, N)
     unloaded: np.ndarray  # (n,) 0
-    line: np.ndarray  # (m, 3) what K r adds to a step: `spatial_memory`; no rows without memory
+    line: np.ndarray  # (m, 3) linear functions of hysteresis in a step, see `spatial_memory`; no rows without it
 
 
 class ObservedChain(NamedTuple):
-    """Lengths that the positions of points on a chain follow from: `equations.observation`."""
+    """Lengths of base part and links, from which the positions of points on a planar chain are computed.
+
+    The module `equations.observation` uses them.
+    """
 
     base_length: float  # m, from the origin to the first joint
     length: np.ndarray  # (n,) m, of the links, unstretched
-    share: np.ndarray  # (n + 1, S) part of each link that lies in each segment that lengthens; (., 0) where none does
+    share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
 
 
 class MemoryLaw(NamedTuple):
-    """Parameters of creep, slip and Bouc-Wen branches, equal for all joints; stiffness in parts of the joint's K."""
+    """Parameters of the joints' hysteresis: creep, slip and Bouc-Wen branches, equal for all joints, with stiffness as
+    a fraction of K.
+    """
 
-    creep_share: np.ndarray  # (P,) stiffness of each Prony branch, in parts of K
+    creep_share: np.ndarray  # (P,) stiffness of each Prony branch, as a fraction of K
     creep_time: np.ndarray  # (P,) s, its relaxation time
-    slip_share: np.ndarray  # (S,) stiffness of each Maxwell-slip element, in parts of K
+    slip_share: np.ndarray  # (S,) stiffness of each Maxwell-slip element, as a fraction of K
     slip_angle: np.ndarray  # (S,) rad, the stretch at which it slips
-    boucwen_share: float  # stiffness of the Bouc-Wen branch at z = 0, in parts of K
+    boucwen_share: float  # stiffness of the Bouc-Wen branch at z = 0, as a fraction of K
     boucwen_beta: float  # 1/rad^n
     boucwen_gamma: float  # 1/rad^n, at most beta in size
     boucwen_exponent: float  # n, at least 1
 
 
-class ChamberConstants(NamedTuple):
-    """One pressure that makes one torque: `equations.chamber`."""
+class AxialMemoryLaw(NamedTuple):
+    """As `MemoryLaw`, with creep branches and slip elements of segments that lengthen, in parts of their EA."""
 
-    law: np.ndarray  # (k,) numbers of the torque law at rest, of the polynomial in N m/Pa^i
-    swell_share: float  # of the law's growth with pressure that comes late
-    swell_time: float  # s
-    inflation_limit: float  # Pa, towards which the wall expands; 0: a rigid wall
-    inflation_time: float  # s
-    inflation_jm: float  # J_m of a Gent wall, at which its stretch ends; 0: neo-Hookean
-    form: float  # number of the law: `equations.laws`
+    creep_share: np.ndarray  # (P,)
+    creep_time: np.ndarray  # (P,) s
+    slip_share: np.ndarray  # (S,)
+    slip_angle: np.ndarray  # (S,) rad
+    boucwen_share: float
+    boucwen_beta: float  # 1/rad^n
+    boucwen_gamma: float  # 1/rad^n
+    boucwen_exponent: float
+    axial_creep_share: np.ndarray  # (Q,)
+    axial_creep_time: np.ndarray  # (Q,) s
+    axial_slip_share: np.ndarray  # (R,)
+    axial_slip_strain: np.ndarray  # (R,)
+
+
+class ChamberConstants(NamedTuple):
+    """Constants of one pressure chamber: torque law, viscoelastic lag and inflation of the wall.
+
+    The module `equations.chamber` uses them.
+    """
+
+    law: np.ndarray  # (k,) numbers of the static torque law; of the polynomial in N m/Pa^i
+    swell_share: float  # lagging fraction of the growth of the lever arm with pressure
+    swell_time: float  # s, time constant of this lag
+    inflation_limit: float  # Pa, pressure at which a neo-Hookean wall expands without bound; 0: a rigid wall
+    inflation_time: float  # s, time constant of the wall
+    inflation_jm: float  # J_m of a Gent wall, which limits its stretch; 0: neo-Hookean
+    form: float  # number of the law in `equations.laws`
 
 
 class ActuationConstants(NamedTuple):
-    """All chambers of a body: each a `ChamberConstants`, and how the joints share its torque.
+    """Constants of all C pressure chambers of an actuator, and the gains of their torques at the n joints.
 
-    Few arrays: each costs a caller.
+    A row of `law` and of `rubber` together are a `ChamberConstants`.
     """
 
     law: np.ndarray  # (C, k) numbers of the laws
-    gain: np.ndarray  # (C, n) share of each chamber's torque that each joint feels; 1 by virtual work
+    gain: np.ndarray  # (C, n) fraction of each chamber's torque at each joint; 1 by virtual work
     rubber: np.ndarray  # (C, 6) the last six entries of each `ChamberConstants`
 
 
 class Interval(NamedTuple):
-    """The pressure of a chamber in one interval of time, Pa."""
+    """The pressure [Pa] of a chamber over a time interval: its values at the start, middle and end, and its mean."""
 
     start: float
     middle: float
@@ -154,16 +206,20 @@ class Interval(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """A valve of first order whose pressure rises and falls no faster than its rates."""
+    """A first-order valve with limits on the rates at which its pressure rises and falls."""
 
-    rise: float  # s
-    fall: float  # s
+    rise: float  # s, time constant at rising pressure
+    fall: float  # s, time constant at falling pressure
     rise_rate: float  # Pa/s
     fall_rate: float  # Pa/s
 
 
 class Slopes(NamedTuple):
-    """What `motion.acceleration_jacobian` writes: entry [l, k] of a matrix is da_k / d._l."""
+    """Link accelerations of a planar chain, and their derivatives by link angles and rates. Row l holds the derivatives
+    by angle or rate l.
+
+    `motion.acceleration_jacobian` writes them: entry [l, k] of a matrix is da_k / dphi_l or da_k / dw_l.
+    """
 
     a: np.ndarray  # (n,) rad/s^2
     a_phi: np.ndarray  # (n, n)
@@ -171,41 +227,64 @@ class Slopes(NamedTuple):
 
 
 class Held(NamedTuple):
-    """Scratch arrays of one step with memory: its start, its turn, and the springs that the step sees."""
+    """Scratch arrays of one time step with hysteresis of a planar chain: state at the start, joint turns, and modified
+    springs.
+    """
 
     phi: np.ndarray  # (n,) rad, at the start
     w: np.ndarray  # (n,) rad/s, at the start
     q: np.ndarray  # (n,) rad, at the start
     dq: np.ndarray  # (n,) rad, turn of each joint over the step
-    creep_slope: np.ndarray  # (n,) of creep's line in the middle angle, in parts of K
-    creep_offset: np.ndarray  # (n,) rad, of the same
-    slope: np.ndarray  # (n,) of the line of all branches
-    offset: np.ndarray  # (n,) rad, of the same
-    K: np.ndarray  # (n,) N m/rad, that of `springs`
-    theta0: np.ndarray  # (n,) rad, that of `springs`
+    creep_slope: np.ndarray  # (n,) slope of the creep part of r in the mid-step angle
+    creep_offset: np.ndarray  # (n,) rad, offset of the same
+    slope: np.ndarray  # (n,) slope of r of all branches
+    offset: np.ndarray  # (n,) rad, offset of the same
+    K: np.ndarray  # (n,) N m/rad, K of `springs`
+    theta0: np.ndarray  # (n,) rad, theta0 of `springs`
     springs: Joints
 
 
+class ExtensibleHeld(NamedTuple):
+    """As `Held`, of a body whose N = n + S coordinates all have hysteresis: joints, and segments that lengthen."""
+
+    phi: np.ndarray  # (N,) at the start
+    w: np.ndarray  # (N,) at the start
+    q: np.ndarray  # (N,) joint angles and strains at the start
+    dq: np.ndarray  # (N,) their changes over the step
+    creep_slope: np.ndarray  # (N,)
+    creep_offset: np.ndarray  # (N,)
+    slope: np.ndarray  # (N,)
+    offset: np.ndarray  # (N,)
+    K: np.ndarray  # (N,) that of `springs`
+    theta0: np.ndarray  # (n,) that of `springs`
+    rest: np.ndarray  # (S,) that of `springs`
+    springs: ExtensibleJoints
+
+
 class SpatialHeld(NamedTuple):
-    """Scratch arrays of one step with memory in space, m of whose N coordinates remember."""
+    """Scratch arrays of one time step with hysteresis of a chain in space, in which m of the N coordinates have
+    hysteresis states.
+    """
 
     x: np.ndarray  # (N,) rad, at the start
     v: np.ndarray  # (N,) rad/s, at the start
     dq: np.ndarray  # (m,) rad, motion over the step
-    line: np.ndarray  # (m, 3) level [rad] of r in the middle of the step, slope by the coordinate and by its partner
-    springs: SpatialJoints  # with `line`: what the step sees
+    line: np.ndarray  # (m, 3) r in mid-step: offset [rad], slope by the coordinate and by its partner
+    springs: SpatialJoints  # springs of the step, with `line`
 
 
 class Past(NamedTuple):
-    """What a chain that remembers carries through its steps."""
+    """Hysteresis law of a chain, the present hysteresis states of its joints, and scratch arrays of a step."""
 
-    memory: MemoryLaw
-    state: np.ndarray  # (n, branches) rad; in space (m, branches)
-    held: Held | SpatialHeld
+    memory: MemoryLaw | AxialMemoryLaw
+    state: np.ndarray  # (n, branches) rad; (n + S, branches) where segments remember; in space (m, branches)
+    held: Held | ExtensibleHeld | SpatialHeld
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one step, owned by the caller so that no kernel allocates."""
+    """Scratch arrays of one time step of a planar chain. The caller allocates them once, so that no kernel allocates
+    memory.
+    """
 
     A: np.ndarray  # (n, n)
     S: np.ndarray  # (n, n)
@@ -214,11 +293,13 @@ class Workspace(NamedTuple):
     t: np.ndarray  # (n + 1,)
     r: np.ndarray  # (n,)
     a: np.ndarray  # (n,)
-    tau: np.ndarray  # (n,) N m, what the chambers give each joint
+    tau: np.ndarray  # (n,) N m, torque of the chambers at each joint
 
 
 class ExtensibleWorkspace(NamedTuple):
-    """Scratch arrays of one step of a body that lengthens, with N = n + S coordinates."""
+    """Scratch arrays of one time step of a planar chain of n links with S extensible segments, N =
+    n + S coordinates.
+    """
 
     A: np.ndarray  # (N, N)
     c: np.ndarray  # (N,) of which n + 1 hold cosines
@@ -226,7 +307,7 @@ class ExtensibleWorkspace(NamedTuple):
     t: np.ndarray  # (N + 1,)
     r: np.ndarray  # (N,)
     a: np.ndarray  # (N,)
-    tau: np.ndarray  # (N,) N m, what the chambers give each joint and strain
+    tau: np.ndarray  # (N,) N m, torque of the chambers at each joint and strain
     f: np.ndarray  # (N,)
     v: np.ndarray  # (N,)
     stretch: np.ndarray  # (n + 1,)
@@ -237,9 +318,11 @@ class ExtensibleWorkspace(NamedTuple):
 
 
 class SpatialWorkspace(NamedTuple):
-    """Scratch arrays of one step of a chain in space: `spatial`.
+    """Scratch arrays of one time step of a chain in space with n links, N coordinates and R tendons.
 
-    Of its N coordinates T = 2 n turn joints, or 3 n where it twists; the strains of S segments stand behind.
+    The module `equations.spatial` uses them.
+
+    The first T = 2 n of its N coordinates (3 n with twist) are angles of joints, the last S are strains of segments.
     """
 
     A: np.ndarray  # (N, N)
@@ -248,16 +331,16 @@ class SpatialWorkspace(NamedTuple):
     f: np.ndarray  # (N,)
     q: np.ndarray  # (N,) the coordinates in the middle of the step
     v: np.ndarray  # (N,) the rates there
-    tau: np.ndarray  # (N + R,) N m, what the inputs give each coordinate; behind them, N, what they draw each tendon by
+    tau: np.ndarray  # (N + R,) inputs: torque along each coordinate [N m], then force k u or tension of each tendon [N]
     pull: np.ndarray  # (N,) N m, torques of the tendons without friction
-    rub: np.ndarray  # (N,) N m, what friction along the tendons changes of them
+    rub: np.ndarray  # (N,) N m, change of these torques by friction along the tendons
     start: np.ndarray  # (R,) N, forces of `tendon.signed_tension` at the start of the step
     tension: np.ndarray  # (R,) N, mean tensions at the base
-    slope: np.ndarray  # (R,) their slopes by the force at the end of the step
+    slope: np.ndarray  # (R,) their derivatives by the force at the end of the step
     run: np.ndarray  # (R, n) 1 where a tendon slips towards the base at a joint, -1 towards the tip
     ease: np.ndarray  # (R, n) s/m, slope of the exponent of friction by the slip
-    kept: np.ndarray  # (R, n) fraction of the tension that is left behind each joint
-    felt: np.ndarray  # (R, N) fraction of it that each coordinate feels
+    kept: np.ndarray  # (R, n) fraction of the tension behind each joint
+    felt: np.ndarray  # (R, N) fraction of the tension that acts on each coordinate
     B: np.ndarray  # (N, N) matrix of a move of Newton's method
     move: np.ndarray  # (N,) the move
     R: np.ndarray  # (n + 1, 3, 3) rotations of the links, the part before the first joint first
@@ -281,13 +364,16 @@ class SpatialWorkspace(NamedTuple):
     length: np.ndarray  # (n + 1,) m, stretched
     centre: np.ndarray  # (n,) m, stretched
     lateral: np.ndarray  # (n,) kg m^2, stretched
-    h: np.ndarray  # (n + 1,) kg m, first moment of what each link carries along itself, unstretched
+    h: np.ndarray  # (n + 1,) kg m, first moment along each link of its mass and the mass beyond it, unstretched
     second: np.ndarray  # (n + 1,) kg m^2, second moment of the same
-    along: np.ndarray  # (n + 1,) N m or kg m^2, what each link asks along its axis
+    along: np.ndarray  # (n + 1,) N m or kg m^2, inertial force along each link's axis times its length
 
 
 class SpatialSlopes(NamedTuple):
-    """What `spatial_linearised.step_jacobian` writes, and the complex numbers that it works on."""
+    """Jacobian of one time step of a chain in space, and the complex scratch arrays with which it is computed.
+
+    `spatial_linearised.step_jacobian` writes the Jacobian.
+    """
 
     J: np.ndarray  # (3N + R, 2N) by coordinates, rates, torques and commands of tendons
     x: np.ndarray  # (N,)

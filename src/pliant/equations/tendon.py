@@ -1,11 +1,11 @@
-"""Tendons of a chain in space: tension, slack, friction along the path, and a step with them.
+"""Tendons of a chain in space: tension, slack, friction along the path, and a time step of the chain with tendons.
 
-A tendon r at constant levers g_r (N,) [m/rad] has the length l_0 - g_r . x, exact for a body that bends in arcs. Drawn
-in by u it would pull with s = k (u - g_r . x) + T_0 if it could push; it pulls with T = max(0, s). Over a joint that
-swings by theta the tension falls to exp(-mu theta run) of itself (capstan), and the joint feels the mean of the
-tensions before and behind it. `run` is 1 where the tendon slips towards the base, -1 towards the tip, with a smooth
-change between. Whatever leaves a coordinate or an input goes into stored energy or into friction, and friction gives
-nothing back.
+A tendon r with constant lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends
+in arcs. When it is drawn in by u, its force is s = k (u - g_r . x) + T_0. A tendon cannot push, so that its tension is
+T = max(0, s). Over a joint that swings by theta the tension changes by the factor exp(-mu theta run) (capstan), and the
+joint feels the mean of the tensions before and behind it. `run` is 1 where the tendon slips towards the base and -1
+where it slips towards the tip, with a smooth transition. The energy taken from a coordinate or an input is stored or
+dissipated by friction, and friction never supplies energy.
 
 Source: Euler and Eytelwein's formula of the capstan
 """
@@ -19,16 +19,17 @@ from pliant.equations.spatial_points import static_forces
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 TINY = 1e-24  # under a root, so that it has a derivative at 0
-ROUNDS = 50  # of Newton's method in a step, at most
-AGREED = 1e-10  # of the largest torque of a step: what may be left of them
-NEAR = 1e-6  # the same after all rounds: very stiff tendons round off earlier
-FAR = 1e100  # rate after a step that found no agreement
+ROUNDS = 50  # iterations of Newton's method in a step, at most
+AGREED = 1e-10  # residual at convergence, over the largest torque of the step
+NEAR = 1e-6  # the same after all iterations: very stiff tendons reach rounding earlier
+FAR = 1e100  # rate after a step that did not converge
 
 
 def signed_tension(r, x, torque, body):
-    """Return the force s [N] of tendon r at coordinates x (N,), of either sign: its tension where it is taut.
+    """Return the signed force [N] of tendon r at coordinates x (N,). It is the tension where positive; the tendon is
+    slack where negative.
 
-    What draws it in, k u or a tension [N], is behind torque (N,).
+    `torque` (N + R,) holds behind the N torques the input of each tendon [N]: k u or a tension.
     """
     bent = 0.0 * x[0]
     for i in range(len(x)):
@@ -37,16 +38,21 @@ def signed_tension(r, x, torque, body):
 
 
 def tension(s):
-    """Return the tension T [N] from the force s [N] of `signed_tension`, and dT/ds: a tendon cannot push."""
+    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds.
+
+    `signed_tension` gives s.
+    """
     if s.real >= 0.0:
         return s, 1.0 + 0.0 * s
     return 0.0 * s, 0.0 * s
 
 
 def mean_tension(s0, s1):
-    """Return the mean of the tension [N] while s goes from s0 to s1 [N] at a constant rate, and its slope by s1.
+    """Return the mean tension [N] of a tendon while its signed force goes from s0 to s1 [N] at a constant rate, and its
+    derivative by s1.
 
-    (W(s1) - W(s0)) / (s1 - s0) with W = max(0, s)^2 / 2: over a step the tendon stores what it takes, slack or taut.
+    The mean is (W(s1) - W(s0)) / (s1 - s0) with W = max(0, s)^2 / 2, so that over a step the tendon stores exactly the
+    work done on it, slack or taut.
     """
     if s0.real >= 0.0 and s1.real >= 0.0:
         return 0.5 * (s0 + s1), 0.5 + 0.0 * s1
@@ -60,15 +66,17 @@ def mean_tension(s0, s1):
 
 
 def swing_angle(k, x):
-    """Return the size of the swing of joint k at coordinates x (N,), rad."""
+    """Return the size [rad] of the swing of joint k, sqrt(a^2 + b^2) of its two angles in the coordinates x (N,)."""
     return np.sqrt(x[2 * k] * x[2 * k] + x[2 * k + 1] * x[2 * k + 1] + TINY)
 
 
 def slip(r, x, v, body, work):
-    """Write `run` (R, n) of tendon r at rates v (N,): w / sqrt(w^2 + w_0^2), and mu theta times its slope to `ease`.
+    """Write the direction in which tendon r slips at each of n joints (1: to the base, -1: to the tip) to work.run[r],
+    and its sensitivity to work.ease[r].
 
-    w [m/s] is the rate at which the length from the middle of a joint's arc to the end of the tendon shortens, w_0 the
-    slip rate. Without friction nothing is written.
+    run = w / sqrt(w^2 + w_0^2), and ease is mu theta times d(run)/dw. Here w [m/s] is the rate at which the length from
+    the middle of a joint's arc to the end of the tendon shortens, at rates v (N,), and w_0 is the slip rate. Without
+    friction nothing is written.
     """
     if not body.friction[r].real > 0.0:
         return
@@ -83,9 +91,12 @@ def slip(r, x, v, body, work):
 
 
 def pass_on(r, x, body, work):
-    """Write fractions of the tension of tendon r: behind each joint `kept` (R, n), for each coordinate `felt` (R, N).
+    """Write the fraction of the base tension of tendon r left by friction behind each joint to work.kept[r], and at
+    each coordinate to work.felt[r].
 
-    A coordinate feels the mean over where it draws the tendon in, by `body.beyond`.
+    kept is (R, n), felt is (R, N).
+
+    A coordinate feels the mean over the joints at which it draws the tendon in, weighted by `body.beyond`.
     """
     if not body.friction[r].real > 0.0:
         for i in range(len(x)):
@@ -103,14 +114,20 @@ def pass_on(r, x, body, work):
 
 
 def clear_pull(work):
-    """Set the torques of tendons to 0: `pull` without friction and `rub` of friction, (N,)."""
+    """Set the torques of all tendons in `work` to 0: work.pull (N,) without friction, and work.rub (N,) due to
+    friction.
+    """
     for i in range(len(work.pull)):
         work.pull[i] = 0.0 * work.t[i]
         work.rub[i] = 0.0 * work.t[i]
 
 
 def add_pull(r, T, body, work):
-    """Add the torques of tendon r at the tension T [N] to `pull` and `rub` (N,), N m. After `pass_on`."""
+    """Add the torques of tendon r at the tension T [N] to work.pull (N,), and their change by friction to work.rub (N,)
+    [N m].
+
+    `pass_on` must have written work.felt before.
+    """
     for i in range(len(work.pull)):
         torque = body.lever[r, i] * T
         work.pull[i] = work.pull[i] + torque
@@ -118,9 +135,10 @@ def add_pull(r, T, body, work):
 
 
 def tendon_torques(x, torque, body, work):
-    """Write the torques of all tendons at coordinates x (N,) to `pull` and `rub` (N,), N m; `run` is as `work` has it.
+    """Write the torques of all tendons at coordinates x (N,) to work.pull, and their change by friction to work.rub
+    (N,) [N m].
 
-    torque (N + R,): what draws the tendons in [N] is behind that of the coordinates.
+    `torque` (N + R,) holds behind the N torques the input [N] of each tendon. The slip direction is that of `work.run`.
     """
     clear_pull(work)
     for r in range(len(body.friction)):
@@ -130,9 +148,11 @@ def tendon_torques(x, torque, body, work):
 
 
 def accelerate(x, v, torque, body, joints, work, a):
-    """Write the accelerations a (N,) of a chain with tendons, rad/s^2: `spatial.acceleration` with their torques.
+    """Write the accelerations a (N,) [rad/s^2] of a chain in space with tendons, at coordinates x and rates v (N,).
 
-    torque (N + R,): what draws the tendons in [N] is behind that of the coordinates [N m].
+    `spatial.acceleration` is the function for a chain without tendons.
+
+    `torque` (N + R,) holds the torques [N m] of the coordinates, then the input [N] of each tendon.
     """
     for r in range(len(body.friction)):
         slip(r, x, v, body, work)
@@ -143,9 +163,11 @@ def accelerate(x, v, torque, body, joints, work, a):
 
 
 def forces_at_rest(x, torque, body, joints, work, forces):
-    """Write what inputs (N + R,), tendons, springs and weight do to x at rest, forces (N,): zero in equilibrium, N m.
+    """Write the net generalized force of inputs, tendons, springs and gravity on a chain at rest at x (N,) to forces
+    (N,) [N m].
 
-    Friction holds as `work.run` says: 1 where a tendon was last pulled in, -1 let out, 0 for none.
+    It is zero in equilibrium. Friction acts as `work.run` says: 1 where a tendon was last pulled in, -1 where it was
+    let out, 0 for none.
     """
     tendon_torques(x, torque, body, work)
     for i in range(len(x)):
@@ -154,10 +176,11 @@ def forces_at_rest(x, torque, body, joints, work, forces):
 
 
 def pull_over_step(x, v, h, torque, body, work):
-    """Write the mean torques of all tendons over a step from x at rates v (N,) that change by work.a; N m.
+    """Write the mean torques (N,) [N m] of all tendons over a time step to work.pull and work.rub, for the rate changes
+    work.a (N,).
 
-    `slope` (R,) keeps the slopes of mean tensions by the force at the end. Returns whether these are what they were
-    and nothing rubs: work.a is then the end of Newton's method.
+    `slope` (R,) keeps the derivatives of the mean tensions by the force at the end of the step. Returns 1 if these are
+    unchanged and there is no friction, in which case Newton's method has converged at work.a, else 0.
     """
     clear_pull(work)
     same = 1.0
@@ -180,10 +203,10 @@ def pull_over_step(x, v, h, torque, body, work):
 
 
 def add_slopes(r, h, body, work):
-    """Add to B (N, N) what tendon r has implicit in a step of h [s]: -h times the slope of its torques by work.a.
+    """Add the stiffness and friction terms of tendon r to the Newton matrix work.B (N, N) of an implicit time step.
 
-    Coordinate i feels g_i T felt_i. A change of the slip at joint k changes what is left behind k and all joints
-    beyond: of felt_i the part `left`.
+    The torque of coordinate i is g_i T felt_i. A change of the slip at joint k changes the tension behind k and behind
+    all joints beyond it, which is the part `left` of felt_i.
     """
     size = len(work.a)
     n = len(body.mass)
@@ -204,7 +227,10 @@ def add_slopes(r, h, body, work):
 
 
 def eliminate(B, b):
-    """Solve B x = b in place: b (N,) becomes x, B (N, N) is lost. Without a change of rows: B is an inertia at core."""
+    """Solve B x = b in place by Gaussian elimination: b (N,) becomes x, and B (N, N) is overwritten.
+
+    There is no pivoting, because B is close to a positive definite inertia.
+    """
     size = len(b)
     for k in range(size):
         one = 1.0 / B[k, k]
@@ -220,9 +246,10 @@ def eliminate(B, b):
 
 
 def next_move(h, body, work):
-    """Make a move of Newton's method for what is left of the torques, work.v (N,); add it to work.a.
+    """Add one Newton move for the force residual work.v (N,) to the rate changes work.a (N,), and return |residual .
+    move|.
 
-    Returns the size of the product of both, real.
+    Returns the absolute value of the product of residual and move (a real number).
     """
     for i in range(len(work.a)):
         work.move[i] = work.v[i]
@@ -239,12 +266,13 @@ def next_move(h, body, work):
 
 
 def solve_step(x, v, h, torque, body, work):
-    """Improve work.a (N,), the change of v over a step of h [s], until forces in work.f and tendons agree with it.
+    """Iterate by Newton's method for the rate changes work.a (N,) of a step of h [s] that balance all forces. Return 1
+    on convergence, else 0.
 
-    Newton's method. Without friction what is left of the torques is the slope of a convex energy: a move is halved
-    while that rises at its end by more than half of what it fell by at its start. Derivatives that numbers carry need
-    one more move after their values agree, unless tensions have gone on along the line that the last move took.
-    Returns whether all agrees in the end.
+    Newton's method. Without friction the residual is the slope of a convex energy. A move is halved while the slope
+    along it, at its end, has changed sign and is more than half as large as at its start. Numbers with complex-step
+    derivatives need one more move after their values have converged, unless the mean tensions were linear over the last
+    move. Returns 1 on convergence, else 0.
     """
     fall = 0.0
     agreed = 0.0
@@ -284,7 +312,7 @@ def solve_step(x, v, h, torque, body, work):
 
 
 def rubs(body):
-    """Return 1 if any tendon has friction, else 0."""
+    """Return 1 if any tendon of the body has friction, else 0."""
     for r in range(len(body.friction)):
         if body.friction[r].real > 0.0:
             return 1.0
@@ -292,7 +320,8 @@ def rubs(body):
 
 
 def start_tensions(x, torque, body, work):
-    """Write the signed tensions [N] at the start of a step to work.start (R,), and set work.slope (R,) to -1.
+    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,), and reset work.slope (R,)
+    to -1.
 
     No tendon has the slope -1, so that the first comparison of slopes finds a change.
     """
@@ -302,7 +331,8 @@ def start_tensions(x, torque, body, work):
 
 
 def mean_tensions(v, h, body, work):
-    """Write the mean tensions [N] over a step from rates v (N,) that change by work.a to work.tension (R,).
+    """Write the mean tensions [N] of all R tendons over a step of h [s] to work.tension (R,), for the rate changes
+    work.a (N,).
 
     work.slope (R,) receives their slopes. Returns 1 if no slope has changed, else 0.
     """
@@ -322,7 +352,7 @@ def mean_tensions(v, h, body, work):
 
 
 def pull_without_friction(body, work):
-    """Write the torques of tendons at their mean tensions to work.pull (N,), N m."""
+    """Write the generalized torques (N,) [N m] of all tendons at their mean tensions to work.pull."""
     for i in range(len(work.a)):
         work.pull[i] = 0.0 * work.a[i]
     for r in range(len(body.friction)):
@@ -331,7 +361,9 @@ def pull_without_friction(body, work):
 
 
 def build_taut(h, body, work):
-    """Write A plus the implicit stiffness of tendons over a step of h [s] to the lower triangle of work.B (N, N)."""
+    """Write the step's matrix A plus the stiffness of all taut tendons over h [s] to the lower triangle of work.B (N,
+    N).
+    """
     for i in range(len(work.a)):
         for j in range(i + 1):
             work.B[i, j] = work.A[i, j]
@@ -345,12 +377,15 @@ def build_taut(h, body, work):
 
 
 def factor_taut(work):
-    """Replace the matrix work.B (N, N) of `build_taut` by its factors."""
+    """Replace the symmetric matrix work.B (N, N) of a step with taut tendons by its LDL^T factors, in place.
+
+    `build_taut` writes the matrix.
+    """
     ldl_factor(work.B)
 
 
 def solve_taut(h, work):
-    """Write the change of the rates over a step of h [s] to work.a (N,), with the factors in work.B (N, N).
+    """Write the rate changes over a step of h [s] to work.a (N,), with the factored step matrix in work.B (N, N).
 
     work.pull (N,) holds the torques of the tendons for unchanged rates. Exact while no tendon turns slack or taut.
     """
@@ -360,12 +395,15 @@ def solve_taut(h, work):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance x and v (N,) in place by h [s] under mean torques (N + R,) and tendons: `spatial.step` with tendons.
+    """Advance coordinates x (N,) and rates v (N,) of a chain with R tendons in place by one step h [s], under mean
+    inputs `torque` (N + R,).
 
-    Tensions are means over the step, friction acts by the middle rates. `work.a` keeps the change of v, `work.pull`
-    and `work.rub` what tendons pull and what friction takes of it. Without friction, and while no tendon turns slack or
-    taut, the step is linear and takes one factorisation.
-    Where tensions and motion find no agreement, rates become `FAR`, which `follows` refuses.
+    `spatial.step` is the function for a chain without tendons.
+
+    Tensions are means over the step, friction is evaluated at the mid-step rates. `work.a` keeps the change of v,
+    `work.pull` the torques of the tendons without friction, and `work.rub` the change of these by friction. Without
+    friction, and while no tendon turns slack or taut, the step is linear and takes one factorisation; else Newton's
+    method solves it. Where that does not converge, the rates become `FAR`, which `follows` rejects.
     """
     build_step(x, v, h, torque, body, joints, work)
     for i in range(len(x)):
@@ -378,7 +416,7 @@ def step(x, v, h, torque, body, joints, work):
         pull_without_friction(body, work)
         build_taut(h, body, work)
         factor_taut(work)
-    for _ in range(2):  # the forces with the square of the rates: first at the initial rates, then at the middle ones
+    for _ in range(2):  # terms quadratic in the rates: at the start, then in mid-step
         for i in range(len(x)):
             work.v[i] = v[i] + 0.5 * work.a[i]
         inertial_forces(work.q, work.v, body, work, work.f)

@@ -1,4 +1,4 @@
-"""How the links move: Eq. (4), its Jacobians and Hessian, all in the links' own (body) frames."""
+"""Velocities of the links of a planar chain, Eq. (4), with their Jacobians and Hessians, in the frame of each link."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 
 
 def body_velocities(q, dq, theta0, l, omega, v):
-    """Angular velocity omega (n,) [rad/s] and tip velocity v (n, 2) [m/s] of each link in its own frame.
+    """Write the angular velocity omega (n,) [rad/s] and tip velocity v (n, 2) [m/s] of each link, in its own frame,
+    from joint angles q and rates dq.
 
     Omega_i = R_i^T (Omega_{i-1} R_i + dR_i/dt)               ->  omega_i = omega_{i-1} + dq_i
     upsilon_i = R_i^T (upsilon_{i-1} + Omega_{i-1} p_i + dp_i/dt)  with p_i = R_i (0, l_i)
@@ -33,9 +34,11 @@ def body_velocities(q, dq, theta0, l, omega, v):
 
 
 def body_jacobian(q, theta0, l, c, J):
-    """Jacobians J (n, 2, n) of the point at distance c_i along each link, in the link's frame: v_i = J_i dq.
+    """Write the Jacobians J (n, 2, n) [m/rad] by the joint angles of the point at distance c_i [m] along each link i,
+    in the link's frame.
 
-    J_i = R_i^T J_{i-1} - l_i e_x 1_{m<=i}, with c_i in place of l_i in the last step; omega_i = sum_{m<=i} dq_m.
+    v_i = J_i dq and J_i = R_i^T J_{i-1} - l_i e_x 1_{m<=i}, with c_i in place of l_i in the last step. The angular
+    velocity is omega_i = sum_{m<=i} dq_m.
 
     Source: Godage et al., IJRR 35(6), 2016, for the planar chain; from Eq. (4) [eq:wvi_recursive]
     """
@@ -58,10 +61,13 @@ def body_jacobian(q, theta0, l, c, J):
 
 
 def body_hessian(q, theta0, l, c, H):
-    """Hessian H (n, 2, n, n) of the same points: H[i, :, m, k] = dJ_i[:, m] / dq_k.
+    """Write the Hessians H (n, 2, n, n) [m/rad^2] by the joint angles of the point at distance c_i [m] along each link
+    i, in the link's frame.
 
-    H_i[:, m, k] = R^{iT} (p^{k-1} - p^{m-1}) for m < k <= i, else 0: turning joint k turns what lies before it, seen
-    from link i.
+    H[i, :, m, k] = dJ_i[:, m] / dq_k
+
+    H_i[:, m, k] = R^{iT} (p^{k-1} - p^{m-1}) for m < k <= i, else 0, with J of `body_jacobian`. Seen from link i, a
+    turn of joint k turns the part of the chain before it.
 
     Source: Godage et al., IJRR 35(6), 2016, for the planar chain
     """

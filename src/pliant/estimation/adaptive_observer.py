@@ -22,8 +22,8 @@ from pliant.estimation.symbols import (
     ObserverModel,
     ObserverState,
     Pace,
+    make_observer_workspace,
 )
-from pliant.estimation.workspace import make_observer_workspace
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.mechanics import mechanics_of
@@ -252,6 +252,6 @@ def stationary(model: Model, period: float, noise: float, random_walk: float, je
 def in_torques(model: Model, covariance: Array) -> Array:
     """Convert a covariance (3 n, 3 n) of angles, rates and rest shifts to one with torques in place of rest shifts."""
     size = np.concatenate([np.ones(2 * model.n), model.stiffness])
-    made = size[:, None] * covariance * size
-    made.flags.writeable = False
-    return np.asarray(made)
+    scaled = size[:, None] * covariance * size
+    scaled.flags.writeable = False
+    return np.asarray(scaled)

@@ -20,8 +20,7 @@ from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
-from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction
-from pliant.estimation.workspace import make_workspace
+from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
@@ -196,8 +195,18 @@ class KalmanFilter:
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
-            strain_shift=self._own.disturbance[n:] / K[n:],
+            strain_shift=self._strain_shift(K[n:]),
         )
+
+    def _strain_shift(self, K: Array) -> Array:
+        """Shifts (S,) of the segments' rest strains, those by their hysteresis included; K (S,) [N m]."""
+        n, memory, strain = self.angle.size, self.model.memory.axial, self.strain
+        shift = np.asarray(self._own.disturbance[n:] / K)
+        if not memory:
+            return shift
+        left, law = memory.instantaneous, memory.law()
+        r = np.array([memory_angle(n + s, strain[s], self.memory, law) for s in range(strain.size)])
+        return np.asarray((shift + left * strain - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
         """Predict to `time` [s] under the current pressure; a time in the past changes nothing."""

@@ -120,5 +120,5 @@ def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     ends = link_angles.ends(mean)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     angle = np.diff(link_angles(mean), prepend=model.base_angle)
-    made = model.with_(link_length=length, rest_angle=angle, stations=())
-    return made.with_(rest_angle=angle - state.equilibrium(made)) if made.gravity.any() else made
+    fitted = model.with_(link_length=length, rest_angle=angle, stations=())
+    return fitted.with_(rest_angle=angle - state.equilibrium(fitted)) if fitted.gravity.any() else fitted

@@ -72,7 +72,7 @@ class LinkTips:
         return Frame(self.rows, self.tips(points).ravel(), self._variance)
 
 
-def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
+def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
     """Return the model with the rest shape of the actual body, and its `LinkTips` with the noise measured at rest.
 
     Rest angles (in space rest rotations) follow from `frames` (T, S, d) [m] at rest. Lengths, stiffness, damping and
@@ -83,38 +83,38 @@ def rested(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkT
     InputError
         When fewer than 5 frames are complete.
     """
-    places = LinkTips(model, arc_length)
-    seen = places.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
-    if len(seen) < WHOLE:
-        raise InputError(f"a rest shape needs at least {WHOLE} complete frames, got {len(seen)} of {len(frames)}")
-    made = model
+    link_tips = LinkTips(model, arc_length)
+    tips = link_tips.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
+    if len(tips) < WHOLE:
+        raise InputError(f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}")
+    fitted = model
     for _ in range(TURNS):
-        loose, shape = state.equilibrium(made), seen.mean(axis=0)
-        made = turned_by(made, loose, shape) if model.space is None else turned_in_space(made, loose, shape)
-    return made, LinkTips(made, arc_length, max(float(seen.std(axis=0).mean()), 1e-5))
+        bend, shape = state.equilibrium(fitted), tips.mean(axis=0)
+        fitted = (with_rest_rotations if model.space else with_rest_angles)(fitted, bend, shape)
+    return fitted, LinkTips(fitted, arc_length, max(float(tips.std(axis=0).mean()), 1e-5))
 
 
-def turned_by(model: Model, loose: Array, tips: Array) -> Model:
-    """Return the model with the rest angles at which its links, bent by `loose` (n + S,), end at tips (n, 2) [m]."""
-    joint = (1.0 + model.stretch_share[0] @ loose[model.n :]) * model.first_joint
+def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
+    """Return the model with the rest angles at which its links, bent by `bend` (n + S,), end at tips (n, 2) [m]."""
+    joint = (1.0 + model.stretch_share[0] @ bend[model.n :]) * model.first_joint
     across = np.diff(tips, axis=0, prepend=joint[None])
     angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
-    return model.with_(rest_angle=np.diff(angle, prepend=model.base_angle) - loose[: model.n])
+    return model.with_(rest_angle=np.diff(angle, prepend=model.base_angle) - bend[: model.n])
 
 
-def turned_in_space(model: Model, loose: Array, tips: Array) -> Model:
-    """Return the model with rest rotations, changed least, at which its links, turned by `loose` (N,), end at the tips.
+def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
+    """Return the model with rest rotations, changed least, at which its links, turned by `bend` (N,), end at the tips.
 
     The tips (n, 3) [m] do not show twist.
     """
     from scipy.spatial.transform import Rotation
 
     chain, space = SpatialChain(model), model.space or Space()
-    R, turns = chain.posed(loose).R, space.rest_of(model.n)
+    R, turns = chain.posed(bend).R, space.rest_of(model.n)
     whole = R[0]
-    for k, way in enumerate(np.diff(tips, axis=0, prepend=chain.nodes(loose)[None, 1])):
+    for k, direction in enumerate(np.diff(tips, axis=0, prepend=chain.nodes(bend)[None, 1])):
         own = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
-        before, after = own[:, 2], whole.T @ (way / np.linalg.norm(way))
+        before, after = own[:, 2], whole.T @ (direction / np.linalg.norm(direction))
         axis = np.cross(before, after)
         size = float(np.linalg.norm(axis))
         more = rotation(axis * (np.arctan2(size, before @ after) / size if size else 0.0))

@@ -1,4 +1,4 @@
-"""The function `estimate`: states with uncertainties from a recording and a model."""
+"""States with uncertainties from a recording and a model: filter, fixed-lag smoother and tests of consistency."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ import xarray as xr
 from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
-from pliant.estimation.consistency import mean_bounds, whiteness
 from pliant.estimation.measurement import Measurement, flips, measurement_of
 from pliant.estimation.noise import Noise, default_noise
-from pliant.estimation.smoother import smooth
-from pliant.estimation.symbols import FilterFrame, FilterModel, FilterNoise, FilterOutput, FilterState
-from pliant.estimation.workspace import make_output, make_workspace
+from pliant.estimation.symbols import (
+    FilterFrame,
+    FilterModel,
+    FilterNoise,
+    FilterOutput,
+    FilterState,
+    make_output,
+    make_workspace,
+)
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Valve
@@ -206,16 +211,16 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
     `x` is (T, k N), `P` (T, k N, k N). The result holds dataset variables: name to dimensions, values and units.
     """
     chain, size = mechanics_of(model), model.size
-    made: dict[str, tuple[Any, ...]] = {}
+    variables: dict[str, tuple[Any, ...]] = {}
     for k in range(x.shape[1] // size):
         rows = slice(k * size, (k + 1) * size)
         own = x[:, rows]
         values = (chain.joint_coordinates(own), chain.joint_rates(own), own / chain.lever)[k]
         sd = standard_deviations(np.diag(1.0 / chain.lever) if k == 2 else chain.to_joints, P[:, rows, rows])
         for kind in chain.kinds:
-            made[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])
-            made[f"{kind.names[k]}_sd"] = (("time", kind.over), sd[:, kind.rows], kind.units[k])
-    return made
+            variables[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])
+            variables[f"{kind.names[k]}_sd"] = (("time", kind.over), sd[:, kind.rows], kind.units[k])
+    return variables
 
 
 def standard_deviations(T: Array, P: Array) -> Array:
@@ -269,3 +274,82 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
         "noise_position_m": noise.position, "noise_torque": noise.torque, "noise_random_walk": noise.random_walk,
         "notes": "\n".join(measurement.notes),
     }
+
+
+def nees(error: Array, covariance: Array) -> Array:
+    """Return the normalised estimation error squared (...,) of errors (..., N) with covariances (..., N, N)."""
+    return np.asarray(np.einsum("...a,...a->...", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
+
+
+def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
+    """Return the bounds of the mean of independent chi-square numbers over their mean degree of freedom.
+
+    A mean of normalised squares, divided by its mean degree, lies between the bounds with probability `level` if the
+    covariances are right. Its expected value is 1.
+    """
+    from scipy.special import gammaincinv  # as chi2.ppf does, without a third of a second for scipy.stats
+
+    total = float(np.sum(degrees))
+    if total <= 0:
+        raise InputError("consistency needs at least one used value, but no row of any frame was used")
+    low, high = 2.0 * gammaincinv(0.5 * total, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return float(low) / total, float(high) / total
+
+
+def whiteness(innovation: Array) -> tuple[float, float]:
+    """Return the lag-one correlation of whitened innovations (T, m), and its 95 % bound.
+
+    The correlation of white innovations lies within the bound. A larger one means a model error that persists from
+    frame to frame.
+    """
+    left, right = innovation[:-1], innovation[1:]
+    both = np.isfinite(left) & np.isfinite(right)
+    if both.sum() < 2:
+        raise InputError("whiteness needs two consecutive frames without missing values")
+    power = 0.5 * float(np.sum(left[both] ** 2) + np.sum(right[both] ** 2))
+    common = float(np.sum(left[both] * right[both]))
+    return common / power if power else 0.0, 1.96 / float(np.sqrt(both.sum()))
+
+
+def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
+    """Return states (T, N) and covariances (T, N, N) of each frame, given all frames up to `lag` frames later.
+
+    x_{k|k+L} = x_k + sum_{j=1..L} C_k ... C_{k+j-1} (x_{k+j} - x^-_{k+j}),  C_k = P_k F_{k+1}^T (P^-_{k+1})^{-1}
+
+    With a lag as long as the recording this is the Rauch-Tung-Striebel smoother of the whole recording.
+
+    Source: Rauch, Tung and Striebel (1965); Sarkka, Bayesian Filtering and Smoothing, Sec. 8.2
+
+    Raises
+    ------
+    InputError
+        When the lag is negative.
+    """
+    if lag < 0:
+        raise InputError(f"the lag must be a number of frames, at least 0, got {lag}")
+    x, P = out.estimate.copy(), out.covariance.copy()
+    frames = x.shape[0]
+    gain = gains(out)
+    moved = out.estimate - out.predicted
+    learnt = out.covariance - out.predicted_covariance
+    product = np.broadcast_to(np.eye(x.shape[1]), P.shape).copy()
+    for j in range(1, min(lag, frames - 1) + 1):
+        product = product[: frames - j] @ gain[j - 1 :]
+        x[: frames - j] += np.einsum("tab,tb->ta", product, moved[j:])
+        P[: frames - j] += product @ learnt[j:] @ np.swapaxes(product, 1, 2)
+    return x, 0.5 * (P + np.swapaxes(P, 1, 2))
+
+
+def gains(out: FilterOutput) -> Array:
+    """Return the smoothing gains C_k (T - 1, N, N) from each frame to the next.
+
+    States with zero variance (known, and constant in the model) are scaled by 1 so that the division stays defined.
+    """
+    forward = out.transition[1:] @ out.covariance[:-1]  # F P, the transpose of P F^T
+    ahead = out.predicted_covariance[1:]
+    scale = np.sqrt(np.einsum("taa->ta", ahead))
+    scale[scale == 0] = 1.0
+    unit = ahead / scale[:, :, None] / scale[:, None, :]
+    unit = unit + 1e-13 * np.eye(unit.shape[1])
+    solved = np.linalg.solve(unit, forward / scale[:, :, None]) / scale[:, :, None]
+    return np.asarray(np.swapaxes(solved, 1, 2))

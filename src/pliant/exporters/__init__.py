@@ -1,4 +1,6 @@
-"""Export of models to other tools: one module for each target, what each can express, and `export`."""
+"""Export of models to other tools (MuJoCo, C, FMU, state space, URDF): one module for each target, and the function
+`export`.
+"""
 
 from pliant.exporters.registry import Exported, Exporter, export, exporters
 

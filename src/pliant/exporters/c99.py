@@ -1,8 +1,8 @@
-"""C99: one .c and one .h without dependencies, allocation or globals, from the very text of the compiled step.
+"""Export of a model as C99 code: one .c and one .h file without dependencies, memory allocation or global variables.
 
-`compiler.c` runs the kernels that `pliant.Stepper` runs and writes down what they do. What a controller may want to
-change (stiffness, damping, masses, lengths, torque law, valve) is in a struct of parameters; what the model has not
-(memory, rubber that takes time, limits of a valve) is left out when the text is made.
+`compiler.c` runs the kernels of `pliant.Stepper` on symbolic names and records their operations as C code. A struct of
+parameters holds the numbers that a controller may change (stiffness, damping, masses, lengths, torque law, valve).
+Features that the model lacks (hysteresis, viscoelastic lag, limits of a valve) are omitted from the code.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, Text, parameters
 from pliant.exporters.c_space import text_of
-from pliant.exporters.features import ALL
+from pliant.exporters.features import ALL, AXIAL
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
@@ -34,29 +34,31 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"lengthening", "second_order", "opening", "settling", "dead_band"}
-MOST_LINKS = 24  # the text of a step grows with the cube of the links
+CAN = ALL - AXIAL - {"lengthening", "second_order", "opening", "settling", "dead_band"}
+MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
 
 
 LINEARISE = """
-/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state; memory sticks, creep has no time to
- * flow, rubber that takes time holds. */
+/* d(angle, rate)/dt = A d(angle, rate) + B d(pressure) about the present state, with hysteresis before slip,
+ * and with creep and viscoelastic lag held constant. */
 void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@TWICE@][@TWICE@],
                         @KIND@ B[@TWICE@][@C@]);
 """
 
 
 class Code(NamedTuple):
-    """The two files of an export, and the sizes that its user needs."""
+    """Text of the exported C header and C source of a model, with the prefix of its names and the length of its command
+    queue.
+    """
 
     header: str
     source: str
     prefix: str
-    delay: int  # commands that are on their way at any time
+    delay: int  # length of the queue of delayed commands
 
 
 def defaults(text: Text) -> str:
-    """The numbers of the model."""
+    """Return the source of the C function that sets all parameters to the model's values."""
     w = text.writer()
     for field, value in parameters(text.model).items():
         if field not in (*DERIVED, "dead_time"):
@@ -67,7 +69,7 @@ def defaults(text: Text) -> str:
 
 
 def start(text: Text, pressure: float, queue: int) -> str:
-    """At rest under a pressure."""
+    """Return the source of the C function that sets the state to the equilibrium at `pressure` [Pa]."""
     model, w = text.model, text.writer()
     levels = np.full(model.actuation.count, pressure)
     q = state.equilibrium(model, levels)
@@ -88,7 +90,7 @@ def start(text: Text, pressure: float, queue: int) -> str:
 
 
 def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
-    """Whole steps and the rest [s] of each chamber's dead time."""
+    """Return each chamber's dead time as a number of whole steps of `h` [s] and a remainder [s], as two lists."""
     whole, rest = [], []
     for chamber in model.chambers:
         k, part = divmod(chamber.valve.dead_time, h)
@@ -102,7 +104,11 @@ def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
 
 
 def public_step(text: Text, h: float) -> tuple[str, int]:
-    """The public step, dead times included, and the length of its queue; steps end where a late command arrives."""
+    """Return the source of the C function for one time step of `h` [s], and the length of its queue of delayed
+    commands.
+
+    A step is split at the times at which delayed commands arrive.
+    """
     prefix, C, kind = text.prefix, text.model.actuation.count, text.kind
     whole, rest = delays(text.model, h)
     head = (
@@ -126,7 +132,7 @@ def public_step(text: Text, h: float) -> tuple[str, int]:
 
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
-    """The members of the two structs."""
+    """Return the members of the C struct of the state and those of the C struct of the parameters, as two texts."""
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
     swings = ", ".join(mechanics_of(text.model).joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
@@ -144,13 +150,13 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         owner = "turn" if text.model.space else "joint"
         rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner} */")
     if queue:
-        rows += [f"{kind} queue[{queue}][{C}]; /* Pa, commands on their way */", "int next; /* place of the next */"]
+        rows += [f"{kind} queue[{queue}][{C}]; /* Pa, delayed commands */", "int next; /* index of the next command */"]
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),
              "torque": "N m/Pa^k", "joint_gain": "1",
              "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
-             "tendon_stiffness": "N/m, `torque` holds it too", "pretension": "N", "friction": "1",
+             "tendon_stiffness": "N/m, also in `torque`", "pretension": "N", "friction": "1",
              "slip_rate": "m/s", "beyond": "1", "axial_stiffness": "N", "axial_damping": "N s",
-             "share": "part of each link, the base part first, that lies in each segment"}  # fmt: skip
+             "share": "fraction of each link, the base part first, in each segment"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"
@@ -160,11 +166,11 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
 
 
 def code(model: Model, provenance: Provenance, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
-    """The header and the source of a model."""
+    """Return the C header and C source of an exported model as text."""
     if precision not in ("double", "single"):
-        raise InputError(f"c99 precision must be double or single, got {precision!r}")
+        raise InputError(f"c99 option precision must be double or single, got {precision!r}")
     if model.n > MOST_LINKS:
-        raise InputError(f"c99 writes every link out: at most {MOST_LINKS} links, got {model.n}: take a lower order")
+        raise InputError(f"c99 supports at most {MOST_LINKS} links, got {model.n}: reduce the model's number of links")
     step = step or shared_step([model])
     check_step(model, step, "midpoint")
     warn_too_coarse(model, step)
@@ -198,15 +204,18 @@ def code(model: Model, provenance: Provenance, *, step: float, precision: str, p
 
 
 def filled(template: str, words: Mapping[str, object]) -> str:
-    """Return a template with each ``@WORD@`` replaced; a word within what was put in stays as it is."""
+    """Return a text template with each ``@WORD@`` replaced by its value in `words`.
+
+    Values that contain such a word are not replaced again.
+    """
     return re.sub("@([A-Z0-9]+)@", lambda match: str(words[match[1]]), template)
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the source and, beside it, the header of the same name."""
+    """Write a model's C source to `path` and its C header next to it, and return both paths."""
     if not re.fullmatch(r"[\w .+-]+", path.name, re.ASCII):
         raise InputError(
-            f"the C source includes its header by name: name the file with letters, digits, ., -, + and _, got "
+            f"the C source includes its header by file name: use only letters, digits, ., -, + and _, got "
             f"{shown(path.name)}"
         )
     made = code(model, provenance, **{**options, "prefix": options["prefix"] or path.stem})

@@ -1,4 +1,7 @@
-"""The functions of C that a model is made of: the kernels of `pliant.Stepper`, run on the names of two structs."""
+"""C functions of an exported planar model, translated from the same kernels that simulate it in Python.
+
+The kernels of `pliant.Stepper` are interpreted on the names of two C structs, state and parameters.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,14 @@ from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
-IN_SPACE = ("length", "mass", "centre", "lateral", "axial", "rest", "base")  # of the body, derived
-DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # what `update` works out of the other parameters
-FORM = 5  # place of the number of its law behind the rubber of a chamber: known beforehand
-LIMITS = {"AGREE": 2e-6}  # rad, what single precision can agree to; see `equations.memory`
+IN_SPACE = ("length", "mass", "centre", "lateral", "axial", "rest", "base")  # derived fields of the body
+DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # fields that `update` computes from the other parameters
+FORM = 5  # index of the law's number in a chamber's constants, which is fixed in the code
+LIMITS = {"AGREE": 2e-6}  # rad, tolerance that single precision can reach; see `equations.memory`
 
 
 class Names(NamedTuple):
-    """The arrays of a model under the names that they have in C, and what is known beforehand."""
+    """A model's constants as C expressions, with plain numbers in place of values that are fixed in the C code."""
 
     body: Any  # `symbols.Body`, or `SpatialBody`
     joints: Any  # `symbols.Joints`, or `SpatialJoints`
@@ -35,12 +38,12 @@ class Names(NamedTuple):
 
 
 def parameters(model: Model) -> dict[str, Array]:
-    """Return the fields of the struct of parameters: arrays in SI, none of them empty."""
+    """Return the fields of the C struct of parameters as {name: array}, in SI units."""
     return {name: value for name, value in constants(model).items() if value.size}
 
 
 def constants(model: Model) -> dict[str, Array]:
-    """Return what the kernels take of a model, by field: arrays in SI, also empty ones."""
+    """Return all constants of a model that the kernels need as {name: array}, in SI units. Arrays may be empty."""
     actuation = model.actuation.kernel()
     memory = model.memory.law()
     lags = np.array([lag_of(c.valve) for c in model.chambers])
@@ -60,7 +63,9 @@ def constants(model: Model) -> dict[str, Array]:
 
 
 def rest_shape(model: Model) -> dict[str, Any]:
-    """Return the parameters of the rest shape, and in space those that a chain in a plane has not."""
+    """Return the parameters of a model's rest shape as {name: value}; in space also stiffness ratios, tendons and
+    segments.
+    """
     if not model.space:
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
     space, body = model.space, mechanics_of(model).body
@@ -74,12 +79,12 @@ def rest_shape(model: Model) -> dict[str, Any]:
 
 
 def beside_inertia(body: Any) -> tuple[str, ...]:
-    """Return the fields of the constants of a chain in space that are neither inertia, frames nor gravity."""
+    """Return the field names of a spatial chain's constants that are neither inertia, rest frames nor gravity."""
     return tuple(field for field in body._fields if field not in (*IN_SPACE, "gx", "gy", "gz"))
 
 
 def derived_constants(model: Model) -> dict[str, Any]:
-    """Return what follows from the parameters, of which the shapes count."""
+    """Return {name: array} of the constants that the C code computes from other parameters."""
     chain = mechanics_of(model)
     if not model.space:
         return {name: getattr(chain.body, name) for name in ("B", "I", "h")}
@@ -88,13 +93,17 @@ def derived_constants(model: Model) -> dict[str, Any]:
 
 
 def place(model: Model, who: str, field: str) -> Any:
-    """Names of the elements of a field of the parameters; a number where the field is one number."""
+    """Return the C expressions of a parameter's elements, such as ``p->stiffness[0]``, as an array or a single
+    expression.
+
+    `who` is the name of the struct pointer, e.g. "p".
+    """
     value = constants(model)[field]
     return cells(f"{who}->{field}", value.shape) if value.ndim else Real(f"{who}->{field}")
 
 
 def chain_names(model: Model) -> tuple[Any, Any]:
-    """Return body and springs as the kernels take them."""
+    """Return inertia and spring constants of a model as C expressions, in the records that the kernels take."""
     def of(field: str) -> Any:
         return place(model, "p", field)
 
@@ -108,7 +117,7 @@ def chain_names(model: Model) -> tuple[Any, Any]:
 
 
 def names(model: Model) -> Names:
-    """Return the names that stand for the model's numbers when the kernels are written as C."""
+    """Return all constants of a model as C expressions, in the records that the kernels take."""
     C = model.actuation.count
 
     def of(field: str) -> Any:
@@ -133,12 +142,12 @@ def names(model: Model) -> Names:
 
 
 class Text:
-    """The functions of one model that bends in a plane.
+    """Writer of the C functions of one planar model.
 
     Attributes
     ----------
     pose : int
-        Numbers that describe an observed point: its position and an angle.
+        Count of numbers that describe an observed point: its position and an angle.
     """
 
     pose = 3
@@ -151,16 +160,18 @@ class Text:
         self.remembered = state.relaxed(model, np.zeros(model.size)).shape if model.memory else (0, 0)
 
     def writer(self) -> CWriter:
-        """An empty function."""
+        """Return a writer for a new C function, without code."""
         return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
 
     def workspace(self, writer: CWriter) -> Any:
-        """Scratch arrays as local numbers."""
+        """Declare the kernels' scratch arrays as local variables of a C function, and return them."""
         example = mechanics_of(self.model).workspace()
         return type(example)(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
 
     def past(self, writer: CWriter) -> symbols.Past:
-        """The memory, with scratch arrays as local numbers."""
+        """Return the hysteresis states of the C struct, with the kernels' scratch arrays declared
+        as local C variables.
+        """
         rows = {
             f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
         }
@@ -169,7 +180,9 @@ class Text:
         return symbols.Past(self.given.memory, memory, symbols.Held(springs=springs, **rows))
 
     def step(self) -> str:
-        """One step under commands held for its time h: 0, or -1 where it failed."""
+        """Return the source of the C function for one time step of length h under constant commands. It returns 0, or
+        -1 on failure.
+        """
         w, g = self.writer(), self.given
         command = cells("command", (self.model.actuation.count,))
         work = self.workspace(w)
@@ -189,24 +202,28 @@ class Text:
 
     @property
     def state(self) -> str:
-        """The state as an argument."""
+        """Declaration of the state as an argument of a C function."""
         return f"{self.prefix}_state *s"
 
     @property
     def constants(self) -> str:
-        """The parameters as an argument."""
+        """Declaration of the parameters as an argument of a C function."""
         return f"const {self.prefix}_parameters *p"
 
     def function(self, returns: str, name: str, arguments: str, writer: CWriter) -> str:
-        """A function of C."""
+        """Return the source of a C function with the given result type, name and arguments, and the
+        body in `writer`.
+        """
         return f"{returns} {self.prefix}_{name}({arguments})\n{{\n{writer.body(self.kind)}\n}}\n"
 
     def reading(self, name: str, output: str, writer: CWriter) -> str:
-        """A function of C that reads the state and fills arrays."""
+        """Return the source of a C function that reads the state and writes its results to the array `output`."""
         return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {output}", writer)
 
     def update(self) -> str:
-        """Inertia and curved springs from masses, lengths and stiffness."""
+        """Return the source of the C function that computes inertia and spring constants from masses, lengths and
+        stiffness.
+        """
         w, n, rod = self.writer(), self.model.n, self.model.mass_at == "rod"
         l, m = place(self.model, "p", "link_length"), place(self.model, "p", "link_mass")
         centre = w.scratch("centre", (n,))
@@ -219,7 +236,10 @@ class Text:
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def curved_spring(self, w: CWriter, k: int, i: int) -> None:
-        """Lay the terms of the spring of joint k, of coordinate i, and its bound, as `Springs.hardening`."""
+        """Write C code that sets the nonlinear spring terms of joint k at coordinate i.
+
+        The terms are those of `Springs.hardening`.
+        """
         for j, term in enumerate(SPRING_TERMS):
             w.say(f"{self.given.joints.hardening[j, i]} = p->stiffness[{k}] * p->{term}[{k}];")
         row, first = self.given.joints.hardening[TERMS, i], next(iter(SPRING_TERMS))
@@ -231,7 +251,7 @@ class Text:
         w.say("}")
 
     def tips(self) -> str:
-        """Positions of the first joint and the link tips."""
+        """Return the source of the C function that computes the positions of the link tips."""
         w, n = self.writer(), self.model.n
         x, y = w.local("x"), w.local("y")
         c, s = w.cosine_and_sine("p->base_angle")
@@ -246,7 +266,7 @@ class Text:
         return self.reading("tips", f"tip[{n}][2]", w)
 
     def stations(self) -> str:
-        """Positions and angles of the observed points."""
+        """Return the source of the C function that computes positions and angles of the observed points."""
         w, points = self.writer(), self.model.points
         x, y = w.local("x"), w.local("y")
         for carrier in range(-1, self.model.n):
@@ -265,7 +285,7 @@ class Text:
         return self.reading("stations", f"pose[{rows}][3]", w)
 
     def joint_angles(self) -> str:
-        """Angles of the joints from the rest shape."""
+        """Return the source of the C function that computes the joint angles relative to the rest shape."""
         w = self.writer()
         for k in range(self.model.n):
             before = self.phi[k - 1] if k else "p->base_angle"
@@ -273,7 +293,7 @@ class Text:
         return self.reading("joint_angles", f"q[{self.model.n}]", w)
 
     def energy(self) -> str:
-        """Kinetic, elastic and gravitational energy."""
+        """Return the source of the C function that computes kinetic, elastic and gravitational energy."""
         w, n, g = self.writer(), self.model.n, self.given
         c, s = w.scratch("cosine", (n,)), w.scratch("sine", (n,))
         for k in range(n):
@@ -286,7 +306,10 @@ class Text:
         return self.reading("energy", "joule[3]", w)
 
     def linearise(self) -> str:
-        """A (2n, 2n) and B (2n, C) of the chain at its present shape, rates and pressures; memory as it sticks."""
+        """Return the source of the C function that computes the matrices A (2n, 2n) and B (2n, C) at the present state.
+
+        Hysteresis elements act as springs, as before they slip.
+        """
         w, n, g = self.writer(), self.model.n, self.given
         work, tau = self.workspace(w), w.scratch("tau", (n,))
         out = symbols.Slopes(w.scratch("a", (n,)), w.scratch("by_angle", (n, n)), w.scratch("by_rate", (n, n)))
@@ -312,7 +335,11 @@ class Text:
         return self.reading("linearise", f"A[{2 * n}][{2 * n}], {self.kind} B[{2 * n}][{C}]", w)
 
     def law(self, w: CWriter, tau: Array) -> Array:
-        """Torques of the joints at the present pressures into `tau`; slopes (C,) of the chambers' laws, rubber held."""
+        """Write C code that computes the joint torques `tau`, and return C variables with the slopes (C,) of the torque
+        laws.
+
+        The viscoelastic lag is held constant.
+        """
         actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
         slope = w.scratch("slope", (self.model.actuation.count,))
         for c in range(slope.size):
@@ -325,7 +352,9 @@ class Text:
         return slope
 
     def stiff_memory(self, w: CWriter, work: symbols.Workspace, out: symbols.Slopes) -> None:
-        """Subtract the stiffness of the hysteresis before it slips from the slopes of the acceleration."""
+        """Write C code that adds the stiffness of hysteresis elements before slip to the derivatives of the
+        acceleration.
+        """
         m, n = self.given.memory, self.model.n
         if not self.model.memory:
             return

@@ -1,4 +1,7 @@
-"""The functions of C of a model in space; see `c_functions`."""
+"""C functions of an exported model in space.
+
+The module `c_functions` does this for planar models.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ Array = np.ndarray
 
 
 def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
-    """Write the matrix R (3, 3) of the rotation vector (x, y, z) [rad], up to 4 rad long."""
+    """Write the rotation matrix R (3, 3) of the rotation vector (x, y, z) [rad], whose length is at most 4 rad."""
     square = x * x + y * y + z * z
     c2, c3, _, _ = spatial.stumpff(square)
     c1 = 1.0 - square * c3
@@ -33,7 +36,7 @@ def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
 
 
 class SpatialText(Text):
-    """The functions of one model that bends in space."""
+    """Writer of the C functions of one model in space."""
 
     pose = 4
 
@@ -53,7 +56,7 @@ class SpatialText(Text):
         return symbols.Past(self.given.memory, memory, example._replace(**rows, springs=springs))
 
     def update(self) -> str:
-        """Springs, inertia and frames of the rest shape from the parameters."""
+        """Return the source of the C function that computes springs, inertia and rest frames from the parameters."""
         w, body = self.writer(), self.given.body
         w.say(f"{body.length[0]} = p->base_length;")
         for k in range(self.model.n):
@@ -69,7 +72,7 @@ class SpatialText(Text):
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def joint(self, w: CWriter, k: int) -> None:
-        """Springs and dampers about both axes of joint k, and about the link where it twists."""
+        """Write C code that sets springs and dampers of joint k: its two swings and, if it twists, its twist."""
         n, joints = self.model.n, self.given.joints
         rows = {2 * k: "", 2 * k + 1: "p->stiffness_ratio * ", 2 * n + k: "p->twist_ratio * "}
         for i, ratio in rows.items():
@@ -84,7 +87,7 @@ class SpatialText(Text):
                 w.say(f"{row} = {w.number(0.0)};")
 
     def segment(self, w: CWriter, s: int) -> None:
-        """Spring and damper of segment s, of its unstretched length, which follows from the shares that links have."""
+        """Write C code that sets spring and damper of extensible segment s from its unstretched length."""
         joints, body, whole = self.given.joints, self.given.body, w.local("whole")
         i = joints.hardening.shape[1] + s
         parts = [f"{body.length[k]} * {body.share[k, s]}" for k in range(self.model.n + 1)]
@@ -93,7 +96,7 @@ class SpatialText(Text):
         w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
 
     def rod(self, w: CWriter, k: int) -> None:
-        """Mass and moments of inertia of link k, a round rod."""
+        """Write C code that sets mass and moments of inertia of link k, a round rod."""
         body, m, l = self.given.body, f"p->link_mass[{k}]", f"p->link_length[{k}]"
         w.say(f"{body.mass[k]} = {m};")
         w.say(f"{body.centre[k]} = {w.number(0.5)} * {l};")
@@ -102,7 +105,7 @@ class SpatialText(Text):
         w.say(f"{body.axial[k]} = {w.number(0.5)} * {m} * {square};")
 
     def cap(self, w: CWriter) -> None:
-        """Add the mass at the tip to the last link."""
+        """Write C code that adds the tip mass to the last link."""
         body, k = self.given.body, self.model.n - 1
         m, l, away = f"p->link_mass[{k}]", f"p->link_length[{k}]", w.local("away")
         w.say(f"{body.mass[k]} = {m} + p->tip_mass;")
@@ -111,14 +114,16 @@ class SpatialText(Text):
         w.say(f"{body.centre[k]} = ({m} * {body.centre[k]} + p->tip_mass * {l}) / {body.mass[k]};")
 
     def posed(self) -> tuple[CWriter, Any]:
-        """A function that begins with the pose of all links in its scratch arrays."""
+        """Return a writer for a C function that begins by computing the poses of all links, and the scratch arrays with
+        these poses.
+        """
         w = self.writer()
         work = self.workspace(w)
         w.call(spatial.pose_links, self.phi, self.given.body, work)
         return w, work
 
     def tips(self) -> str:
-        """Positions of the link tips."""
+        """Return the source of the C function that computes the positions of the link tips."""
         w, work = self.posed()
         for k in range(self.model.n):
             for i in range(3):
@@ -127,7 +132,9 @@ class SpatialText(Text):
         return self.reading("tips", f"tip[{self.model.n}][3]", w)
 
     def stations(self) -> str:
-        """Positions of the observed points, and the angles of their links from +z."""
+        """Return the source of the C function that computes positions of the observed points and their links' angles
+        from +z.
+        """
         w, work = self.posed()
         for k, point in enumerate(self.model.points):
             place = w.scratch(f"place_{k}", (3,))
@@ -140,7 +147,7 @@ class SpatialText(Text):
         return self.reading("stations", f"pose[{len(self.model.points)}][4]", w)
 
     def joint_angles(self) -> str:
-        """The coordinates, which are those of the joints."""
+        """Return the source of the C function that copies the joint coordinates from the state."""
         w = self.writer()
         for i in range(self.model.size):
             w.say(f"q[{i}] = {self.phi[i]};")
@@ -148,7 +155,7 @@ class SpatialText(Text):
         return self.reading("joint_angles", f"q[{self.model.size}]", w)
 
     def energy(self) -> str:
-        """Kinetic, elastic and gravitational energy."""
+        """Return the source of the C function that computes kinetic, elastic and gravitational energy."""
         w, g = self.writer(), self.given
         work = self.workspace(w)
         w.say(f"joule[0] = {w.call(spatial_points.kinetic_energy, self.phi, self.w, g.body, work)};")
@@ -157,10 +164,13 @@ class SpatialText(Text):
         return self.reading("energy", "joule[3]", w)
 
     def linearise(self) -> str:
-        """Nothing: `state_space` has the matrices of a model in space."""
+        """Return an empty text, since the C code of a model in space has no function for linearisation.
+
+        The export target `state_space` linearises such a model.
+        """
         return ""
 
 
 def text_of(model: Any, prefix: str, *, single: bool) -> Text:
-    """Return the functions of a model."""
+    """Return the writer of a model's C functions, for a planar model or a model in space."""
     return (SpatialText if model.space else Text)(model, prefix, single=single)

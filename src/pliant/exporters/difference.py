@@ -1,4 +1,4 @@
-"""Difference of motion between two models, under one reference input."""
+"""Difference between the tip motions of two models under a reference input."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import numpy as np
 
 from pliant.model import Model
 from pliant.simulation import Pulse, simulate
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
 START, WIDTH, DURATION, STEP = 0.1, 1.0, 2.0, 1e-3  # s, of the reference input and of its simulation
 
 
 class Difference(NamedTuple):
-    """Distance between the tips of two models on the reference input."""
+    """Distance between the tips of two models, the original and the exported one, under a reference input."""
 
-    level: float  # Pa, of the pulse; 0: both are let go from joints bent by 0.1 rad
-    travel: float  # m, largest distance of the first model's tip from its start
-    largest: float  # m
-    rms: float  # m
-    unit: str = "Pa"  # of the pulse
+    level: float  # Pa, height of the pulse; 0: both are released from joints bent by 0.1 rad
+    travel: float  # m, peak displacement of the first model's tip
+    largest: float  # m, largest distance between both tips
+    rms: float  # m, root mean square of this distance
+    unit: str = "Pa"  # unit of the pulse
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers with their units in the names."""
+        """Return the difference between the tip motions as a dict, whose keys name the units."""
         return {
             "input": self.input, "tip_travel_mm": 1e3 * self.travel, "largest_tip_difference_mm": 1e3 * self.largest,
             "rms_tip_difference_mm": 1e3 * self.rms,
@@ -31,21 +31,21 @@ class Difference(NamedTuple):
 
     @property
     def input(self) -> str:
-        """The reference input in words."""
+        """Description of the reference input in words."""
         if not self.level:
-            return f"let go from 0.1 rad at every joint, {DURATION:g} s"
+            return f"release from 0.1 rad at every joint, {DURATION:g} s"
         level = f"{1e-3 * self.level:.4g} kPa" if self.unit == "Pa" else f"{self.level:.4g} {self.unit}"
         return f"a pulse of {level} from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
 
     def __str__(self) -> str:
         return (
             f"on the reference input ({self.input}) the tip differs by at most {1e3 * self.largest:.3g} mm, "
-            f"{1e3 * self.rms:.3g} mm RMS, of a travel of {1e3 * self.travel:.3g} mm"
+            f"{1e3 * self.rms:.3g} mm RMS, for a peak displacement of {1e3 * self.travel:.3g} mm"
         )
 
 
 def difference(one: Model, other: Model) -> Difference:
-    """Simulate both on the reference input and compare their tips."""
+    """Simulate two models under a reference pulse of pressure, and return the distance between their tips."""
     level = typical_pressure(one)
     start = None if level else np.full(one.size, 0.1)
 
@@ -58,7 +58,7 @@ def difference(one: Model, other: Model) -> Difference:
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
-    """The numbers of two paths (T, 2 or 3) [m] of a tip."""
+    """Return the difference of two tip paths (T, 2) or (T, 3) [m] under a pulse of height `level` [Pa]."""
     apart = np.linalg.norm(one - other, axis=1)
     travel = np.linalg.norm(one - one[0], axis=1).max()
     return Difference(level, float(travel), float(apart.max()), float(np.sqrt(np.mean(apart**2))))

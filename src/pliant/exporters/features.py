@@ -1,4 +1,4 @@
-"""Features that a model may have beyond links and springs: how each is named, and the model without it."""
+"""Features of a model that an export target may not support, and how to remove each from a model."""
 
 from __future__ import annotations
 
@@ -12,60 +12,62 @@ from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Memory, Model, Space, Tendon
+from pliant.model.extension import CURVES
 from pliant.model.model import DEFAULTS
 from pliant.model.spring import SPRING_TERMS
-from pliant.simulation.levels import first_alone, typical_pressure
-from pliant.simulation.state import equilibrium
+from pliant.simulation.state import equilibrium, first_alone, typical_pressure
 
 
 class Feature(NamedTuple):
-    """One property of a model that not every target can express."""
+    """A property of a model that not every export target supports, such as creep or dead time."""
 
     title: str
-    names: Callable[[Model], tuple[str, ...]]  # what a model has of it, each by its name; empty: nothing
-    without: Callable[[Model], Model]  # the nearest model that has none of it
-    fields: tuple[str, ...]  # of the model's parts that describe it, as Part.field
+    names: Callable[[Model], tuple[str, ...]]  # names of a model's parts with this feature; empty: none
+    without: Callable[[Model], Model]  # returns the nearest model without the feature
+    fields: tuple[str, ...]  # fields of the model's parts that describe the feature, as Part.field
 
 
 def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
-    """`name` for a model that has it."""
+    """Return a function that, called with a model, returns (`name`,) if ``has(model)`` is true, else ()."""
     return lambda model: (name,) if has(model) else ()
 
 
 def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tuple[str, ...]]:
-    """``name 1`` ... ``name k``."""
+    """Return a function that, called with a model, returns the names ``name 1`` ... ``name k`` for k =
+    ``count(model)``.
+    """
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
 def lag(chamber: Chamber) -> bool:
-    """Whether the pressure lags behind the command by more than a dead time."""
+    """Return whether a chamber's pressure lags behind its command by more than a dead time."""
     v = chamber.valve
     lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
     return any(lagging)
 
 
 def curved(chamber: Chamber) -> bool:
-    """Whether the torque is more than a multiple of the pressure, as a polynomial."""
+    """Return whether a chamber's torque law is a polynomial with terms beyond the linear one."""
     return chamber.law == POLYNOMIAL and bool(chamber.torque[1:].any())
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
-    """A model with other chambers."""
+    """Return a function that, called with a model, returns it with ``change(chamber)`` in place of each chamber."""
     return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """A model with other valves."""
+    """Return a function that, called with a model, returns it with the given fields of each chamber's valve changed."""
     return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
-    """A model with another memory."""
+    """Return a function that, called with a model, returns it with the given fields of its hysteresis changed."""
     return lambda model: model.with_(memory=replace(model.memory, **changes))
 
 
 def straight_law(model: Model) -> Model:
-    """Torques that are multiples of the pressure, right at half of the typical pressure."""
+    """Return the model with torques proportional to pressure, exact at half of the typical pressure."""
     level = 0.5 * (typical_pressure(model) or 1e5)
 
     def straight(chamber: Chamber) -> Chamber:
@@ -76,7 +78,10 @@ def straight_law(model: Model) -> Model:
 
 
 def unbounded(model: Model) -> Model:
-    """Springs K q (1 + s q + a q^2) nearest to bounded ones up to the bend of the typical pressure."""
+    """Return the model with polynomial springs K q (1 + s q + a q^2), fitted to its springs of bounded softening.
+
+    The fit covers the bend up to that of the typical pressure.
+    """
     most = max(np.abs(equilibrium(model, first_alone(model, typical_pressure(model)))).max(), 0.01)
     bend = np.linspace(-most, most, 41)[:, None]
     held = np.array([springs_of(model).torque(np.full(model.n, q)) for q in bend[:, 0]])
@@ -86,13 +91,13 @@ def unbounded(model: Model) -> Model:
 
 
 def one_lag(chamber: Chamber) -> Chamber:
-    """One time constant for rise and fall, their mean."""
+    """Return the chamber with the mean of its valve's rise time and fall time in place of both."""
     mean = 0.5 * (chamber.valve.rise_time + chamber.valve.fall_time)
     return replace(chamber, valve=replace(chamber.valve, rise_time=mean, fall_time=mean))
 
 
 def first_order(chamber: Chamber) -> Chamber:
-    """A first-order valve that is as late as the second-order one."""
+    """Return the chamber with a first-order valve of the same delay in place of its second-order valve."""
     v = chamber.valve
     if not v.natural_frequency:
         return chamber
@@ -101,30 +106,30 @@ def first_order(chamber: Chamber) -> Chamber:
 
 
 def soft(model: Model) -> bool:
-    """Whether springs are more than linear."""
+    """Return whether the model's joint springs are nonlinear (soften or stiffen with the angle)."""
     return bool(model.stiffening.any() or model.cubic_stiffening.any())
 
 
 def untwisted(model: Model) -> Model:
-    """A body in space whose joints do not twist."""
+    """Return the model in space without twist of its joints (twist_ratio = 0)."""
     return model.with_(space=replace(model.space or Space(), twist_ratio=0.0))
 
 
 def no_plane(model: Model) -> Model:
-    """Refuse: a body in space has no nearest one in a plane."""
+    """Raise InputError, because a model in space cannot be exported to a target for planar models."""
     raise InputError(
-        f"{model.name!r} is a model in space, and this target takes planar models alone: export to mjcf, c99, fmu, "
+        f"{model.name!r} is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
         "state-space or urdf"
     )
 
 
 def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
-    """A model whose tendons are changed, each by itself."""
+    """Return a function that, called with a model, returns it with ``change(tendon)`` in place of each tendon."""
     return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """A pair as it is while both of its tendons are taut, one spring of twice the stiffness; without backlash."""
+    """Return a pair of tendons as one linear spring of twice the stiffness, which is exact while both are taut."""
     if not tendon.pair:
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
@@ -132,12 +137,18 @@ def both_taut(tendon: Tendon) -> Tendon:
 
 
 def no_tendons(model: Model) -> Model:
-    """Refuse: without what drives it, a body does not move."""
-    raise InputError(f"{model.name!r} is driven by tendons, which the target cannot express")
+    """Raise InputError, because a model without its tendons would not move."""
+    raise InputError(
+        f"{model.name!r} is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"
+    )
 
 
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
-    """`name` for a model of which a chamber has it; of several chambers with their names."""
+    """Return a function that, called with a model, returns `name` for each of its chambers for which ``has(chamber)``
+    is true.
+
+    If the model has several chambers, the chamber's name is appended.
+    """
 
     def names(model: Model) -> tuple[str, ...]:
         titles = [f"{name} of {c.name}" for c in model.chambers] if model.actuation.count > 1 else [name]
@@ -147,7 +158,7 @@ def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple
 
 
 def spring_term(name: str) -> Feature:
-    """One term of the springs beyond the linear one, of its field of `Model`."""
+    """Return the feature for one nonlinear spring term, such as `cubic_stiffening`."""
     return Feature(
         f"spring term {name}", when(f"spring term {name}", lambda m: getattr(m, name).any()),
         lambda m: m.with_(**{name: [0.0]}), (f"Model.{name}",),
@@ -155,20 +166,32 @@ def spring_term(name: str) -> Feature:
 
 
 def longer(model: Model) -> tuple[str, ...]:
-    """Segments that lengthen, each by its name."""
+    """Return a name for each extensible segment of a model, such as "segment tip that lengthens"."""
     return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
 
 
+def linear_segments(model: Model) -> Model:
+    """The model with linear axial springs."""
+    straight: dict[str, Any] = dict.fromkeys(CURVES)
+    return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
+
+
+def without_segments(model: Model) -> Model:
+    """The model with no segment that lengthens, and no hysteresis of one."""
+    return of_memory(**dict.fromkeys(AXIAL_BRANCHES, ()))(model).with_(extensions=())
+
+
+AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain"))
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
     "springs": Feature(
         "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
-        ("Model.stiffness", "Model.damping"),
+        ("Model.stiffness", "Model.damping", "Extension.stiffness"),
     ),
     "drive": Feature(
         "torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m,
-        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain"),
+        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain", "Chamber.axial_gain"),
     ),
     "chambers": Feature(
         "several chambers",
@@ -180,12 +203,21 @@ FEATURES: dict[str, Feature] = {
         ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
     ),
     "lengthening": Feature(
-        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), lambda m: m.with_(extensions=()),
+        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), without_segments,
         LENGTHENING,
     ),
     "space_lengthening": Feature(
-        "a body in space that lengthens", lambda m: longer(m) if m.space else (), lambda m: m.with_(extensions=()),
+        "a body in space that lengthens", lambda m: longer(m) if m.space else (), without_segments,
         LENGTHENING,
+    ),
+    "curved_segments": Feature(
+        "axial springs that soften or stiffen",
+        lambda m: tuple(f"axial spring of segment {e.name} that softens or stiffens" for e in m.extensions if e.curved),
+        linear_segments, tuple(f"Extension.{name}" for name in CURVES),
+    ),
+    "axial_memory": Feature(
+        "hysteresis of segments that lengthen", when("hysteresis of segments", lambda m: m.memory.has_axial),
+        of_memory(**dict.fromkeys(AXIAL_BRANCHES, ())), tuple(f"Memory.{name}" for name in AXIAL_BRANCHES),
     ),
     "gravity": Feature(
         "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),
@@ -202,18 +234,18 @@ FEATURES: dict[str, Feature] = {
         when("bounded softening", lambda m: (m.stiffening * m.stiffening_bound).any()), unbounded,
         ("Model.stiffening_bound",),
     ),
-    **{  # terms that came later than the first two: a target that does not name them refuses them
+    **{  # terms beyond the first two: a target that does not list them refuses them
         term: spring_term(term) for term in tuple(SPRING_TERMS)[2:]
     },
     "law": Feature(
-        "torque law beyond a multiple", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
+        "torque law of higher degree", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
     ),
     "own_law": Feature(
         "torque law that is no polynomial", some("torque law that is no polynomial", lambda c: c.law != POLYNOMIAL),
         straight_law, ("Chamber.law",),
     ),
     "lagging_law": Feature(
-        "such a law behind a lagging valve",
+        "torque law of higher degree behind a lagging valve",
         some("torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c)), straight_law,
         ("Chamber.torque",),
     ),
@@ -301,35 +333,36 @@ FEATURES: dict[str, Feature] = {
         tuple(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
     ),
 }
-EVERYWHERE = (  # fields that every target writes, or that name and gather others
+EVERYWHERE = (  # fields that every target writes, names, and fields that contain others
     "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.base_length",
     "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )
 KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
-LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # of the springs, see `SPRING_TERMS`
+LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # later terms of the springs, see `SPRING_TERMS`
 RUBBER = frozenset({"swelling", "inflation"})
+AXIAL = frozenset({"curved_segments", "axial_memory"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
-    """Keys of what `model` has and a target that expresses `can` has not.
+    """Return the keys of all features that `model` has and the export target, which supports `can`, does not support.
 
     Raises
     ------
     InputError
-        When the model has what no exporter knows: a field that was added to it and to no feature.
+        When the model has a field that belongs to no feature, so that no exporter would write it.
     """
     if strange := tuple(unknown(model)):
         raise InputError(
-            f"{', '.join(strange)}: not known to the exporters, so that an export would lose it: add the field to a "
+            f"{', '.join(strange)}: unknown to the exporters, so that an export would lose this field: add it to a "
             "feature of pliant.exporters.features, or leave it at its default"
         )
     return tuple(key for key, feature in FEATURES.items() if key not in can and feature.names(model))
 
 
 def unknown(part: Any) -> Iterator[str]:
-    """Fields of a model and its parts that no feature knows and that differ from their default, as Part.field."""
+    """Yield the fields, as Part.field, of a model that belong to no known feature and differ from their default."""
     values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
     for name, value in values.items():
         title = title_of(part, name)
@@ -343,13 +376,16 @@ def unknown(part: Any) -> Iterator[str]:
 
 
 def title_of(part: Any, name: str) -> str:
-    """Return Part.field, of a tendon Chamber.field where it has the field of a chamber."""
+    """Return the name of a model's field as "Part.field", such as "Valve.dead_time".
+
+    For a tendon's field that every chamber has, the part is Chamber.
+    """
     inherited = isinstance(part, Chamber) and name in {f.name for f in fields(Chamber)}
     return f"{Chamber.__name__ if inherited else type(part).__name__}.{name}"
 
 
 def default_of(part: Any, name: str) -> Any:
-    """Return the default of a field; MISSING where it has none."""
+    """Return the default value of the field `name` of `part`, or MISSING if it has none."""
     if isinstance(part, Model):
         return DEFAULTS.get(name, MISSING)
     if hasattr(part, "_field_defaults"):
@@ -359,19 +395,19 @@ def default_of(part: Any, name: str) -> Any:
 
 
 def same(value: Any, default: Any) -> bool:
-    """Whether a value is its default, arrays element by element."""
+    """Return whether a value equals a default value, with arrays compared element by element."""
     if default is MISSING:
         return False
     return bool(np.all(value == default)) if isinstance(value, np.ndarray) else bool(value == default)
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of those features that the model has."""
+    """Return the names of the parts of a model that have the features with the given keys."""
     return tuple(name for key in keys for name in FEATURES[key].names(model))
 
 
 def without(model: Model, keys: tuple[str, ...]) -> Model:
-    """The model with these features taken out, one after the other."""
+    """Return the model without the features that have the given keys."""
     for key in keys:
         model = FEATURES[key].without(model)
     return model

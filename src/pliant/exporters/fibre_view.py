@@ -1,4 +1,4 @@
-"""A shape-sensing fibre as an agent sees it: late, noisy joint angles with a drifting bias."""
+"""Measurement noise of a shape-sensing fibre for learning environments: noisy joint angles with a bias that drifts."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ from pliant.model import Model
 from pliant.testbed.fibre import FibreSensor
 
 Array = np.ndarray
-POINTS = 24  # of a link, on which the bias is integrated
+POINTS = 24  # points per link at which the bias is integrated
 
 
 class FibreView:
-    """Joint angles of N chains as the virtual laboratory's fibre (`pliant.testbed.fibre.FibreSensor`) gives them.
+    """Simulated fibre sensor that measures the joint angles of N chains with noise, drifting bias and gain error.
 
-    An angle is the curvature summed over the stretch that turns with the joint: white noise of the gauges adds up along
-    it, a bias that is smooth along the fibre and wanders in time stays, the gain of the specimen scales the whole. What
-    the emulator does beyond the plane, and frames that are lost, are left out.
+    The sensor is that of the virtual laboratory, `pliant.testbed.fibre.FibreSensor`.
+
+    A joint's angle is the curvature integrated along its link. White noise of the gauges accumulates along the link. A
+    bias that is smooth along the fibre varies in time, and a gain error scales the angle. Errors out of the plane, and
+    lost frames, are not modelled.
 
     Parameters
     ----------
     model : Model
     size : int
-        Chains.
+        Number of chains N.
     period : float
-        s between two frames.
+        Time between two frames [s].
     sensor : FibreSensor
     """
 
@@ -44,12 +46,14 @@ class FibreView:
         self.bias = np.zeros((size, model.n))
 
     def reset(self, which: Array, rng: np.random.Generator) -> None:
-        """Another fibre in the chains `which` (M,)."""
+        """Draw a new random gain error and bias for the chains with the indices `which` (M,)."""
         self.gain[which] = 1.0 + self.sensor.gain_error * rng.standard_normal((len(which), 1))
         self.bias[which] = rng.standard_normal((len(which), self.model.n)) @ self.root.T
 
     def see(self, angle: Array, rng: np.random.Generator) -> Array:
-        """Absolute link angles (N, n) [rad] as the fibre gives those `angle` (N, n); its bias moves on by a period."""
+        """Return the measured link angles (N, n) [rad] of N chains from the true ones, and advance the bias by one
+        period.
+        """
         turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
         kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T
         self.bias = self.keep * self.bias + kick

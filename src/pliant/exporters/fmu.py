@@ -1,7 +1,7 @@
-"""FMU for co-simulation, FMI 2.0 or 3.0: the C of `c99` behind the functions of the standard, with sources and binary.
+"""Export of a model as an FMU for co-simulation (FMI 2.0 or 3.0), with C sources and a binary.
 
-Inputs are the pressures, outputs the observed points, joint angles, pressures behind the valves and energies; every
-parameter is tunable. Without a compiler the FMU holds the sources alone, which tools can compile.
+Inputs are the pressures. Outputs are the observed points, joint angles, pressures behind the valves and energies. Every
+parameter is tunable. Without a C compiler the FMU holds only the sources, which tools can compile.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from pliant.simulation.time_step import shared_step
 from pliant.text import escaped
 from pliant.version import __version__
 
-PLAIN = {n: f"FMI{n}_OVERRIDE_FUNCTION_PREFIX" for n in "23"}  # the sources then define the standard's own names
-STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the archive: the same model gives the same bytes
+PLAIN = {n: f"FMI{n}_OVERRIDE_FUNCTION_PREFIX" for n in "23"}  # for function names without prefix
+STAMP = (1980, 1, 1, 0, 0, 0)  # time of the files in the archive, so that the same model gives the same bytes
 
 
 class Identity(NamedTuple):
-    """The identifiers of an FMU, and how it runs."""
+    """Name, FMI version, token, time step and initial pressure of an exported FMU."""
 
-    name: str  # the model identifier: of the file, the functions and the binary
-    version: str  # of FMI
+    name: str  # model identifier, in the names of file, functions and binary
+    version: str  # FMI version
     token: str  # GUID or instantiation token
     step: float  # s
-    pressure: float  # Pa, at the start
+    pressure: float  # Pa, initial pressure
 
 
 def root_of(provenance: Provenance, this: Identity) -> ET.Element:
-    """The model description without its variables."""
+    """Return the root element of the FMU's model description (XML), without the variables."""
     root = ET.Element(
         "fmiModelDescription", fmiVersion=this.version, modelName=escaped(provenance.model.name, "line"),
         description="\n".join(provenance.lines("line")), generationTool=f"pliant {__version__}",
@@ -73,7 +73,7 @@ def root_of(provenance: Provenance, this: Identity) -> ET.Element:
 
 
 def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
-    """modelDescription.xml."""
+    """Return the content of the FMU's file modelDescription.xml."""
     root, rows = root_of(provenance, this), variables(model, this.pressure)
     unit_definitions(root, rows)
     ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.step))
@@ -94,7 +94,7 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
 
 
 def structure(root: ET.Element, outputs: list[int], version: str) -> None:
-    """Which variables are outputs, and known only after initialisation."""
+    """Add the element ModelStructure to the FMU's model description: its outputs and initial unknowns."""
     own = ET.SubElement(root, "ModelStructure")
     if version == "2.0":
         for group in ("Outputs", "InitialUnknowns"):
@@ -108,7 +108,7 @@ def structure(root: ET.Element, outputs: list[int], version: str) -> None:
 
 
 def build_description(name: str) -> bytes:
-    """sources/buildDescription.xml of FMI 3."""
+    """Return the content of the FMU's file sources/buildDescription.xml (FMI 3)."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     own = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
     ET.SubElement(ET.SubElement(own, "SourceFileSet", language="C99"), "SourceFile", name="all.c")
@@ -116,7 +116,7 @@ def build_description(name: str) -> bytes:
 
 
 def sources(model: Model, provenance: Provenance, this: Identity) -> str:
-    """The whole FMU in one file of C."""
+    """Return all C code of the FMU as the text of one source file."""
     made = c99.code(model, provenance, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
     rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
@@ -134,7 +134,7 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
 
 
 def functions_of(wrapper: str, number: str) -> list[str]:
-    """Names of the functions of the standard that a template defines, those that its macros make included."""
+    """Return the names of the FMI functions that a C template defines, including those defined by its macros."""
     names = re.findall(rf"^FMI [\w *]*?\b(fmi{number}\w+)\(", wrapper, re.MULTILINE)
     names += re.findall(rf"^(?:NONE|REFUSE|REFUSE_PLAIN)\((fmi{number}\w+)", wrapper, re.MULTILINE)
     types = re.findall(r"^NONE\(([A-Z]\w+),", wrapper, re.MULTILINE)
@@ -142,22 +142,22 @@ def functions_of(wrapper: str, number: str) -> list[str]:
 
 
 def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
-    """The binary, or nothing and the sentence that says why."""
+    """Compile the FMU's C source; return the binary and "", or None and the reason why there is none."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None or sys.platform not in ("linux", "darwin"):
-        return None, "no C compiler was found: the FMU holds its sources alone, and no binary"
+        return None, "no C compiler was found: the FMU holds only its sources and no binary"
     source, binary = folder / "all.c", folder / "all.so"
     source.write_text(text, encoding="utf-8")
     flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", f"-D{PLAIN[number]}"]
     command = [compiler, *flags, str(source), "-o", str(binary)]
     done = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)  # noqa: S603  our own source
     if done.returncode:
-        return None, f"the C compiler refused the sources: the FMU holds no binary ({done.stderr.strip()[:200]})"
+        return None, f"the C compiler failed on the sources: the FMU holds no binary ({done.stderr.strip()[:200]})"
     return binary.read_bytes(), ""
 
 
 def places(version: str) -> tuple[str, str]:
-    """Folder and ending of the binary of this platform."""
+    """Return the folder and the file extension of this platform's binary inside an FMU."""
     ending = "dylib" if sys.platform == "darwin" else "so"
     if version == "2.0":
         return ("darwin64" if sys.platform == "darwin" else "linux64"), ending
@@ -166,10 +166,10 @@ def places(version: str) -> tuple[str, str]:
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the FMU."""
+    """Write a model as an FMU to `path`, and return the path."""
     version = {"2": "2.0", "2.0": "2.0", "3": "3.0", "3.0": "3.0"}.get(str(options["fmi"]))
     if version is None:
-        raise InputError(f"fmu fmi must be 2.0 or 3.0, got {options['fmi']!r}")
+        raise InputError(f"fmu option fmi must be 2.0 or 3.0, got {options['fmi']!r}")
     token = "{" + hashlib.sha256("\n".join([version, *provenance.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
     this = Identity(name, version, token, float(options["step"]) or shared_step([model]), float(options["pressure"]))

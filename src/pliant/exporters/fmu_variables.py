@@ -1,6 +1,6 @@
-"""The variables of an FMU: their names by the standard's structured naming convention, and their units.
+"""Variables of an exported FMU: their names (structured naming convention), units and start values.
 
-Names and the order of value references are those of `templates/fmu.c`: time, inputs, outputs, parameters.
+Names and the order of value references match `templates/fmu.c`: time, inputs, outputs, parameters.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")
-UNIT_OF = {  # of each parameter; of an array whose columns differ, one unit for each column
+UNIT_OF = {  # unit of each parameter; one unit per column if the columns of an array differ
     "link_length": "m", "link_mass": "kg", "tip_mass": "kg", "stiffness": "N.m/rad", "damping": "N.m.s/rad",
     "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
@@ -39,7 +39,7 @@ BASE = {  # exponents of kg, m, s and rad
 
 
 class Variable(NamedTuple):
-    """One variable of the FMU."""
+    """One variable of the FMU: name, causality, unit and start value."""
 
     name: str
     causality: str
@@ -48,7 +48,7 @@ class Variable(NamedTuple):
 
 
 def variables(model: Model, pressure: float) -> list[Variable]:
-    """Return all variables in the order of their value references, with names that differ from each other."""
+    """Return all variables of the FMU in the order of their value references, with unique names."""
     model = with_identifiers(model)
     chambers = model.actuation.labels("pressure")
     scalars = [
@@ -77,17 +77,17 @@ def variables(model: Model, pressure: float) -> list[Variable]:
 
 
 def pose_of(model: Model) -> list[tuple[str, str]]:
-    """Return what describes an observed point, each with its unit: a position and an angle."""
+    """Return the components of an observed point as (name, unit): its coordinates and an angle."""
     return [*((axis, "m") for axis in "xyz"[: mechanics_of(model).dimension]), ("angle", "rad")]
 
 
 def coordinate_unit(name: str) -> str:
-    """Return the unit of a coordinate; empty for a strain, which is a pure number."""
+    """Return the FMU unit of a joint coordinate: "rad" for an angle, "" for a strain."""
     return "" if name.startswith("strain") else "rad"
 
 
 def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
-    """Return the unit of one element of a parameter; empty for a pure number."""
+    """Return the FMU unit of one element of the parameter `field`; "" for a dimensionless number."""
     if field == "torque":
         chamber = model.chambers[index[0]]
         if isinstance(chamber, Tendon):
@@ -101,7 +101,7 @@ def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
 
 
 def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
-    """Add the units of the variables, each with its exponents of SI units."""
+    """Add the element UnitDefinitions, with the SI exponents of all units, to the FMU's model description."""
     group = ET.SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in rows if v.unit}):
         unit = ET.SubElement(group, "Unit", name=name)
@@ -111,7 +111,7 @@ def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
 
 
 def base_units(unit: str) -> tuple[int, int, int, int] | None:
-    """Return the exponents of kg, m, s and rad; None for a unit whose exponent is a parameter itself."""
+    """Return the exponents of kg, m, s and rad of a unit, or None if an exponent is a model parameter."""
     if unit.startswith("N.m/Pa"):
         k = int(unit.removeprefix("N.m/Pa") or 1)
         return 1 - k, 2 + k, 2 * k - 2, 0

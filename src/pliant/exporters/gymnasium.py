@@ -1,8 +1,10 @@
-"""Environments of Gymnasium: ``pliant/Reach-v0``, ``pliant/Track-v0`` and, on MuJoCo, ``pliant/Push-v0``.
+"""Gymnasium environments for learning to control the tip of a model: ``pliant/Reach-v0`` and ``pliant/Track-v0``.
 
-Importing this module registers them. A model is a `Model` or a model file; with its fit, every episode draws another
-body from the fit's covariance. ``gymnasium.make_vec`` makes one batch of SIMD vectors out of as many bodies as it is
-asked for: their state stays in the vectors, and Python sees whole arrays.
+With MuJoCo there is also ``pliant/Push-v0``.
+
+Importing this module registers them. A model is a `Model` or a model file. If its fit is given, every episode uses
+another body, drawn from the fit's covariance. ``gymnasium.make_vec`` constructs one batch of the requested number of
+bodies, which are simulated together by SIMD instructions; Python handles whole arrays.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.model.space import require_planar
 from pliant.simulation import state
-from pliant.simulation.levels import first_alone, typical_pressure
+from pliant.simulation.state import first_alone, typical_pressure
 
 try:
     import gymnasium
@@ -31,44 +33,46 @@ except ImportError:
     raise InputError("Gymnasium is not installed: pip install 'pliant[gym]'") from None
 
 Array = np.ndarray
-LOST = -10.0  # reward of a body that loses stability
+LOST = -10.0  # reward if the simulation becomes unstable
 
 
 class EpisodeTask(NamedTuple):
-    """Length, reward and observations of an episode."""
+    """Settings of a learning episode: time step, period of actions, duration, target and observations."""
 
-    step: float = 1e-3  # s, of the model
+    step: float = 1e-3  # s, time step of the model
     period: float = 0.02  # s, between actions
     duration: float = 2.0  # s
-    frequency: float = 0.5  # Hz, of the path that is tracked
-    observe: str = "perfect"  # or "fibre": joint angles as a shape-sensing fibre gives them
-    bodies: int = 64  # that are drawn from the fit at a seed; each episode takes one
+    frequency: float = 0.5  # Hz, of the moving target
+    observe: str = "perfect"  # or "fibre": joint angles measured by a shape-sensing fibre
+    bodies: int = 64  # number of bodies drawn from the fit at a seed; each episode uses one
 
 
 class TipVectorEnv(VectorEnv[Array, Array, Array]):
-    """Tips of many bending bodies, each to be where it is asked for, by pressure: one batch, one call a period.
+    """Vectorised Gymnasium environment in which pressures move the tips of N planar actuators to their targets.
 
-    Actions: pressures of the chambers (N, C), -1 for none and 1 for `highest`. Observations (N, 2 n + 4 + C): joint
-    angles less the model's rest angles (n) [rad], their rates times the period (n), tip and target (2) in parts of the
-    body's length, commanded pressures (C) in parts of `highest`. Rewards: minus the distance of a tip from its target
-    in parts of the body's length; an episode ends early where the body loses stability, with -10. An environment that
-    is done begins anew at the next step, whose action and reward count for nothing (Gymnasium's ``NEXT_STEP``).
+    Actions: pressures of the chambers (N, C), scaled so that -1 is 0 Pa and 1 is `highest`. Observations (N, 2 n + 4 +
+    C): joint angles relative to the rest angles (n) [rad], their rates times the period (n), tip and target (2 each)
+    divided by the body's length, commanded pressures (C) divided by `highest`. Reward: minus the distance of the tip
+    from its target divided by the body's length. An episode ends early with the reward -10 if the simulation becomes
+    unstable. An environment that is done is reset at the next step, whose action and reward have no effect (Gymnasium's
+    ``NEXT_STEP``).
 
     Parameters
     ----------
     num_envs : int
+        Number of environments N.
     model : Model, str or Path
     highest : float
-        Largest pressure, Pa; default twice the pressure that bends the body by half a radian.
+        Highest pressure [Pa]; default: twice the pressure that bends the body by half a radian.
     fit : FitResult, path of metrics.json, or mapping
-        What `pliant.exporters.draw_models` draws bodies from; default: all bodies are the model.
+        Fit from which `pliant.exporters.randomisation.draw_models` draws bodies; default: all bodies equal the model.
     moving : bool
-        Whether targets move along the body's reachable curve, or stand.
+        Whether targets move along the body's reachable curve, or are at rest.
     task : EpisodeTask
-        With ``observe="fibre"`` angles are those of the virtual laboratory's fibre, its latency included, and rates
-        differences of frames; tips come from these angles. Rewards are always of the true tip.
+        With ``observe="fibre"``, angles are measured by the virtual laboratory's fibre with its latency, rates are
+        differences of frames, and tips are computed from these angles. Rewards always use the true tip.
     render_mode : None
-        No rendering; `pliant` draws trajectories.
+        There is no rendering.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -83,7 +87,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self.task = checked_task(task or EpisodeTask())
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
-            raise InputError("no pressure bends this model: there is nothing to reach")
+            raise InputError(
+                "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a "
+                "torque"
+            )
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
@@ -93,7 +100,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._fibre = FibreView(self.model, num_envs, self._steps * t.step) if t.observe == "fibre" else None
         self._late = round(self._fibre.sensor.latency / t.step) if self._fibre else 0
         if self._late >= self._steps:
-            raise InputError(f"a period of {t.period:.3g} s is shorter than the latency of the fibre")
+            raise InputError(
+                f"the period of {t.period:.3g} s between actions must exceed the latency of the fibre: use a longer "
+                "period"
+            )
         self._curve = reachable(self.model, self.highest)
         self._elapsed, self._done = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool)
         self._phase, self._target = np.zeros(num_envs), np.zeros((num_envs, 2))
@@ -104,7 +114,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """Reset all environments to rest at zero pressure and draw targets; a seed draws model parameters, too."""
+        """Start new episodes in all environments, at rest without pressure and with new targets. A seed also draws new
+        models.
+        """
         if seed is not None:
             whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
             self._np_random = np.random.default_rng(whole)
@@ -119,7 +131,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return self.observations(self._chains.angle), self.info()
 
     def begin(self, which: Array) -> None:
-        """Another episode in the environments `which` (M,)."""
+        """Start a new episode in the environments with the indices `which` (M,)."""
         self._body[which] = self.np_random.integers(len(self._bodies), size=len(which))
         self._chains.reset(which, self._body[which])
         self._phase[which] = self.np_random.uniform(0.0, 1.0, len(which))
@@ -132,12 +144,17 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._before[which] = angle[which]
 
     def target_at(self, phase: Array) -> Array:
-        """Points (N, 2) [m] of the reachable curve, phase 0 its beginning and 1 its end."""
+        """Return N points (N, 2) [m] of the tip's reachable curve, for phases (N,) from 0 (its
+        start) to 1 (its end).
+        """
         along = np.linspace(0.0, 1.0, len(self._curve))
         return np.stack([np.interp(phase, along, self._curve[:, k]) for k in range(2)], axis=1)
 
     def tips(self, angle: Array, *, own: bool) -> Array:
-        """Last tips (N, 2) [m] of chains at absolute angles (N, n): of the bodies' own lengths, or of the model's."""
+        """Return the tip positions (N, 2) [m] of N chains at absolute link angles (N, n) [rad].
+
+        With `own`, the lengths of the drawn bodies are used, else those of the model.
+        """
         m = self.model
         length = self._lengths[self._body] if own else m.link_length
         first = self._first[self._body] if own else m.first_joint
@@ -145,9 +162,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
-        """Return the agents' observations of chains at absolute angles (N, n), late by the fibre's latency where there
-        is one.
-        """
+        """Return the observations (N, 2 n + 4 + C) of N chains at absolute link angles (N, n) [rad]."""
         m, fibre = self.model, self._fibre
         seen = fibre.see(angle, self.np_random) if fibre else angle
         q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
@@ -158,7 +173,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.concatenate(rows, axis=1).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return tips and targets (N, 2), m, and the time of each episode (N,), s."""
+        """Return the information of Gymnasium: tips and targets (N, 2) [m], and times (N,) [s] since the start of each
+        episode.
+        """
         every = np.ones(self.num_envs, dtype=bool)
         info = {
             "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
@@ -167,7 +184,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return info | {f"_{name}": every for name in info}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Hold the pressures for one period."""
+        """Hold the pressures of the actions (N, C) for one period; return observations, rewards, two end flags and
+        information.
+        """
         if not self._bodies:
             raise gymnasium.error.ResetNeeded("reset the environments before the first step")
         self._command = 0.5 * (np.clip(np.asarray(actions, dtype=float), -1.0, 1.0) + 1.0) * self.highest
@@ -196,7 +215,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
 
 
 class TipEnv(gymnasium.Env[Array, Array]):
-    """One body of `TipVectorEnv`, whose parameters it takes: ``pliant/Reach-v0``, ``pliant/Track-v0``."""
+    """Gymnasium environment ``pliant/Reach-v0`` or ``pliant/Track-v0``: pressures move the tip of one planar actuator
+    to a target.
+
+    The parameters are those of `TipVectorEnv`.
+    """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
 
@@ -207,33 +230,39 @@ class TipEnv(gymnasium.Env[Array, Array]):
         self.observation_space = self._one.single_observation_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin at rest without pressure, before another target and, with a fit, with another body."""
+        """Start a new episode, at rest without pressure and with a new target. If a fit is given, a
+        new model is drawn.
+        """
         super().reset(seed=seed)
         seen, info = self._one.reset(seed=seed, options=options)
         return seen[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures for one period."""
+        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
+        information.
+        """
         seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
         return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
 
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:
-    """The information of the only environment of a batch."""
+    """Return the information of the first environment of a batch, as Gymnasium expects it for a single one."""
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
 
 
 def checked_task(task: EpisodeTask) -> EpisodeTask:
-    """The task; InputError where it makes no sense."""
+    """Return the settings of an episode unchanged; raise InputError if they are inconsistent."""
     if task.observe not in ("perfect", "fibre"):
-        raise InputError(f"observe is 'perfect' or 'fibre', got {task.observe!r}")
+        raise InputError(f"observe must be 'perfect' or 'fibre', got {task.observe!r}")
     if not (0 < task.step <= task.period <= task.duration and task.bodies >= 1):
-        raise InputError(f"a task needs 0 < step <= period <= duration and a body at least, got {task}")
+        raise InputError(f"a task needs 0 < step <= period <= duration and bodies >= 1, got {task}")
     return task
 
 
 def reachable(model: Model, highest: float) -> Array:
-    """Tips (K, 2) [m] at rest under the first chamber's pressure, from 0 to eight tenths of `highest` [Pa]."""
+    """Return the static tip positions (K, 2) [m] as the first chamber's pressure rises from 0 to 0.8 times `highest`
+    [Pa].
+    """
     tips = []
     for level in np.linspace(0.0, 0.8 * highest, 33):
         try:

@@ -1,4 +1,6 @@
-"""``pliant/Push-v0``: a bending body pushes a puck to a place, on MuJoCo with the exported MJCF."""
+"""Gymnasium environment ``pliant/Push-v0``, in which a planar actuator pushes a puck to a target,
+simulated by MuJoCo.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,22 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model
 from pliant.model.space import require_planar
 from pliant.simulation import state
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 
-PUCK = 0.10  # radius of the puck, in parts of the body's length
-SKIN = 0.05  # radius of the body, likewise
-FRICTION = 0.4  # of the table under the puck
-NEAR = 0.1  # weight of the way from the tip to the puck in the reward
+PUCK = 0.10  # radius of the puck, as a fraction of the body's length
+SKIN = 0.05  # radius of the body, as a fraction of its length
+FRICTION = 0.4  # friction coefficient of the table under the puck
+NEAR = 0.1  # weight in the reward of the distance from the tip to the puck
 
 
 class PushEnv(gymnasium.Env[Array, Array]):
-    """A puck on a table is to be pushed to its target by a body that bends in the plane.
+    """Gymnasium environment in which pressures move a planar actuator that pushes a puck on a table to a target.
 
-    Action: pressures of the chambers (C,), -1 for none and 1 for `highest`. Observation: joint angles (n,) [rad], their
-    rates times the period (n,), then in parts of the body's length the tip, the puck, its rate times the period and the
-    target (2 each), and the commanded pressures (C,) in parts of `highest`. Reward: minus the distance of the puck from
-    its target and a tenth of the tip's distance from the puck, in parts of the body's length; -10 where the simulation
-    is lost, which ends the episode.
+    Action: pressures of the chambers (C,), scaled so that -1 is 0 Pa and 1 is `highest`. Observation: joint angles (n,)
+    [rad], their rates times the period (n,), then tip, puck, the puck's velocity times the period and the target (2
+    each), all divided by the body's length, and the commanded pressures (C,) divided by `highest`. Reward: minus the
+    distance of the puck from its target and a tenth of the tip's distance from the puck, divided by the body's length.
+    If the simulation becomes unstable, the episode ends with the reward -10.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
     Raises
     ------
     InputError
-        When MuJoCo is not installed, or the model has what MJCF cannot express.
+        When MuJoCo is not installed, or the model has a feature that MJCF cannot express.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  Gymnasium's own way
@@ -60,12 +62,14 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self.model = model if isinstance(model, Model) else load_model(model)
         require_planar(self.model, "an environment of Gymnasium")
         self.fit, self.task, self.render_mode = fit, checked_task(task or EpisodeTask()), render_mode
-        if lost := missing(self.model, CAN):
-            raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, on which the puck is "
-                             "pushed; take a model without")  # fmt: skip
+        if lost := missing(self.model, CAN - {"lengthening"}):  # the environment has angles alone
+            raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, which simulates "
+                             "the puck: use a model without this feature")  # fmt: skip
         self.highest = highest or 2.0 * typical_pressure(self.model)
         if not self.highest > 0:
-            raise InputError("no pressure bends this model: there is nothing to push with")
+            raise InputError(
+                "pressure does not bend this model, so that it cannot push: use a model whose chambers have a torque"
+            )
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)
@@ -79,7 +83,11 @@ class PushEnv(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """The body at rest, the puck beside its tip, the target further along its way; with a fit, another body."""
+        """Start a new episode: the actuator at rest, the puck next to its tip, and the target further along the tip's
+        path.
+
+        If a fit is given, a new body is used.
+        """
         super().reset(seed=seed)
         rng = self.np_random
         if seed is not None or not self._worlds:
@@ -106,7 +114,10 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return self.observation(self.angle()), self.info()
 
     def places(self, where: float, further: float) -> tuple[Array, Array]:
-        """Start and target (2,) [m] of the puck, which lies before the tip at a share `where` of its way."""
+        """Return start and target (2,) [m] of the puck, from two fractions of the tip's path.
+
+        The puck starts in front of the tip at the fraction `where` of the tip's path.
+        """
         at = where * (len(self._curve) - 1)
         k = min(int(at), len(self._curve) - 2)
         ahead = self._curve[k + 1] - self._curve[k]
@@ -117,16 +128,16 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return start, target
 
     def along(self, phase: float) -> Array:
-        """A point (2,) [m] of the tip's way, phase 0 its beginning and 1 its end."""
+        """Return a point (2,) [m] of the tip's path, from phase 0 (its start) to 1 (its end)."""
         share = np.linspace(0.0, 1.0, len(self._curve))
         return np.array([np.interp(phase, share, self._curve[:, k]) for k in range(2)])
 
     def angle(self) -> Array:
-        """Absolute link angles (n,) of the body now, rad."""
+        """Return the present absolute link angles (n,) [rad] of the simulated actuator."""
         return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
-        """Return the agent's observation of the body at absolute angles (n,)."""
+        """Return the observation (2 n + 8 + C,) for absolute link angles (n,) [rad]."""
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
         q = mechanics_of(m).joint_angles(seen)
@@ -139,7 +150,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return np.concatenate(rows).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return tip, puck and target (2,), m, and the time, s."""
+        """Return the information of Gymnasium: positions (2,) [m] of tip, puck and target, and the time [s]."""
         tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
@@ -147,7 +158,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
         }
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures for one period."""
+        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
+        information.
+        """
         self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
         for name, chamber, power in self._controls:
             self._d.actuator(name).ctrl[0] = control(self._command[chamber], power)
@@ -163,13 +176,13 @@ class PushEnv(gymnasium.Env[Array, Array]):
 
 
 def world(model: Model, timestep: float, highest: float) -> str:
-    """The exported body with a puck on a table."""
+    """Return the MJCF text of a world with the actuator, and a puck on a table."""
     provenance = Provenance(model, "mjcf", "pliant/Push-v0")
     root = ET.fromstring(mjcf(model, provenance, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
     place, key = root.find("worldbody"), root.find("keyframe")
     assert place is not None
-    if key is not None:  # of the body alone
+    if key is not None:  # it holds the state of the body without the puck
         root.remove(key)
     puck = ET.SubElement(place, "body", name="puck", gravcomp="1")
     rub = number(FRICTION * 9.81 * mass)
@@ -180,7 +193,7 @@ def world(model: Model, timestep: float, highest: float) -> str:
 
 
 def imported() -> Any:
-    """MuJoCo; InputError where it is not installed."""
+    """Return the imported module `mujoco`; raise InputError if it is not installed."""
     try:
         import mujoco
     except ImportError:

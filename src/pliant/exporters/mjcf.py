@@ -1,23 +1,27 @@
-"""MuJoCo's MJCF: the chain as hinges, creep and slip as hidden hinges, the drive as actuators on one tendon.
+"""Export of a model as MJCF for MuJoCo: joints as hinges, creep and slip as hidden hinges, inputs as actuators.
 
-In MuJoCo's words a joint's stiffness "K K2 K3" is K q + K2 q^2 + K3 q^3, a fixed tendon with the joint gains as
-coefficients turns one force into the torques of all joints, and a branch of creep is a hinge of its own, damped by
-K share time and tied to the joint by a tendon of stiffness K share; of a slip element dry friction holds it instead.
-The rest shape is in the frames of the bodies, so that q = 0 is at rest. A joint in space is two or three hinges of
-`rigid_chain`. A tendon of the model pulls by an actuator whose force k (u - length) + T_0 is never negative.
+In MJCF a joint's stiffness "K K2 K3" means the torque K q + K2 q^2 + K3 q^3. A fixed tendon whose coefficients are the
+joint gains converts one force to the torques of all joints. A branch of creep is a separate hinge, damped by K share
+time and tied to the joint by a tendon of stiffness K share. In a slip element dry friction takes the place of the
+damper. The frames of the bodies contain the rest shape, so that q = 0 is at rest. A joint in space is two or three
+hinges of `rigid_chain`. A tendon of the model is an actuator whose force k (u - length) + T_0 is never negative.
+
+A link that lengthens has slides along itself. A fixed tendon ``strain_NAME`` has the strain of a segment as its length
+and the segment's axial spring and damper. Equality constraints couple the slides of a segment.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.features import ALL, LATER_TERMS, RUBBER
+from pliant.exporters.features import ALL, AXIAL, LATER_TERMS, RUBBER
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -25,46 +29,48 @@ from pliant.exporters.registry import Exporter
 from pliant.exporters.rigid_chain import (
     RigidChain,
     RigidLink,
+    Slide,
+    carrier_of,
     hinge_difference,
     moments,
-    point_of,
     rigid_chain,
 )
 from pliant.files import write_text
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Tendon
-from pliant.simulation.levels import typical_pressure
-from pliant.simulation.state import equilibrium
+from pliant.simulation.state import equilibrium, typical_pressure
 from pliant.text import identifiers
 
 Array = np.ndarray
-CAN = ALL - RUBBER - LATER_TERMS - {
-    "lengthening", "space_lengthening", "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
+CAN = ALL - AXIAL - RUBBER - LATER_TERMS - {
+    "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
     "opening", "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
 }
-ARMATURE = 1e-7  # kg m^2, of a hidden hinge: MuJoCo moves nothing without inertia
+ARMATURE = 1e-7  # kg m^2, of a hidden hinge, since MuJoCo needs an inertia
 TINY = 1e-12  # kg m^2, of a hidden body
-STRONGEST = 1e6  # N, of a tendon: none pulls harder
-DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # as hard as MuJoCo's friction gets
+STRONGEST = 1e6  # N, upper limit of a tendon's force
+EXACT: dict[str, Any] = {"solref": "1e-6 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}  # as stiff as the step allows
+DRY = {"solreffriction": "0.001 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}  # the stiffest friction of MuJoCo
 INTEGRATORS = ("implicitfast", "implicit", "Euler", "RK4")
-LEVEL = 1e5  # Pa: MuJoCo takes no control beyond 1e10, so the k-th one takes p (p / LEVEL)^(k - 1)
+LEVEL = 1e5  # Pa: MuJoCo limits controls to 1e10, so the k-th one is p (p / LEVEL)^(k - 1)
 
 
 class Branch(NamedTuple):
-    """A spring to a hidden hinge that a damper or dry friction holds back."""
+    """A creep or slip element in MJCF: a spring between a joint and a hidden hinge with damper or dry friction."""
 
     name: str
-    share: float  # stiffness, in parts of the joint's K
-    time: float  # s, of a damper
-    angle: float  # rad, at which dry friction slips
+    share: float  # stiffness as a fraction of the joint's K
+    time: float  # s, relaxation time of the damper
+    angle: float  # rad, angle at which dry friction slips
 
 
 def number(*values: float) -> str:
-    """Numbers as MJCF reads them, to the last bit."""
-    return " ".join(f"{float(v):.17g}" for v in values)
+    """Return numbers as MJCF text, with enough digits to preserve every bit."""
+    return " ".join(f"{float(v) + 0.0:.17g}" for v in values)
 
 
 def quaternion(turn: Array) -> str:
-    """Return a rotation vector (3,) [rad] as MJCF reads rotations: w, x, y, z."""
+    """Return a rotation vector (3,) [rad] as the text of an MJCF quaternion (w, x, y, z)."""
     from scipy.spatial.transform import Rotation
 
     return number(*Rotation.from_rotvec(turn).as_quat(scalar_first=True))
@@ -72,17 +78,26 @@ def quaternion(turn: Array) -> str:
 
 def mjcf(
     model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
-    integrator: str = INTEGRATORS[0], highest: float = 0.0,
+    integrator: str = "", highest: float = 0.0,
 ) -> str:
-    """The XML of a model that has only what MJCF can express.
+    """Return the MJCF text of a model.
 
-    The time step [s] is checked against the stiffest mode; 0: chosen by it. Controls reach up to the pressure `highest`
-    [Pa]; 0: up to twice the typical one. With a prefix, which is for worlds of several bodies, there is no keyframe,
-    since one holds the state of a whole world.
+    The model must have only features that MJCF can express.
+
+    The `integrator` is one of `INTEGRATORS`; "" means implicitfast, and Euler for a body that lengthens.
+    The time step `timestep` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
+    `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
+    keyframe, since a keyframe holds the state of a whole world.
     """
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     bodies = rigid_chain(model)
+    integrator = integrator or INTEGRATORS[2 if bodies.slides else 0]
+    if bodies.slides and integrator.startswith("implicit"):
+        raise InputError(
+            f"mjcf: with integrator={integrator} MuJoCo ignores the dampers of an extensible segment in its constraint "
+            "forces, so that the parts of the segment may drift apart: take integrator=Euler or integrator=RK4"
+        )
     linear = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
     timestep = checked_step(linear, integrator, timestep)
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
@@ -94,13 +109,11 @@ def mjcf(
     base = ET.SubElement(
         ET.SubElement(root, "worldbody"), "body", name=f"{prefix}base", quat=quaternion(bodies.base_turn),
     )
-    capsule(base, f"{prefix}skin_base", bodies.base_length * bodies.tangent, size)
-    sites(base, model, -1, prefix)
-    parent = base
+    parent = along(base, model, bodies, -1, (prefix, size))
     for i in range(model.n):
         parent = link(parent, model, bodies, i, (prefix, size))
     tendons(root, model, prefix)
-    contacts(root, model, prefix)
+    contacts(root, prefix)
     actuators(root, model, prefix, timestep, highest or 2.0 * typical_pressure(model))
     sensors(root, model, prefix)
     if not prefix:
@@ -110,10 +123,13 @@ def mjcf(
 
 
 def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Link `i`: its body in the rest shape, hinges, inertia, looks and the hinges of its creep."""
+    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry and hidden hinges.
+
+    Returns the new body element.
+    """
     prefix, size = names
     own = bodies.links[i]
-    place = {"pos": number(*own.place), "quat": quaternion(own.turn)}
+    place = {"pos": number(*bodies.start(i)), "quat": quaternion(own.turn)}
     hidden_hinges(parent, model, own, place, prefix)
     body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
     for hinge in own.hinges:
@@ -125,15 +141,52 @@ def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tu
         body, "inertial", pos=number(*(own.centre * bodies.tangent)), mass=number(own.mass),
         diaginertia=number(*moments(bodies, own, size)),
     )
-    capsule(body, f"{prefix}skin_{i + 1}", own.length * bodies.tangent, size)
-    sites(body, model, i, prefix)
+    return along(body, model, bodies, i, names)
+
+
+def along(body: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
+    """Add slides, capsules and observed points along link `i` (-1: the base) to the MJCF, and return the body that
+    carries the next link.
+
+    A capsule reaches from one body along a link to the next; where the link lengthens, half of it and a quarter to
+    either side of its middle, so that no gap opens.
+    """
+    prefix, size = names
+    own = bodies.links[i] if i >= 0 else None
+    slides, length = (own.slides, own.length) if own else (bodies.base_slides, bodies.base_length)
+    skin, reach = f"{prefix}skin_{i + 1 if own else 'base'}", length * bodies.tangent
+    bodies_along = [body]
+    capsule(body, skin, (0.5 if slides else 1.0) * reach, size)
+    for slide in slides:
+        bodies_along.append(sliding(bodies_along[-1], bodies, slide, prefix))
+        middle = slide.place < 0.75 * length
+        capsule(bodies_along[-1], f"{skin}_{'middle' if middle else 'end'}", (0.25 if middle else -0.5) * reach, size,
+                start=-0.25 * reach if middle else None)  # fmt: skip
+    named = {b.attrib["name"]: b for b in bodies_along}
+    for point in model.points:
+        if point.link == i:
+            carrier, place, own_slide = carrier_of(model, bodies, point)
+            holder = named[prefix + carrier]
+            holder = sliding(holder, bodies, own_slide, prefix) if own_slide else holder
+            ET.SubElement(holder, "site", name=f"{prefix}{point.name}", pos=number(*place), size="0.002")
+    return bodies_along[-1]
+
+
+def sliding(parent: ET.Element, bodies: RigidChain, slide: Slide, prefix: str) -> ET.Element:
+    """Add a point mass that slides along a link to the MJCF, with a slide joint of the same name,
+    and return its body.
+    """
+    place = number(*(slide.step * bodies.tangent))
+    body = ET.SubElement(parent, "body", name=f"{prefix}{slide.name}", pos=place)
+    ET.SubElement(body, "joint", name=f"{prefix}{slide.name}", type="slide", axis=number(*bodies.tangent))
+    ET.SubElement(body, "inertial", pos="0 0 0", mass=number(slide.mass), diaginertia=number(TINY, TINY, TINY))
     return body
 
 
 def hidden_hinges(
     parent: ET.Element, model: Model, own: RigidLink, place: Mapping[str, str], prefix: str
 ) -> None:
-    """Add the hinges that remember, beside those of a link."""
+    """Add the hidden hinges of creep and slip elements before one link to the MJCF."""
     for branch in branches(model):
         for hinge in own.hinges:
             name, K = f"{prefix}{branch.name}_{hinge.link + 1}", hinge.stiffness
@@ -146,7 +199,7 @@ def hidden_hinges(
 
 
 def branches(model: Model) -> list[Branch]:
-    """Return the elements with hysteresis, creep and slip, the same at every joint."""
+    """Return the creep and slip elements of a model, which are the same at every joint."""
     m = model.memory
     creep = zip(m.creep_share, m.creep_time, strict=True)
     slip = zip(m.slip_share, m.slip_angle, strict=True)
@@ -154,40 +207,42 @@ def branches(model: Model) -> list[Branch]:
     return made + [Branch(f"slip_{j + 1}", share, 0.0, angle) for j, (share, angle) in enumerate(slip)]
 
 
-def capsule(body: ET.Element, name: str, reach: Array, size: float) -> None:
-    """Add a capsule from the start of a link to its end (3,) [m]: looks and contact, no mass."""
-    length = float(np.linalg.norm(reach))
+def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array | None = None) -> None:
+    """Add a massless capsule from `start` (default: the origin) to `reach` (3,) [m] to the MJCF, for display and
+    contact.
+    """
+    start = 0.0 * reach if start is None else start
+    length = float(np.linalg.norm(reach - start))
     if length > 0:
         ET.SubElement(
-            body, "geom", name=name, type="capsule", fromto=number(0.0, 0.0, 0.0, *reach),
+            body, "geom", name=name, type="capsule", fromto=number(*start, *reach),
             size=number(min(size, 0.9 * length)), rgba="0.35 0.5 0.65 1",
         )
 
 
-def sites(body: ET.Element, model: Model, carrier: int, prefix: str) -> None:
-    """The observed points on a carrier."""
-    for p in model.points:
-        if p.link == carrier:
-            ET.SubElement(
-                body, "site", name=f"{prefix}{p.name}", pos=number(*point_of(model, p)), size="0.002",
-            )
-
-
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
-    """Each chamber with the names of its tendon and its first control."""
+    """Return each chamber of a model with the names of its tendon and its first control in the MJCF."""
     actuation = model.actuation
     names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """The tendon of each input and the springs between joints and their creep."""
+    """Add a tendon for each input, and the springs between joints and hidden hinges, to the MJCF."""
     group = ET.SubElement(root, "tendon")
-    hinges = rigid_chain(model).hinges
+    bodies, joints = rigid_chain(model), mechanics_of(model).joints
+    hinges, slides, strains = bodies.hinges, bodies.slides, model.size - len(model.extensions)
+    of_slides = bodies.strain_of_slides if slides else np.zeros((0, 0))
     for gain, (_, tendon, _) in zip(model.actuation.gain, chamber_names(model, prefix), strict=True):
         fixed = ET.SubElement(group, "fixed", name=tendon)
         for hinge in hinges:
             ET.SubElement(fixed, "joint", joint=f"{prefix}{hinge.name}", coef=number(gain[hinge.row]))
+        add_slides(fixed, slides, gain[strains:] @ of_slides, prefix)
+    for s, segment in enumerate(model.extensions):
+        K, D = joints.K[strains + s], joints.D[strains + s]
+        spring = ET.SubElement(group, "fixed", name=f"{prefix}strain_{segment.name}", stiffness=number(K),
+                               damping=number(D), springlength="0")  # fmt: skip
+        add_slides(spring, slides, of_slides[s], prefix)
     for branch in branches(model):
         for hinge in hinges:
             name = f"{prefix}{branch.name}_{hinge.link + 1}"
@@ -197,24 +252,68 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
             )
             ET.SubElement(spring, "joint", joint=f"{prefix}{hinge.name}", coef="1")
             ET.SubElement(spring, "joint", joint=name, coef="-1")
+    together(root, group, model, prefix)
 
 
-def contacts(root: ET.Element, model: Model, prefix: str) -> None:
-    """Links do not touch each other: in the model they never did."""
+def add_slides(tendon: ET.Element, slides: Sequence[Slide], coefficients: Array, prefix: str) -> None:
+    """Add slides with their coefficients to a fixed tendon of the MJCF. Slides with the coefficient 0 are left out."""
+    for slide, coefficient in zip(slides, coefficients, strict=True):
+        if coefficient:
+            ET.SubElement(tendon, "joint", joint=f"{prefix}{slide.name}", coef=number(coefficient))
+
+
+def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> None:
+    """Add constraints to the MJCF that couple all slides of an extensible segment to one of them, the chief.
+
+    A slide that two segments move has a fixed tendon in `group`, which is its displacement less what their
+    chiefs make of it.
+    """
+    bodies = rigid_chain(model)
+    if not bodies.slides:
+        return
+    growth = bodies.growth
+    pure = growth * (np.count_nonzero(growth, axis=1) == 1)[:, None]
+    chief = np.argmax(pure, axis=0)
+    if not pure.any(axis=0).all():
+        chief = qr(growth.T, mode="r", pivoting=True)[1][: growth.shape[1]]
+    chiefs = [bodies.slides[k] for k in chief]
+    points = [carrier_of(model, bodies, p)[2] for p in model.points]
+    others = [s for k, s in enumerate(bodies.slides) if k not in chief] + [s for s in points if s]
+    equal = ET.SubElement(root, "equality")
+    for slide in others:
+        factors = np.linalg.solve(growth[chief].T, slide.growth)
+        factors[np.abs(factors) < 1e-12 * np.abs(factors).max()] = 0.0
+        name = f"{prefix}{slide.name}"
+        if np.count_nonzero(factors) == 1:
+            k = int(np.flatnonzero(factors)[0])
+            ET.SubElement(equal, "joint", name=name, joint1=name, joint2=prefix + chiefs[k].name,
+                          polycoef=number(0.0, factors[k], 0.0, 0.0, 0.0), **EXACT)  # fmt: skip
+        else:
+            apart = ET.SubElement(group, "fixed", name=f"{name}_apart")
+            add_slides(apart, [slide, *chiefs], np.append(1.0, -factors), prefix)
+            ET.SubElement(equal, "tendon", name=name, tendon1=f"{name}_apart", **EXACT)
+
+
+def contacts(root: ET.Element, prefix: str) -> None:
+    """Exclude contacts between the links of the actuator in the MJCF, because the model has none."""
     group = ET.SubElement(root, "contact")
-    names = [f"{prefix}base", *(f"{prefix}link_{i + 1}" for i in range(model.n))]
+    names = [body.attrib["name"] for body in root.iter("body") if body.find("geom") is not None]
+    names = list(dict.fromkeys([f"{prefix}base", *names]))
     for a in range(len(names)):
         for b in range(a):
             ET.SubElement(group, "exclude", body1=names[b], body2=names[a])
 
 
 def control(pressure: float, power: int) -> float:
-    """Return the control value of a power of the pressure [Pa]: the pressure times (p / 100 kPa)^(power - 1)."""
+    """Return the MuJoCo control value for a power of the pressure [Pa]: p (p / 100 kPa)^(power - 1)."""
     return float(pressure * (pressure / LEVEL) ** (power - 1))
 
 
 def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
-    """The controls of an exported model: name, number of the chamber, power of its pressure; see `control`."""
+    """Return all controls of the exported model as (name, chamber index, power of the pressure).
+
+    `control` computes the control value.
+    """
     powers = [
         (name, c, k + 1) for c, (chamber, _, name) in enumerate(chamber_names(with_identifiers(model), prefix))
         for k, gain in enumerate(chamber.torque) if gain
@@ -224,9 +323,11 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
 
 
 def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
-    """One control for each input and power of its value that the law holds, from none to the `highest` [Pa].
+    """Add one actuator for each input, and for each power of the pressure in its torque law, to the MJCF.
 
-    A tendon that is drawn in, or let out, takes controls of both signs.
+    Controls reach up to the pressure `highest` [Pa].
+
+    A tendon that is wound in and out takes controls of both signs.
     """
     group = ET.SubElement(root, "actuator")
     several = chamber_names(model, prefix)
@@ -248,9 +349,10 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
 
 
 def of_tendon(tendon: Tendon) -> dict[str, str]:
-    """Return the words of an actuator that pulls with T_0 + k (u - length) or a tension, but for a pair never below 0.
+    """Return the MJCF attributes of a tendon's actuator, with the force T_0 + k (u - length) or a given tension.
 
-    A pair without pretension pulls with k (u - length): one of the two is taut.
+    The force of a single tendon is never negative. A pair without pretension has the force k (u - length), since one of
+    the two is taut.
     """
     words = {}
     if tendon.elastic:
@@ -259,46 +361,60 @@ def of_tendon(tendon: Tendon) -> dict[str, str]:
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:
-    """Positions of the observed points and joint angles."""
+    """Add sensors of the observed points' positions and of the joint angles to the MJCF."""
     group = ET.SubElement(root, "sensor")
     for p in model.points:
         ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")
     for hinge in rigid_chain(model).hinges:
         ET.SubElement(group, "jointpos", name=f"{prefix}{hinge.name}_pos", joint=f"{prefix}{hinge.name}")
+    for segment in model.extensions:
+        name = f"{prefix}strain_{segment.name}"
+        ET.SubElement(group, "tendonpos", name=f"{name}_pos", tendon=name)
 
 
 def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
-    """The rest without pressure, under the model's gravity, its memory relaxed: joints in the order of the tree."""
+    """Add a keyframe with the equilibrium without pressure, under gravity and with relaxed creep, to the MJCF."""
     try:
         rest = equilibrium(model, 0.0)
     except SimulationError as error:
-        provenance.messages.append(f"no keyframe, since the body has no rest without pressure: {error}")
+        provenance.messages.append(f"no keyframe, since the body has no equilibrium without pressure: {error}")
         return
-    order = [hinge.row for hinge in rigid_chain(model).hinges]
-    places = [rest[row] for row in order for _ in range(1 + len(branches(model)))]
-    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", qpos=number(*places))
+    bodies, strain = rigid_chain(model), rest[model.size - len(model.extensions) :]
+    values = {hinge.name: rest[hinge.row] for hinge in bodies.hinges}
+    values |= {f"{b.name}_{h.link + 1}": rest[h.row] for h in bodies.hinges for b in branches(model)}
+    slides = [*bodies.slides, *(carrier_of(model, bodies, p)[2] for p in model.points)]
+    values |= {slide.name: float(slide.growth @ strain) for slide in slides if slide}
+    order = [joint.attrib["name"] for body in root.iter("body") for joint in body.findall("joint")]
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", qpos=number(*(values[name] for name in order)))
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the MJCF."""
+    """Write a model as MJCF to `path`, and return the path."""
     if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf timestep (s), radius (m) and highest (Pa) must not be negative, got {dict(options)}")
-    if options["integrator"] not in INTEGRATORS:
-        raise InputError(f"mjcf integrator is one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}")
+        raise InputError(f"mjcf options timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
+    if options["integrator"] not in ("", *INTEGRATORS):
+        raise InputError(
+            f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
+        )
     highest = options["highest"] or 2.0 * typical_pressure(model)
     if not options["highest"] and highest:
         unit = model.actuation.units[0]
         level = f"{1e-3 * highest:.4g} kPa" if unit == "Pa" else f"{highest:.4g} {unit}"
-        provenance.messages.append(f"controls reach from 0 to {level}: set highest ({unit}) for another range")
+        provenance.messages.append(f"controls range from 0 to {level}: set highest ({unit}) for another range")
+    if model.extensions:
+        provenance.messages.append(
+            "equality constraints couple the slides of a segment that lengthens: simulate with Euler or RK4, since "
+            "MuJoCo's implicit integrators follow them at short steps only"
+        )
     if model.space:
         provenance.messages.append(
-            "each swing is two hinges, one after the other: bent by half a radian halfway between their axes, the tip "
-            f"lies {1e3 * hinge_difference(model):.2g} mm from the model's"
+            "each joint in space is written as two successive hinges: when the body bends by half a radian halfway "
+            f"between their axes, the tip differs by {1e3 * hinge_difference(model):.2g} mm from the model's"
         )
     return (write_text(path, mjcf(model, provenance, **{**options, "highest": highest})),)
 
 
 EXPORTER = Exporter(
     "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
-    {"prefix": "", "timestep": 0.0, "radius": 0.0, "integrator": INTEGRATORS[0], "highest": 0.0},
+    {"prefix": "", "timestep": 0.0, "radius": 0.0, "integrator": "", "highest": 0.0},
 )

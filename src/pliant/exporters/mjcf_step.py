@@ -1,4 +1,4 @@
-"""The time step at which MuJoCo's integrators stay bounded on an exported chain, from its stiffest mode."""
+"""The largest time step at which MuJoCo simulates an exported chain stably, from its stiffest mode."""
 
 from __future__ import annotations
 
@@ -13,28 +13,32 @@ from pliant.model import Model, Tendon
 
 Array = np.ndarray
 USUAL = 1e-3  # s
-MARGIN = 2.0  # between the step that is chosen and the longest: for springs that stiffen
+MARGIN = 2.0  # ratio of the longest stable step to the chosen one, for springs that stiffen
 SHORTEST = 2.0**-7 * USUAL  # s
 
 
 class Hidden(NamedTuple):
-    """A hinge beside each joint, tied to it by a spring."""
+    """Constants of the hidden hinges of one creep or slip element, tied to every joint by a spring."""
 
-    share: float  # stiffness, in parts of the joint's
-    time: float  # s, in which its damper relaxes it; 0: it is held
+    share: float  # stiffness as a fraction of the joint's
+    time: float  # s, relaxation time of its damper; 0: held by dry friction
     inertia: float  # kg m^2
 
 
 class HingeChain(NamedTuple):
-    """An exported chain about its rest shape, M a + D v + K q = 0."""
+    """Linearised equation of motion of an exported chain about its rest shape, M a + D v + K q = 0."""
 
     M: Array  # (N, N)
     D: Array  # (N, N)
     K: Array  # (N, N)
+    late: Array  # (N, N) dampers of D that are not at a joint: Euler takes them at the beginning of a step
 
 
 def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
-    """Return inertia, damping and stiffness of joints and hidden hinges; one that dry friction holds is a spring."""
+    """Return the inertia, damping and stiffness matrices of an exported chain's joints and hidden hinges.
+
+    A hidden hinge that dry friction holds counts as a spring.
+    """
     n, moving = model.size, [h for h in hidden if h.time]
     N = n * (1 + len(moving))
     mechanics = mechanics_of(model)
@@ -43,27 +47,32 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     M, D, K = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     M[:n, :n] = turn.T @ mechanics.inertia(mechanics.coordinates(np.zeros(n))) @ turn
     D[joints, joints] = mechanics.joints.D
-    K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden))
+    remembering = joints < mechanics.remembering
+    K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden) * remembering)
     for tendon, lever in zip(model.chambers, model.actuation.gain, strict=True):
         if isinstance(tendon, Tendon):
             K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
     for b, (share, time, inertia) in enumerate(moving):
-        own, spring = joints + (b + 1) * n, share * stiffness
-        M[own, own], D[own, own], K[own, own] = inertia, spring * time, spring
+        own, spring = joints + (b + 1) * n, share * stiffness * remembering
+        M[own, own], D[own, own], K[own, own] = np.where(remembering, inertia, 1.0), spring * time, spring
         K[own, joints] = K[joints, own] = -spring
-    return HingeChain(M, D, K)
+    late = np.zeros((N, N))
+    late[joints, joints] = np.where(joints < n - len(model.extensions), 0.0, mechanics.joints.D)
+    return HingeChain(M, D, K, late)
 
 
 def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
-    """Return the test whether an integrator lets no mode of the chain grow at a step [s].
+    """Return a function that returns whether MuJoCo's integrator is stable for the chain at a given time step [s].
 
-    MuJoCo's Euler and implicit methods take dampers at the end of the step and springs at its beginning:
-    (M + h D) q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which stays bounded while 4 M + 2 h D - h^2 K is positive
-    definite. RK4 multiplies the mode of root s by the Taylor polynomial of exp(h s) of fourth order.
+    MuJoCo's Euler and implicit methods evaluate dampers at the end of the step and springs at its beginning: (M + h D)
+    q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. Dampers
+    at the beginning, which are late, count with the other sign. RK4 multiplies the mode of eigenvalue s by the
+    fourth-order Taylor polynomial of exp(h s).
     """
-    M, D, K = chain
+    M, D, K, late = chain
     if integrator != "RK4":
-        return lambda h: is_definite(4.0 * M + 2.0 * h * D - h**2 * K)
+        end = D - 2.0 * late if integrator == "Euler" else D
+        return lambda h: is_definite(4.0 * M + 2.0 * h * end - h**2 * K)
     inverse = np.linalg.inv(M)
     zero, one = np.zeros_like(M), np.eye(len(M))
     roots = np.linalg.eigvals(np.block([[zero, one], [-inverse @ K, -inverse @ D]]))
@@ -85,12 +94,14 @@ def is_definite(a: Array) -> bool:
 
 
 def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
-    """Return the step [s]: the given one, or for 0 the longest of 1 ms, 0.5 ms, ... with a margin.
+    """Return a time step [s] at which MuJoCo is stable: the given one, or for 0 a suitable one with a margin.
+
+    The steps tried are 1 ms, 0.5 ms, and so on.
 
     Raises
     ------
     InputError
-        When the motion would grow without bound at the given step, or at every step tried.
+        When the simulation is unstable at the given step, or at every step tried.
     """
     stays = bounded_by(chain, integrator)
     if step > 0 and stays(step):
@@ -100,12 +111,12 @@ def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
         chosen *= 0.5
         if chosen < SHORTEST:
             raise InputError(
-                f"mjcf: with integrator={integrator} this chain grows without bound at any step down to "
-                f"{1e6 * SHORTEST:.2g} us: take integrator=implicitfast, or a model of fewer links"
+                f"mjcf: with integrator={integrator} this chain is unstable at all time steps down to "
+                f"{1e6 * SHORTEST:.2g} us: use integrator=implicitfast, or a model with fewer links"
             )
     if step > 0:
         raise InputError(
-            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain grows without bound: take "
+            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain is unstable: use "
             f"timestep={chosen:g}, or leave it out"
         )
     return chosen

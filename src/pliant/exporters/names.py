@@ -1,4 +1,4 @@
-"""A model whose names are identifiers: what every exporter writes, whatever the model file says."""
+"""Conversion of the names in a model to valid identifiers, for all export targets."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ KINDS = {"station": "stations", "chamber": "chambers", "segment": "extensions"}
 
 
 def with_identifiers(model: Model) -> Model:
-    """Return the model with identifiers for its own name and those of stations, chambers and segments.
+    """Return the model with its own name, and those of its stations, chambers and segments, as valid identifiers.
 
-    Names of one kind stay different from each other; joints keep their names, ``q_1`` ... ``q_n`` in a plane, so no
-    station takes one. A model whose names are identifiers comes back unchanged.
+    Names of one kind remain different from each other. Joints keep their names, ``q_1`` ... ``q_n`` in a plane, and no
+    station receives one of them. A model whose names are valid is returned unchanged.
     """
     joints = mechanics_of(model).joint_names[: model.size - len(model.extensions)]
     changes: dict[str, Any] = {"name": escaped(model.name, "identifier")}
@@ -32,7 +32,7 @@ def with_identifiers(model: Model) -> Model:
 
 
 def changed_names(model: Model) -> tuple[str, ...]:
-    """Return a note for each name that an export writes differently, such as ``station 'a b' is named a_b``."""
+    """Return a note for each name that an export changes, such as "station 'a b' is named a_b"."""
     written = with_identifiers(model)
     return tuple(
         f"{kind} {escaped(repr(old.name), 'line')} is named {new.name}" for kind, field in KINDS.items()

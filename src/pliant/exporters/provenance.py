@@ -1,6 +1,4 @@
-"""The origin that every exported file states: name, version, units, frame, parameters with their uncertainty, the
-command.
-"""
+"""Origin of an exported model, which is written into the exported file: version, command, units, frame, parameters."""
 
 from __future__ import annotations
 
@@ -27,9 +25,9 @@ SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in P
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin, omissions and standard errors that an exported file states beside the model."""
+    """Origin of an exported model for its file: parameters, command, omitted features and standard errors."""
 
-    model: Model  # as given, before anything was left out
+    model: Model  # the model before features were omitted
     target: str
     command: str
     left_out: tuple[str, ...] = ()
@@ -39,7 +37,7 @@ class Provenance:
     messages: list[str] = field(default_factory=list)  # added by the writer of the target
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values."""
+        """Return the origin of an exported model as a dict of plain values."""
         content = model_to_dict(self.model)
         for name in ("schema_name", "schema_version", "units", "source", "name"):
             content.pop(name)
@@ -47,17 +45,17 @@ class Provenance:
             "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
             "command": self.command, "frame": SPACE_FRAME if self.model.space else FRAME,
             "units": UNITS, "parameters": content, "source": self.model.source,
-            "standard_errors": dict(self.std) or "not known: the model file holds none and no fit was given",
+            "standard_errors": dict(self.std) or "not known: the model file has none and no fit was given",
             "left_out": list(self.left_out), "notes": list(self.notes),
             "difference": self.difference.to_dict() if self.difference else None,
         }
 
     def json(self) -> str:
-        """The same as JSON."""
+        """Return the origin of an exported model as JSON text."""
         return json.dumps(self.to_dict(), indent=1)
 
     def lines(self, form: Form) -> list[str]:
-        """The same as lines of text, escaped for a comment or an element of the given form."""
+        """Return the origin of an exported model as lines of text, escaped for comments of the given file format."""
         content = self.to_dict()
         first = [
             f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
@@ -72,26 +70,26 @@ class Provenance:
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
-        """Return sentences on what was left out, by how much the motion differs, and the notes of the target."""
+        """Return sentences on the omitted features and the resulting difference of motion, and the target's notes."""
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
 
 
 def indent(lines: list[str]) -> list[str]:
-    """Two blanks before each line."""
+    """Return the lines of text with two spaces in front of each."""
     return [f"  {line}" for line in lines]
 
 
 def command_of(source: str, target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
-    """The command line that makes this artefact again."""
+    """Return the command line of `pliant export` that repeats an export."""
     parts = ["pliant", "export", source, "--to", target, "-o", str(path), *(["--approximate"] if approximate else [])]
     return shlex.join([*parts, *(part for k, v in options.items() for part in ("--set", f"{k}={v}"))])
 
 
 def standard_errors(path: str | Path) -> dict[str, float]:
-    """Standard errors by parameter from `metrics.json` of `pliant run`, or from a fit's own dictionary.
+    """Return {parameter: standard error} from the metrics.json of `pliant run`, or from a fit saved as JSON.
 
-    Of several fits, that of the first, which made the model.
+    For a file with several fits, the first one is used, which made the model.
 
     Raises
     ------
@@ -106,4 +104,4 @@ def standard_errors(path: str | Path) -> dict[str, float]:
         rows = content["parameters"]
         return {name: float(row["std"]) for name, row in rows.items() if row.get("std") is not None}
     except (OSError, ValueError, LookupError, TypeError, StopIteration, AttributeError, OverflowError, RecursionError):
-        raise InputError(f"{path} holds no fit: give metrics.json, as `pliant run` writes it") from None
+        raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None

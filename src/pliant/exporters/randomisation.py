@@ -1,4 +1,4 @@
-"""Bodies as a fit cannot tell them apart: models drawn from its covariance, for domain randomisation."""
+"""Domain randomisation: random models drawn from the covariance of a fit."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pliant.simulation import state
 Array = np.ndarray
 Fit = FitResult | str | Path | Mapping[str, float]
 FIELDS = ("stiffness", "damping", "link_mass", "tip_mass", "rest_angle")
-TRIES = 50  # draws in a row of which none is a body
+TRIES = 50  # consecutive draws without a valid model, after which drawing fails
 
 
 class Uncertainty(NamedTuple):
-    """Parameters of a fit with their covariance, SI."""
+    """Fitted parameter values with their covariance matrix, in SI units."""
 
     names: tuple[str, ...]
     mean: Array  # (P,)
@@ -30,24 +30,27 @@ class Uncertainty(NamedTuple):
 
 
 def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | int = 0) -> list[Model]:
-    """Bodies drawn from what a fit knows of one: normal, by its covariance, within the bounds of each parameter.
+    """Return `count` models with random parameters, drawn from the uncertainty of a fit.
+
+    The parameters are normally distributed with the covariance of the fit.
 
     Parameters
     ----------
     model : Model
-        That of the fit; what the fit did not free stays.
+        Model of the fit. Parameters that were not fitted are kept.
     fit : FitResult, path or mapping
-        A fit, or the metrics.json of `pliant run`: parameters move together as the covariance has it. Or standard
-        errors by fields of the model (``stiffness``, ``damping``, ``link_mass``, ``tip_mass``, ``rest_angle``), SI:
-        each field takes one factor, apart from the others.
+        A fit, or the path of the metrics.json of `pliant run`: parameters are drawn together by the covariance. Or a
+        mapping from fields of the model (``stiffness``, ``damping``, ``link_mass``, ``tip_mass``, ``rest_angle``) to
+        standard errors (SI): each field is multiplied by an independent factor.
     count : int
+        Number of models.
     rng : Generator or int
-        A generator, or its seed.
+        Random generator, or its seed.
 
     Raises
     ------
     InputError
-        When the fit has no covariance, a name is unknown, or hardly any draw is a body that finds a rest.
+        When the fit has no covariance, a name is unknown, or nearly all draws are invalid or have no equilibrium.
     """
     rng = np.random.default_rng(rng)
     known = None if isinstance(fit, Mapping) else uncertainty_of(model, fit)
@@ -63,19 +66,22 @@ def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | i
         except (InputError, SimulationError) as error:
             failed += 1
             if failed == TRIES:
-                raise InputError(f"{TRIES} draws in a row are no bodies, the last since {error}: the fit is too unsure "
-                                 "for bodies to be drawn from it") from None  # fmt: skip
+                raise InputError(f"{TRIES} consecutive draws gave no valid model (the last: {error}): the fit is too "
+                                 "uncertain to draw models from it") from None  # fmt: skip
     return found
 
 
 def scaled(model: Model, errors: Mapping[str, float], rng: np.random.Generator) -> Model:
-    """The model with a factor of its own on each field."""
+    """Return the model with each given field multiplied by a random factor 1 + error * N(0, 1)."""
     factors = {name: 1.0 + error * rng.standard_normal() for name, error in errors.items()}
     return model.with_(**{name: factor * np.asarray(getattr(model, name)) for name, factor in factors.items()})
 
 
 def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
-    """The model with the parameters of a fit drawn anew; InputError where one leaves its bounds."""
+    """Return the model with parameter values drawn at random from a fit's covariance.
+
+    Raises InputError if a parameter is outside its bounds.
+    """
     size = np.sqrt(np.diag(known.covariance))
     size = np.where(size > 0, size, 1.0)
     step = size * rng.multivariate_normal(np.zeros(size.size), known.covariance / np.outer(size, size), method="eigh")
@@ -88,19 +94,20 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
 
 
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
-    """Return the fitted parameters of the body with their covariance; those of single recordings are left out."""
+    """Return the fitted parameters of the actuator and their covariance, without parameters of single recordings."""
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
     if content.get("covariance") is None:
-        raise InputError("bodies are drawn from a fit with free parameters: this one has no covariance")
+        raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
     try:
         return body_uncertainty(model, content["parameters"], content["covariance"])
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
-        raise InputError(f"{fit} holds no fit whose parameters and covariance belong together: run the study again"
-                         ) from None
+        raise InputError(
+            f"parameters and covariance of the fit {fit} do not match: run the study again to write a new metrics.json"
+        ) from None
 
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
-    """Parameters of the body, from the rows and the covariance of a fit."""
+    """Return the fitted parameters of the actuator and their covariance, from the tables of a saved fit."""
     chambers = {c.name for c in model.chambers}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
@@ -115,26 +122,29 @@ def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[
 
 
 def first_fit(path: Path) -> dict[str, Any]:
-    """The first fit of a metrics.json, which made the model."""
+    """Return the first fit in a metrics.json file of `pliant run`, which is that of the chosen model."""
     try:
         fits = json.loads(path.read_text(encoding="utf-8"))["fits"]
         first: dict[str, Any] = next(iter(fits.values()))
         dict(first["parameters"])
     except (OSError, ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError):
-        raise InputError(f"{path} holds no fit: give metrics.json, as `pliant run` writes it") from None
+        raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None
     if "covariance" not in first:
-        raise InputError(f"{path} was written by an older pliant and holds no covariance: run the study again")
+        raise InputError(
+            f"{path} was written by an older version of pliant and has no covariance: run the study again with this "
+            "version"
+        )
     return first
 
 
 def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:
-    """Relative standard errors by field of the model."""
+    """Return the standard errors of the model's fields relative to the field's size, as {field: fraction}."""
     found = {}
     for name, error in errors.items():
         if name not in FIELDS:
-            raise InputError(f"{name!r} is no field that can be drawn: use {', '.join(FIELDS)}, or a whole fit")
+            raise InputError(f"{name!r} is not a field that can be randomised: use {', '.join(FIELDS)}, or give a fit")
         size = float(np.mean(np.abs(getattr(model, name))))
         if not (np.isfinite(error) and error >= 0 and size > 0):
-            raise InputError(f"a standard error must be a finite number >= 0 of a field that is not zero, got {name}")
+            raise InputError(f"the standard error of {name} must be finite and >= 0, and {name} must not be zero")
         found[name] = error / size
     return found

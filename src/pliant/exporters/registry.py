@@ -1,6 +1,6 @@
-"""Which target a model can be exported to: the built-in ones and those of other packages, and the export itself.
+"""Registry of export targets, built-in or from other packages, and the function `export`.
 
-Another package adds a target by an entry point of the group ``pliant.exporters`` that leads to an `Exporter`.
+Another package adds a target by an entry point of the group ``pliant.exporters`` that refers to an `Exporter`.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ BUILT_IN = {
 
 @dataclass(frozen=True)
 class Exporter:
-    """One target.
+    """An export target: its name, file extensions, supported model features, options and writing function.
 
     Attributes
     ----------
     name : str
-        As in ``pliant export --to NAME``.
+        Name of the target in ``pliant export --to NAME``.
     title : str
-        What comes out, in a few words.
+        Short description of the exported file.
     suffixes : tuple of str
-        Endings of the file, the usual one first.
+        Allowed file extensions, the usual one first.
     can : frozenset of str
-        Keys of `pliant.exporters.features.FEATURES` that the target expresses.
+        Keys of `pliant.exporters.features.FEATURES` that the target can express.
     write : callable
-        ``write(model, provenance, path, options) -> tuple of Path``; the model has only what the target can express,
-        `provenance` goes into the artefact.
+        ``write(model, provenance, path, options) -> tuple of Path``. The model has only features that the target can
+        express; `provenance` is written into the exported file.
     options : dict
-        Options with their defaults, whose type a given value must have.
+        Options with their defaults; a given value is converted to the default's type.
     by_nature : dict
-        Features that no artefact of this kind carries, with the sentence that says so: left out, not refused.
+        Features that no file of this kind can contain, with a note for the user. They are omitted without an error.
     moves : bool
-        Whether the artefact moves under pressure, so that what it leaves out shows in a difference of motion. One that
-        does not is never approximate.
+        Whether the exported model moves under pressure, so that omitted features show in a difference of motion. If
+        not, an approximate export is not possible.
     """
 
     name: str
@@ -68,16 +68,16 @@ class Exporter:
 
 @dataclass(frozen=True, repr=False)
 class Exported(Shown):
-    """Result of an export.
+    """Result of an export: the written files, the omitted features and the resulting difference of motion.
 
     Attributes
     ----------
     target : str
     files : tuple of Path
     left_out : tuple of str
-        What the target cannot express, by name; empty for an exact export.
+        Names of the omitted features; empty for an exact export.
     difference : Difference or None
-        By how much the motion differs for what was left out, m.
+        Difference of motion that the omitted features cause.
     notes : tuple of str
     """
 
@@ -88,13 +88,13 @@ class Exported(Shown):
     notes: tuple[str, ...]
 
     def card(self) -> Card:
-        """Files, what was left out, what it costs."""
+        """Return a printable summary of an export: the files, the omitted features and the difference of motion."""
         left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else ["nothing was left out"]
         apart = [str(self.difference)] if self.difference else []
         return Card(f"Exported to {self.target}: {', '.join(map(str, self.files))}", [*left, *apart, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return the result of an export as plain values, for JSON."""
         return {
             "target": self.target, "files": [str(f) for f in self.files], "left_out": list(self.left_out),
             "difference": self.difference.to_dict() if self.difference else None, "notes": list(self.notes),
@@ -102,7 +102,7 @@ class Exported(Shown):
 
 
 def exporters() -> dict[str, Exporter]:
-    """All known targets by name: the built-in ones first, then those of installed packages."""
+    """Return all known export targets as {name: Exporter}, built-in ones first."""
     return offered(GROUP, BUILT_IN, Exporter)
 
 
@@ -115,33 +115,34 @@ def export(
     standard_errors: Mapping[str, float] | None = None,
     **options: Any,
 ) -> Exported:
-    """Write a model for another tool: MuJoCo, C, an FMU, state space, URDF.
+    """Export a model to another tool: MuJoCo, C, an FMU, state space or URDF.
 
     Parameters
     ----------
     model : Model, str or Path
-        A model, or a model file. SI throughout: lengths in m, pressures in Pa gauge.
+        A model, or the path of a model file. Exported numbers are in SI units, pressures in Pa gauge.
     target : str
         One of `pliant.exporters.exporters()`: ``mjcf``, ``c99``, ``fmu``, ``state-space``, ``urdf``.
     path : str or Path
-        File to write, with the target's ending.
+        File to write, with a file extension of the target.
     approximate : bool
-        Leave out what the target cannot express, measure by how much the motion then differs on a reference input
-        and write both into the artefact. Default: refuse, naming it.
+        Omit features that the target cannot express, compute the resulting difference of motion under a reference
+        input, and write both into the exported file. Default: raise an error that names these features.
     standard_errors : mapping
-        Standard errors by the names of a fit, SI; they go into the artefact.
+        Standard errors by parameter name (SI), to be written into the exported file.
     **options
-        Of the target, such as ``prefix`` of mjcf; an unknown one is refused with the known ones listed.
+        Options of the target, such as ``prefix`` of mjcf.
 
     Returns
     -------
     Exported
-        Files, what was left out, by how much the motion differs.
+        Files, omitted features and difference of motion.
 
     Raises
     ------
     InputError
-        For an unknown target, ending or option, a model that the target cannot express, a path that cannot be written.
+        For an unknown target, file extension or option, a feature that the target cannot express, or a path that
+        cannot be written.
 
     Examples
     --------
@@ -152,21 +153,21 @@ def export(
     path, source = Path(path), str(model) if isinstance(model, (str, Path)) else "MODEL.json"
     loaded = load_model(model) if isinstance(model, (str, Path)) else model
     if path.suffix not in exporter.suffixes:
-        raise InputError(f"a file for {target} ends in {' or '.join(exporter.suffixes)}, not {path.name!r}")
+        raise InputError(f"the file name for {target} must end in {' or '.join(exporter.suffixes)}, got {path.name!r}")
     if not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; make it first")
+        raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     chosen = checked_options(exporter, options)
     command = command_of(source, target, path, options, approximate=approximate)
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which holds no springs and no pressure: "
-            "no difference of motion can be measured; export a model without it"
+            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
+            "so that the difference cannot be measured: export a model without this feature"
         )
     if lost and not approximate:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}; approximate (--approximate) leaves it out "
-            "and measures by how much the motion then differs"
+            f"{', '.join(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
+            "it and to measure by how much the motion then differs"
         )
     reduced = without(loaded, lost)
     notes = tuple(dict.fromkeys(s for k, s in exporter.by_nature.items() if k in missing(loaded, exporter.can)))
@@ -180,7 +181,7 @@ def export(
 
 
 def exporter_of(target: str) -> Exporter:
-    """The exporter of a target; InputError lists the known ones."""
+    """Return the exporter with the name `target`; raise InputError with a list of the known names if there is none."""
     known = exporters()
     if target not in known:
         raise InputError(f"unknown target {target!r}: use one of {', '.join(known)}")
@@ -188,7 +189,7 @@ def exporter_of(target: str) -> Exporter:
 
 
 def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of an exporter, those that are given in the type of their defaults."""
+    """Return all options of an export target: defaults, replaced by the given values in the defaults' types."""
     known = dict(exporter.options)
     for name, value in given.items():
         if name not in known:

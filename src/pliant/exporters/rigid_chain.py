@@ -1,9 +1,9 @@
-"""A model as rigid bodies joined by hinges: what MJCF and URDF write, in a plane and in space.
+"""Conversion of a model to rigid bodies joined by hinges and slides, in the plane or in space, for MJCF and URDF.
 
-In a plane a joint is one hinge about z. In space a swing, which is a rotation vector, becomes a hinge about x and one
-about y, and a twist one about z. Two hinges one after the other turn as the rotation vector does but for a twist of
-half the product of their angles. Of every four joints the two in the middle have their hinges the other way round, so
-that these twists cancel along the body.
+In a plane a joint is one hinge about z. In space, a bending rotation vector becomes a hinge about x and one about y,
+and a twist becomes a hinge about z. Two successive hinges equal the rotation vector except for a twist of half the
+product of their angles. In the second and third of every four joints the order of the hinges is reversed, so that these
+twists cancel along the body.
 """
 
 from __future__ import annotations
@@ -18,52 +18,91 @@ from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Station
 
 Array = np.ndarray
-TINY = 1e-12  # kg m^2, of a mass that is a point in pliant
-BEND = 0.5  # rad, of the whole body, at which hinges are compared with swings
+TINY = 1e-12  # kg m^2, inertia of a mass that is a point in pliant
+LIGHT = 1e-9  # kg, mass of a body that has none in pliant
+FIRST = 1e-4  # mass at the first joint, in parts of the first link's, where all mass is at the link tips
+ON = 1e-9  # distance, in parts of the link's length, within which a point is on a body
+BEND = 0.5  # rad, bend of the whole body at which hinges are compared with rotation vectors
 
 
 class Hinge(NamedTuple):
-    """One axis of a joint; its angle is 0 in the rest shape."""
+    """One hinge of a joint: axis, spring and damper. Its angle is 0 in the rest shape."""
 
     name: str
     axis: Array  # (3,)
-    row: int  # of the model's coordinates
+    row: int  # index of the model's coordinate
     link: int
-    springs: Array  # (k,) of the torque K q + K2 q^2 + ..., N m/rad, N m/rad^2, ...
-    stiffness: float  # N m/rad, the first of them
+    springs: Array  # (k,) coefficients of the torque K q + K2 q^2 + ..., N m/rad, N m/rad^2, ...
+    stiffness: float  # N m/rad, the first coefficient
     damping: float  # N m s/rad
 
 
+class Slide(NamedTuple):
+    """A point mass that slides along a link when the link lengthens."""
+
+    name: str
+    place: float  # m, from the joint of the link, unstretched
+    step: float  # m, from the body that carries it, unstretched
+    growth: Array  # (S,) m, of the step for a unit of each strain
+    mass: float  # kg
+
+
 class RigidLink(NamedTuple):
-    """A link in the frame of the one before, and its mass in its own frame."""
+    """One rigid link: its pose in the frame of the previous link, its hinges, mass and inertia."""
 
     place: Array  # (3,) m
     turn: Array  # (3,) rotation vector of the rest shape, rad
-    hinges: tuple[Hinge, ...]  # base first
+    hinges: tuple[Hinge, ...]  # in the order from the base
     mass: float  # kg
-    centre: float  # m, of the mass, from the joint along the link
-    across: float  # kg m^2, moment of inertia about its centre across the link
-    along: float | None  # kg m^2, about the link; not known in a plane
+    centre: float  # m, centre of mass, from the joint along the link
+    across: float  # kg m^2, moment of inertia about the centre of mass, across the link
+    along: float | None  # kg m^2, about the link's axis; None in a plane
     length: float  # m
+    slides: tuple[Slide, ...] = ()  # each carries the next, the last one the next link; none where it does not lengthen
 
 
 class RigidChain(NamedTuple):
-    """A whole body."""
+    """An actuator as a chain of rigid links on a base part, with gravity."""
 
     tangent: Array  # (3,) direction of a link in its own frame
-    base_turn: Array  # (3,) rotation vector of the part before the first joint, rad
+    base_turn: Array  # (3,) rotation vector of the base part before the first joint, rad
     base_length: float  # m
     links: tuple[RigidLink, ...]
     gravity: Array  # (3,) m/s^2
+    base_slides: tuple[Slide, ...] = ()
+
+    @property
+    def slides(self) -> tuple[Slide, ...]:
+        """All slides of the chain, from base to tip."""
+        return (*self.base_slides, *(slide for link in self.links for slide in link.slides))
+
+    @property
+    def growth(self) -> Array:
+        """Displacement (K, S) [m] of each of K slides for a unit of each of S segment strains."""
+        return np.array([slide.growth for slide in self.slides])
+
+    @property
+    def strain_of_slides(self) -> Array:
+        """Matrix (S, K) [1/m] that gives the S segment strains from the displacements [m] of the K slides, as weighted
+        means.
+        """
+        growth = self.growth
+        weight = growth.T / growth.sum(axis=1)
+        return np.asarray(np.linalg.solve(weight @ growth, weight))
+
+    def start(self, i: int) -> Array:
+        """Return the position (3,) [m] of joint i in the frame of the body that carries it."""
+        slides = self.links[i - 1].slides if i else self.base_slides
+        return np.zeros(3) if slides else self.links[i].place
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
-        """All hinges, base first."""
+        """All hinges of the chain, from base to tip."""
         return tuple(hinge for link in self.links for hinge in link.hinges)
 
 
 def rigid_chain(model: Model) -> RigidChain:
-    """Return the rigid bodies and hinges of a model whose segments do not lengthen."""
+    """Return the rigid bodies, hinges and slides that represent a model."""
     turns = rest_turns(model)
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
@@ -77,18 +116,67 @@ def rigid_chain(model: Model) -> RigidChain:
         )
         for i in range(model.n)
     )
-    return RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
+    chain = RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
+    return lengthening(model, chain) if model.extensions else chain
+
+
+def lengthening(model: Model, chain: RigidChain) -> RigidChain:
+    """Return the chain with slides on its extensible links, which carry their masses, and a slide at the end of an
+    extensible base.
+    """
+    share, links = model.stretch_share, []
+    for i, link in enumerate(chain.links):
+        rod, cap = float(model.link_mass[i]), model.tip_mass * (i + 1 == model.n)
+        parts = [("middle", 0.5, rod * 2.0 / 3.0), ("end", 0.5, rod / 6.0 + cap)]
+        if model.mass_at == "tip":
+            parts = [("end", 1.0, rod + cap)]
+        slides, place = [], 0.0
+        for name, part, mass in parts if share[i + 1].any() else ():
+            place += part * link.length
+            step = part * link.length
+            slides.append(Slide(f"link_{i + 1}_{name}", place, step, step * share[i + 1], max(mass, LIGHT)))
+        moved = link
+        if slides:
+            at_joint = rod / 6.0 if model.mass_at == "rod" else FIRST * rod if i == 0 else LIGHT
+            across = TINY if link.along is None else max(0.5 * link.along, TINY)
+            moved = link._replace(mass=at_joint, centre=0.0, across=across, slides=tuple(slides))
+        links.append(moved)
+    length = model.base_length
+    base = (Slide("base_end", length, length, length * share[0], LIGHT),) if share[0].any() else ()
+    return chain._replace(links=tuple(links), base_slides=base)
+
+
+def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Array, Slide | None]:
+    """Return the body that carries an observed point, the point's position (3,) [m] in its frame, and the point's own
+    slide or None.
+
+    A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
+    other gets a slide of its own, which the body at the joint carries.
+    """
+    body, place = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
+    slides = chain.base_slides if point.link < 0 else chain.links[point.link].slides
+    aside = place - point.along * chain.tangent
+    if not slides or abs(point.along) <= ON * slides[-1].place:
+        return body, place, None
+    for slide in slides:
+        if abs(point.along - slide.place) <= ON * slide.place:
+            return slide.name, aside, None
+    growth = point.along * model.stretch_share[point.link + 1]
+    return body, aside, Slide(f"point_{point.name}", point.along, point.along, growth, LIGHT)
 
 
 def rest_turns(model: Model) -> Array:
-    """Return rotation vectors (n + 1, 3) of the base part and of each joint in the rest shape, rad."""
+    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each of n joints in the rest shape."""
     if model.space:
         return np.concatenate([[[*model.space.base_tilt, 0.0]], model.space.rest_of(model.n)])
     return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 
 def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
-    """Return masses, centres and moments of inertia about these across and along (n,) of the links, cap included."""
+    """Return masses [kg], centres of mass [m], lateral and axial moments of inertia [kg m^2] of n links, each (n,).
+
+    The moments are about the centres of mass. In a plane the moments along the links are None.
+    """
     if model.space:
         return link_inertias(model, model.space.radius)
     rod = model.mass_at == "rod"
@@ -101,7 +189,10 @@ def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
 
 
 def hinges_of(model: Model) -> list[Hinge]:
-    """Return the hinges of all joints; in space x before y, y before x in the second and third of every four joints."""
+    """Return the hinges of all joints of a model, from base to tip.
+
+    In space each joint has a hinge about x, then y; in the second and third of every four joints y comes before x.
+    """
     chain, n = mechanics_of(model), model.n
     if not model.space:
         powers = springs_of(model).powers
@@ -114,26 +205,29 @@ def hinges_of(model: Model) -> list[Hinge]:
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
-    """Return the hinge of one coordinate, with a linear spring."""
+    """Return the hinge of the coordinate number `row`, about axis 0, 1 or 2, with a linear spring."""
     K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
     return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
 
 
 def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
-    """Return the moments of inertia (3,) of a link about its axes; along it those of a rod of radius `size` [m]."""
+    """Return the moments of inertia (3,) [kg m^2] of a link about the x, y and z axes of its frame.
+
+    In a plane, the moment along the link is that of a rod of radius `size` [m].
+    """
     along = max(min(0.5 * link.mass * size**2, 2.0 * link.across), TINY) if link.along is None else link.along
     return np.where(chain.tangent > 0, along, link.across)
 
 
 def point_of(model: Model, point: Station) -> Array:
-    """Return the place (3,) of an observed point in the frame of what carries it, m."""
+    """Return the position (3,) [m] of an observed point in the frame of its link."""
     if model.space:
         return np.array([point.aside, -point.across, point.along])
     return np.array([-point.across, point.along, 0.0])
 
 
 def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
-    """Return the position (3,) of the tip where each hinge is turned by its coordinate of x (N,), m."""
+    """Return the tip position (3,) [m] of a chain of hinges at the hinge angles `x` (N,) [rad]."""
     from scipy.spatial.transform import Rotation
 
     turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
@@ -146,9 +240,9 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return how far the tip of hinges lies from that of the model where both bend diagonally by half a radian, m.
+    """Return the distance [m] between the tips of model and hinge chain when both bend diagonally by half a radian.
 
-    Torques bend the springs of model and hinges by the same angles, whatever the way these turn the links.
+    The joint coordinates are equal: torques bend the springs of both by the same angles.
     """
     x = np.zeros(model.size)
     x[: 2 * model.n] = BEND / np.sqrt(2.0) / model.n

@@ -1,6 +1,7 @@
-"""State space about a rest: A, B, C, D for MATLAB, NumPy and python-control, continuous or sampled.
+"""Export of a model, linearised about an equilibrium, as state-space matrices A, B, C, D, continuous or sampled.
 
-Beside what `pliant.linearise` gives, every branch of creep adds its n states exactly: d xi/dt = (q - xi) / time.
+MATLAB, NumPy and python-control can read them. In addition to the states of `pliant.linearise`, every branch of creep
+adds its n states exactly: d xi/dt = (q - xi) / time.
 """
 
 from __future__ import annotations
@@ -26,24 +27,26 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 Array = np.ndarray
-NO_POINTS = "the outputs are the last tip, the joint angles and the strains: other observed points are not among them"
+NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
 CAN = ALL - RUBBER - {"points", "two_lags", "rates", "opening", "settling", "dead_band", "slip", "boucwen",
-                      "space_memory", "tendon_friction"}  # fmt: skip
+                      "axial_memory", "space_memory", "tendon_friction"}  # fmt: skip
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
-    """`pliant.linearise` with the states of creep: relaxed angles xi of every joint and branch, behind the others.
+    """Return the model linearised about the equilibrium at a pressure [Pa], including the creep states of the joints.
+
+    The additional states are the relaxed angles xi [rad] of every joint and branch, after all other states.
 
     Parameters
     ----------
     model : Model
     pressure : float, array (C,) of several chambers
-        Gauge pressure of the rest, Pa.
+        Gauge pressure of the equilibrium [Pa].
 
     Raises
     ------
     InputError, SimulationError
-        As `pliant.linearise`.
+        As for `pliant.linearise`.
     """
     linear, n, size = linearise(model, pressure), model.n, model.size
     branches = list(zip(model.memory.creep_share, model.memory.creep_time, strict=True))
@@ -52,7 +55,7 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     A[:N, :N] = linear.A
     relative = mechanics_of(model).to_joints[:n]
     M = mechanics_of(model).inertia(linear.position)
-    answer = np.linalg.solve(M, relative.T)  # of the accelerations to a torque at each joint
+    answer = np.linalg.solve(M, relative.T)  # accelerations per torque at each joint
     names = []
     for j, (share, time) in enumerate(branches):
         own = slice(N + j * n, N + (j + 1) * n)
@@ -66,10 +69,11 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 
 
 def control_system(model: Model, pressure: float | Array = 0.0, period: float = 0.0) -> Any:
-    """The model about its rest as a `control.StateSpace`: sampled behind a hold with its dead time where period > 0.
+    """Return the model, linearised about an equilibrium, as a `control.StateSpace` object of python-control.
 
-    Pressure in Pa, one for each chamber, period in s. A continuous one knows no dead time: add that of each chamber's
-    valve yourself. Dots in names, which python-control does not take, become underscores.
+    `pressure` is in Pa, one for each chamber. If `period` > 0 [s], the system is sampled with a zero-order hold and
+    includes the dead times. A continuous system does not include dead times: add that of each chamber's valve yourself.
+    Dots in names, which python-control does not allow, become underscores.
 
     Raises
     ------
@@ -87,7 +91,7 @@ def control_system(model: Model, pressure: float | Array = 0.0, period: float = 
 
 
 def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, Any]:
-    """A, B, C, D, operating point, names and units, as a file holds them."""
+    """Return A, B, C, D, operating point, names and units of a linearised model as a dict, as in the exported file."""
     model = with_identifiers(model)
     linear = linear_model(model, pressure)
     A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_times
@@ -108,18 +112,23 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
 
 
 def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
-    """Names of the states that hold earlier commands, as `Sampled` orders them: with the chamber's where several."""
+    """Return the names of the states that hold past commands in transit because of dead times.
+
+    The order is that of `Sampled`.
+    """
     pairs = zip(model.actuation.labels("command"), waiting, strict=True)
     return [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
 
 
 def output_unit(name: str) -> str:
-    """Unit of an output."""
+    """Return the unit of an output of the linearised model, from its name."""
     return "m" if name.startswith("tip") else "1" if name.startswith("strain") else "rad"
 
 
 def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tuple[Array, list[str]]:
-    """Values of the states at the rest, from which the matrices take deviations, and their units."""
+    """Return the values (N,) of the states at the equilibrium, and their units. The matrices act on deviations from
+    these values.
+    """
     chain, zeros = mechanics_of(model), np.zeros(model.size)
     unit = ["1" if name.startswith("strain") else "rad" for name in chain.names]
     known = dict(zip(chain.names, zip(linear.position, unit, strict=True), strict=True))
@@ -136,28 +145,33 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tup
 
 
 def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
-    """Return value and unit of a valve's pressure, of its rate, or of an earlier command at the rest."""
+    """Return value and unit at the equilibrium of a state that belongs to an input: pressure, its rate or a past
+    command.
+    """
     words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
     for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
         if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
             return float(p), unit
         if name == rate:
             return 0.0, f"{unit}/s"
-    raise InputError(f"state {name!r} belongs to no input of {model.name!r}")
+    raise InputError(f"state {name!r} belongs to no input of model {model.name!r}")
 
 
 def pressures_of(text: str) -> Array:
-    """Pressures (C,) [Pa] as written: a number, or one for each chamber with commas between."""
+    """Return the pressures (C,) [Pa] written in a text: one number, or one for each chamber separated by commas."""
     try:
         return np.array([float(part) for part in text.strip("[]() ").split(",")])
     except ValueError:
-        raise InputError(f"state-space pressure must be a number in Pa for each chamber, got {text!r:.60}") from None
+        raise InputError(
+            "state-space option pressure must be a number in Pa for each chamber, separated by commas, got "
+            f"{text!r:.60}"
+        ) from None
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write .mat or .npz."""
+    """Write the state-space matrices of a model to a .mat or .npz file, and return its path."""
     if options["period"] < 0:
-        raise InputError(f"state-space period must be 0 (continuous) or positive, s, got {options['period']}")
+        raise InputError(f"state-space option period must be 0 (continuous) or > 0 s, got {options['period']}")
     content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": provenance.json()}
     with whole(path) as draft, draft.open("wb") as file:
         if path.suffix == ".npz":

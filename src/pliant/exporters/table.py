@@ -1,4 +1,7 @@
-"""The table of features by target: `python -m pliant.exporters.table` prints it for the documentation."""
+"""Table of the model features that each export target supports, for the documentation.
+
+`python -m pliant.exporters.table` prints it.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,14 @@ from pliant.exporters.registry import BUILT_IN, Exporter, exporters
 
 
 def cell(exporter: Exporter, key: str) -> str:
-    """Return "yes", "left out" (and reported), or "no" (refused unless approximate)."""
+    """Return whether a target supports the feature `key`: "yes", "left out" (with a note) or "no"
+    (only approximately).
+    """
     return "yes" if key in exporter.can else "left out" if key in exporter.by_nature else "no"
 
 
 def table() -> str:
-    """The table in Markdown: a row for each feature, a column for each target."""
+    """Return the table of supported features in Markdown, with a row for each feature and a column for each target."""
     targets = [e for name, e in exporters().items() if name in BUILT_IN]
     rows = [["", *(e.name for e in targets)], ["---"] * (len(targets) + 1)]
     rows += [[f.title, *(cell(e, key) for e in targets)] for key, f in FEATURES.items()]

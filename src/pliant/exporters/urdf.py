@@ -1,4 +1,8 @@
-"""URDF: links, joints, inertia and dampers, for RViz and for tools that know no springs."""
+"""Export of a model as URDF: links, joints, inertia and dampers, without springs, for RViz and other tools.
+
+The joint ``strain_NAME`` of a segment that lengthens moves an empty link by one metre for a strain of one; the
+prismatic joints along the links of that segment mimic it, each in proportion to its length.
+"""
 
 from __future__ import annotations
 
@@ -17,37 +21,48 @@ from pliant.exporters.mjcf import number
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
-from pliant.exporters.rigid_chain import RigidChain, moments, point_of, rigid_chain
+from pliant.exporters.rigid_chain import (
+    TINY,
+    RigidChain,
+    Slide,
+    carrier_of,
+    moments,
+    rigid_chain,
+)
 from pliant.files import write_text
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.text import identifiers
 
-LOST = "URDF has no springs and no pressure: it carries links, joints, inertia and dampers, and its chain hangs loose"
-WORLD = "URDF has no gravity: the world that loads it has"
-CAN = frozenset({"points", "space", "twist"})
-BY_NATURE = dict.fromkeys(ALL - CAN - {"lengthening", "space_lengthening", "gravity"}, LOST) | {"gravity": WORLD}
+LOST = "URDF has no springs and no pressure: it holds links, joints, inertia and dampers, and its joints are loose"
+WORLD = "URDF has no gravity: set gravity in the simulator that loads the file"
+CAN = frozenset({"points", "space", "twist", "lengthening", "space_lengthening"})
+BY_NATURE = dict.fromkeys(ALL - CAN - {"gravity"}, LOST) | {"gravity": WORLD}
 Array = np.ndarray
-TURN = 3.0  # rad, limit of a joint: RViz draws its sliders by it
+TURN = 3.0  # rad, limit of a joint, which sets the range of RViz's sliders
+STRAINS = -0.5, 1.0  # limits of a strain
 
 
 def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: float = 0.0) -> str:
-    """The XML of a body; joint angles are zero in the rest shape."""
+    """Return the URDF text of a model, with joint angles that are zero in the rest shape."""
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
     bodies = rigid_chain(model)
     root = ET.Element("robot", name=f"{prefix}{model.name}")
     root.append(ET.Comment(" " + "\n  ".join(provenance.lines("xml_comment")) + " "))
-    shape(ET.SubElement(root, "link", name=f"{prefix}base"), turned(bodies.base_turn, bodies), bodies.base_length, size)
+    base, upright = ET.SubElement(root, "link", name=f"{prefix}base"), turned(bodies.base_turn, bodies)
+    shape(base, upright, (0.5 if bodies.base_slides else 1.0) * bodies.base_length, size)
+    strains(root, model, prefix)
+    along(root, model, bodies, -1, (prefix, size))
     for i, own in enumerate(bodies.links):
         joints(root, bodies, i, prefix)
         link = ET.SubElement(root, "link", name=f"{prefix}link_{i + 1}")
-        inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "origin", xyz=number(*(own.centre * bodies.tangent)))
-        ET.SubElement(inertial, "mass", value=number(own.mass))
         about = dict(zip(("ixx", "iyy", "izz"), map(number, moments(bodies, own, size)), strict=True))
-        ET.SubElement(inertial, "inertia", attrib={**about, "ixy": "0", "ixz": "0", "iyz": "0"})
-        shape(link, turned(np.zeros(3), bodies), own.length, size)
-    links = ["base", *(f"link_{i + 1}" for i in range(model.n))]
+        inertia(link, own.centre * bodies.tangent, own.mass, about)
+        shape(link, turned(np.zeros(3), bodies), (0.5 if own.slides else 1.0) * own.length, size)
+        along(root, model, bodies, i, (prefix, size))
+    links = [link.attrib["name"].removeprefix(prefix) for link in root.findall("link")]
+    links += [slide.name for p in model.points if (slide := carrier_of(model, bodies, p)[2])]
     wanted = [f"{p.name}_point" if p.name in links else p.name for p in model.points]
     for p, name in zip(model.points, identifiers(wanted, links), strict=True):
         observed(root, model, p, prefix, name)
@@ -55,13 +70,83 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
     return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
 
+def inertia(link: ET.Element, centre: Array, mass: float, about: Mapping[str, str]) -> None:
+    """Add mass [kg], centre of mass (3,) [m] and moments of inertia to a link of the URDF."""
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=number(*centre))
+    ET.SubElement(inertial, "mass", value=number(mass))
+    ET.SubElement(inertial, "inertia", attrib={**about, "ixy": "0", "ixz": "0", "iyz": "0"})
+
+
+def strains(root: ET.Element, model: Model, prefix: str) -> None:
+    """Add a prismatic joint for each extensible segment to the URDF, whose value is the segment's strain. It moves an
+    empty link.
+    """
+    dampers = mechanics_of(model).joints.D[model.size - len(model.extensions) :]
+    for segment, damping in zip(model.extensions, dampers, strict=True):
+        name = f"{prefix}strain_{segment.name}"
+        ET.SubElement(root, "link", name=f"{name}_shown")
+        joint = ET.SubElement(root, "joint", name=name, type="prismatic")
+        ET.SubElement(joint, "parent", link=f"{prefix}base")
+        ET.SubElement(joint, "child", link=f"{name}_shown")
+        ET.SubElement(joint, "axis", xyz="0 0 1")
+        ET.SubElement(joint, "dynamics", damping=number(damping), friction="0")
+        low, high = STRAINS
+        ET.SubElement(joint, "limit", lower=number(low), upper=number(high), effort="0", velocity="1000")
+
+
+def along(root: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> None:
+    """Add the slides of link `i` (-1: the base), which move when the link lengthens, to the URDF."""
+    prefix, size = names
+    own = bodies.links[i] if i >= 0 else None
+    slides, length = (own.slides, own.length) if own else (bodies.base_slides, bodies.base_length)
+    parent = f"link_{i + 1}" if own else "base"
+    for slide in slides:
+        link = sliding(root, model, bodies, slide, (prefix, parent))
+        inertia(link, np.zeros(3), slide.mass, dict.fromkeys(("ixx", "iyy", "izz"), number(TINY)))
+        middle = slide.place < 0.75 * length
+        shape(link, turned(np.zeros(3), bodies), 0.5 * length, size, start=(-0.25 if middle else -0.5) * length)
+        parent = slide.name
+
+
+def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, names: tuple[str, str]) -> ET.Element:
+    """Add the link of a slide to the URDF, with one prismatic joint for each segment that moves it, and return the
+    link.
+    """
+    prefix, parent = names
+    turn, place = frame_of(bodies, parent, slide.step * bodies.tangent)
+    movers = np.flatnonzero(slide.growth)
+    for k, s in enumerate(movers):
+        last = k + 1 == len(movers)
+        name = slide.name if last else f"{slide.name}_{model.extensions[s].name}"
+        joint = ET.SubElement(root, "joint", name=f"{prefix}{name}", type="prismatic")
+        ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
+        ET.SubElement(joint, "parent", link=f"{prefix}{parent}")
+        ET.SubElement(joint, "child", link=f"{prefix}{name}")
+        ET.SubElement(joint, "axis", xyz=number(*bodies.tangent))
+        strain, growth = f"{prefix}strain_{model.extensions[s].name}", float(slide.growth[s])
+        ET.SubElement(joint, "mimic", joint=strain, multiplier=number(growth), offset="0")
+        low, high = (growth * bound for bound in STRAINS)
+        ET.SubElement(joint, "limit", lower=number(low), upper=number(high), effort="0", velocity="1000")
+        link = ET.SubElement(root, "link", name=f"{prefix}{name}")
+        parent, turn, place = name, Rotation.identity(), np.zeros(3)
+    return link
+
+
+def frame_of(bodies: RigidChain, parent: str, place: Array) -> tuple[Rotation, Array]:
+    """Return rotation and position (3,) [m] of a part on a body, in the body's frame. The base frame is not turned by
+    the base angle.
+    """
+    base = Rotation.from_rotvec(bodies.base_turn)
+    return (base, np.asarray(base.apply(place))) if parent == "base" else (Rotation.identity(), place)
+
+
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
-    """Add the hinges before link `i`; between two of them lies a link without mass or length."""
-    own, parent = bodies.links[i], f"{prefix}link_{i}" if i else f"{prefix}base"
-    turn, place = Rotation.from_rotvec(own.turn), own.place
-    if i == 0:  # the frame of the base does not turn with its tangent
-        base = Rotation.from_rotvec(bodies.base_turn)
-        turn, place = base * turn, base.apply(place)
+    """Add the hinges before link `i` to the URDF, with a massless link between each two of them."""
+    own, slides = bodies.links[i], bodies.links[i - 1].slides if i else bodies.base_slides
+    before = slides[-1].name if slides else f"link_{i}" if i else "base"
+    turn, place = frame_of(bodies, before, bodies.start(i))
+    turn, parent = turn * Rotation.from_rotvec(own.turn), prefix + before
     for k, hinge in enumerate(own.hinges):
         last = k + 1 == len(own.hinges)
         child = f"{prefix}link_{i + 1}" if last else f"{prefix}{hinge.name}_turned"
@@ -78,23 +163,30 @@ def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
 
 
 def angles(turn: Rotation) -> Array:
-    """Return a rotation as URDF has it, (3,) [rad] about fixed x, then y, then z; any split of a turn that has many."""
+    """Return a rotation as the URDF angles (roll, pitch, yaw) (3,) [rad] about fixed x, y and z.
+
+    In gimbal lock, one of the possible solutions is returned.
+    """
     with catch_warnings():
-        simplefilter("ignore", UserWarning)  # of a gimbal lock
+        simplefilter("ignore", UserWarning)  # gimbal lock
         return np.asarray(turn.as_euler("xyz"))
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation that takes the axis of a cylinder, z, to a link that is turned by a rotation vector (3,)."""
+    """Return the rotation from the z axis of a cylinder to the axis of a link with the rotation vector `turn` (3,)
+    [rad].
+    """
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
 
 
-def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None:
-    """Add a cylinder that `along` takes from z to a link, to see and to touch."""
+def shape(link: ET.Element, along: Rotation, length: float, size: float, start: float = 0.0) -> None:
+    """Add a cylinder along a link, from `start` [m] on, to the URDF for display and contact. `along` rotates z to the
+    link's axis.
+    """
     if not length > 0:
         return
-    middle = along.apply([0.0, 0.0, 0.5 * length])
+    middle = along.apply([0.0, 0.0, start + 0.5 * length])
     for what in ("visual", "collision"):
         part = ET.SubElement(link, what)
         ET.SubElement(part, "origin", xyz=number(*middle), rpy=number(*angles(along)))
@@ -103,22 +195,24 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float) -> None
 
 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
-    """An observed point as a link of its own without mass, fixed to its carrier."""
-    turn, place = Rotation.identity(), point_of(model, point)
-    if point.link < 0:  # the base's own frame does not turn with its tangent
-        turn = Rotation.from_rotvec(rigid_chain(model).base_turn)
-        place = turn.apply(place)
+    """Add an observed point to the URDF as a massless link, fixed to the link that carries it."""
+    bodies = rigid_chain(model)
+    carrier, place, slide = carrier_of(model, bodies, point)
+    if slide:
+        sliding(root, model, bodies, slide, (prefix, carrier))
+        carrier = slide.name
+    turn, place = frame_of(bodies, carrier, place)
     ET.SubElement(root, "link", name=f"{prefix}{name}")
     joint = ET.SubElement(root, "joint", name=f"{prefix}{name}_fixed", type="fixed")
     ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
-    ET.SubElement(joint, "parent", link=f"{prefix}link_{point.link + 1}" if point.link >= 0 else f"{prefix}base")
+    ET.SubElement(joint, "parent", link=f"{prefix}{carrier}")
     ET.SubElement(joint, "child", link=f"{prefix}{name}")
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Write the URDF."""
+    """Write a model as URDF to `path`, and return the path."""
     if options["radius"] < 0:
-        raise InputError(f"urdf radius must not be negative, m, got {options['radius']}")
+        raise InputError(f"urdf option radius must be >= 0 m, got {options['radius']}")
     return (write_text(path, urdf(model, provenance, **options)),)
 
 

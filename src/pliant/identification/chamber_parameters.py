@@ -61,7 +61,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 
     In a model of several chambers, a gain applies only with its chamber's name.
     """
-    named, made = owners(model), []
+    named, changed = owners(model), []
     shared = values
     if model.actuation.count > 1:
         gains = matching(GAINS, tuple(values))
@@ -72,8 +72,8 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
             start = f"{chamber.name}."
             own = {**shared, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
         changes = chamber_changes(chamber, own)
-        made.append(replace(chamber, **changes) if changes else chamber)
-    return tuple(made)
+        changed.append(replace(chamber, **changes) if changes else chamber)
+    return tuple(changed)
 
 
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:

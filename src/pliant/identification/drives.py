@@ -10,7 +10,6 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
-from pliant.identification.recorded import one_chamber
 from pliant.model import Model, Tendon
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import INPUT_UNITS
@@ -75,6 +74,17 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
         raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}")
     driven = drives_of(name, recording, wanted)
     return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
+
+
+def one_chamber(name: str, pressure: xr.DataArray) -> Array:
+    """Return the samples (P,) [Pa] of the recording's only pressure; raise InputError if it has several chambers."""
+    if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
+        chambers = ", ".join(str(c) for c in pressure["chamber"].values)
+        raise InputError(
+            f"recording {name} has several pressures ({chambers}): select the one that bends the body, or state with "
+            "drive which of them drives which chamber of the model"
+        )
+    return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
 
 
 def alone(exp: Experiment, chamber: str) -> bool:

@@ -13,7 +13,6 @@ from pliant.display import Card, Shown
 from pliant.drawing import body_svg
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
-from pliant.identification.recorded import Excitation
 from pliant.preprocessing.detectors import without_spikes
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
@@ -21,6 +20,7 @@ from pliant.simulation.forces import PointForce, checked
 Array = np.ndarray
 UNIT = 1e-3  # largest difference of a quaternion's length from 1
 FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
+Excitation = Literal["trace", "pulse", "step", "release"]
 AngleReference = Literal["rest", "base", "joint", ""]
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.extension_parameters import OWN
+from pliant.identification.extension_parameters import ALWAYS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 
 FAR = 0.9  # of the peak displacement: frames beyond count as bent
 
@@ -24,8 +24,8 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     """
     if not mechanics_of(model).lengthens:
         return {}
-    found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in OWN.items()}
-    found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in OWN.items()}
+    found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in ALWAYS.items()}
+    found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
     strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}

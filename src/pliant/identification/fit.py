@@ -318,15 +318,15 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
     """Return parameters from a mapping of names to a start value, "free", or a table of `Parameter` attributes."""
-    made = []
+    parsed = []
     for name, entry in entries.items():
         if entry == "free" or entry is None:
-            made.append(Parameter(name))
+            parsed.append(Parameter(name))
         elif isinstance(entry, Mapping):
-            made.append(Parameter(name, **checked_table(name, entry)))
+            parsed.append(Parameter(name, **checked_table(name, entry)))
         else:
-            made.append(Parameter(name, **checked_table(name, {"value": entry})))
-    return made
+            parsed.append(Parameter(name, **checked_table(name, {"value": entry})))
+    return parsed
 
 
 def checked_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,21 +1,19 @@
-"""Set-up of the forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
+"""The forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.identification.drives import inputs_to
-from pliant.identification.following import REAL, slipped
-from pliant.identification.loop_inputs import Numbers, SetUp
-from pliant.identification.orientation import repeated, with_axes
+from pliant.identification.following import REAL, initial_hysteresis
+from pliant.identification.loop_inputs import ForwardProblem, Numbers
+from pliant.identification.observation import between_frames, lags_of, repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
-from pliant.identification.pose import posed
-from pliant.identification.poses import inputs_of
-from pliant.identification.sensor import between_frames, lags_of
+from pliant.identification.poses import pose_inputs
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
@@ -27,12 +25,14 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
+LEAST_PULL = 1e-6  # weight of the unloaded shape over that of a measured point
+POSE_STEPS = 60
 
 
-def set_up(
+def forward_problem(
     model: Model, exp: Experiment, values: Mapping[str, float], step: float,
     plans: Plans | None = None, rest: Array | None = None, drive: Drive | None = None,
-) -> SetUp:
+) -> ForwardProblem:
     """Return the forward problem of an experiment at the parameter `values`: initial state, steps, torques and points.
 
     Parameters
@@ -46,108 +46,111 @@ def set_up(
     drive : Drive, optional
         Precomputed steps and torques, used in place of those that follow from `values`. Not for a release.
     """
-    own = {**for_record(values, exp.name), **exp.known}
+    params = {**for_record(values, exp.name), **exp.known}
     plans = Plans() if plans is None else plans
-    here = plans.at(model, own)
-    m = here.model
-    times, between = moments(exp, own)
+    model_at = plans.at(model, params)
+    m = model_at.model
+    times, between = output_times(exp, params)
     if exp.excitation == "release":
-        return let_go(here, exp, own, times, step, plans)._replace(between=between)
+        return release_problem(model_at, exp, params, times, step, plans)._replace(between=between)
     if exp.poses:
-        return of_poses(here, exp, own)
-    plan = planned(m, exp, own, times, step, plans) if drive is None else drive
+        return poses_problem(model_at, exp, params)
+    plan = actuation_steps(m, exp, params, times, step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     if rest is None and before is not None:
         rest = equilibrium(m, plan.initial, link_load=before)
-    start = here.at_rest(plan.initial) if rest is None else mechanics_of(m).coordinates(rest)
-    numbers = gathered(here, exp, own, plan, (start, start), (m.base_angle, m.base_angle))
-    numbers = numbers._replace(chambers=here.chambers(plan.initial))
+    start = model_at.at_rest(plan.initial) if rest is None else mechanics_of(m).coordinates(rest)
+    numbers = forward_numbers(model_at, exp, params, plan, (start, start), (m.base_angle, m.base_angle))
+    numbers = numbers._replace(chambers=model_at.chambers(plan.initial))
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
-    made = SetUp(numbers, plan.keep, 1, carriers(here, exp), m, acting, True, drive=plan, between=between,
-                 first_seen=exp.first_places if exp.own_places else None, oriented=exp.oriented)  # fmt: skip
-    return made._replace(numbers=reattached(made, numbers))
+    forward = ForwardProblem(
+        numbers, plan.keep, 1, carriers(model_at, exp), m, acting, True, drive=plan, between=between,
+        first_seen=exp.first_places if exp.own_places else None, oriented=exp.oriented,
+    )
+    return forward._replace(numbers=reattached(forward, numbers))
 
 
-def of_poses(here: ModelAt, exp: Experiment, own: Mapping[str, float]) -> SetUp:
+def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
     """Return the forward problem of settled poses: no time steps, but the torques at each row's equilibrium."""
-    model, plan, size = here.model, inputs_of(here.model, exp), mechanics_of(here.model).size
+    model, plan, size = model_at.model, pose_inputs(model_at.model, exp), mechanics_of(model_at.model).size
     still = np.zeros(size), np.zeros(size)
-    numbers = gathered(here, exp, own, plan, still, (model.base_angle, model.base_angle))
-    return SetUp(numbers, plan.keep, 0, carriers(here, exp), model, plan.pressure, from_rest=False,
+    numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
+    return ForwardProblem(numbers, plan.keep, 0, carriers(model_at, exp), model, plan.pressure, from_rest=False,
                  poses=True, oriented=exp.oriented)  # fmt: skip
 
 
-def moments(exp: Experiment, own: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
+def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
     """Return the output times [s] on the pressure's clock; with a sensor lag, finer times and the frames' indices."""
-    times = exp.time - own.get("latency", 0.0)
-    between = between_frames(times) if lags_of(own, exp.stations).size else None
+    times = exp.time - params.get("latency", 0.0)
+    between = between_frames(times) if lags_of(params, exp.stations).size else None
     return times if between is None else between[0], between
 
 
-def let_go(
-    here: ModelAt, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
-) -> SetUp:
+def release_problem(
+    model_at: ModelAt, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
+) -> ForwardProblem:
     """Return the forward problem of a body that is held, then let go, while the base may turn by ``base_turn``."""
-    model = here.model
-    base = (model.base_angle, model.base_angle + own.get("base_turn", 0.0))
-    angles = mechanics_of(model).coordinates(held_angles(here, exp, own, plans))
-    free = times[times > own["release"]]
+    model = model_at.model
+    base = (model.base_angle, model.base_angle + params.get("base_turn", 0.0))
+    angles = mechanics_of(model).coordinates(held_angles(model_at, exp, params, plans))
+    free = times[times > params["release"]]
     plan = no_drive(model)
     if free.size:
-        key = ("release", exp.name, own["release"], times[0])
+        key = ("release", exp.name, params["release"], times[0])
         if key not in plans.drives:
             still_air = [Pulse(0.0)] * model.actuation.count
-            plans.drives[key] = drive_of(model, still_air, np.concatenate([[own["release"]], free]), step)
+            plans.drives[key] = drive_of(model, still_air, np.concatenate([[params["release"]], free]), step)
         plan = plans.drives[key]
-    numbers = with_loads(gathered(here, exp, own, plan, (angles, angles), base), model, exp, own["release"])
-    still, none = times.size - free.size, np.zeros((exp.time.size, model.actuation.count))
-    made = SetUp(numbers, plan.keep, still, carriers(here, exp), model, none, from_rest=False,
-                 pulled=exp.held is not None)
-    return fading(made, exp, own) if "release_time" in own else made
+    numbers = forward_numbers(model_at, exp, params, plan, (angles, angles), base)
+    numbers = with_loads(numbers, model, exp, params["release"])
+    still, no_input = times.size - free.size, np.zeros((exp.time.size, model.actuation.count))
+    forward = ForwardProblem(numbers, plan.keep, still, carriers(model_at, exp), model, no_input, from_rest=False,
+                             pulled=exp.held is not None)
+    return with_release_time(forward, exp, params) if "release_time" in params else forward
 
 
-def fading(made: SetUp, exp: Experiment, own: Mapping[str, float]) -> SetUp:
+def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
     """Return the forward problem of a release with holding torques that fall to 0 within ``release_time``.
 
     The torques fall along half a cosine. They enter as one more chamber, whose gains (n,) are the initial torques and
     whose torque is the fraction that remains.
     """
-    numbers, length = made.numbers, own["release_time"]
+    numbers, length = forward.numbers, params["release_time"]
     nodes = np.minimum(np.append(0.0, np.cumsum(numbers.h)), length)
     impulse = 0.5 * nodes
     if length > 0:
         impulse += length / (2.0 * np.pi) * np.sin(np.pi * nodes / length)
-    share = np.diff(impulse) / numbers.h
-    loads = loads_at(made.model, exp.forces, own["release"])
-    gain = np.vstack([numbers.gain, holding_torques(made, loads)])
-    return made._replace(numbers=numbers._replace(torque=np.column_stack([numbers.torque, share]), gain=gain))
+    fraction = np.diff(impulse) / numbers.h
+    loads = loads_at(forward.model, exp.forces, params["release"])
+    gain = np.vstack([numbers.gain, holding_torques(forward, loads)])
+    return forward._replace(numbers=numbers._replace(torque=np.column_stack([numbers.torque, fraction]), gain=gain))
 
 
-def holding_torques(made: SetUp, loads: Array) -> Array:
+def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
     """Return the joint torques (n,) [N m] that hold the body at rest in its initial pose, against link `loads`."""
-    numbers = made.numbers
-    stretched = slipped(made, numbers, REAL)[:, len(numbers.memory.creep_time) :]
+    numbers = forward.numbers
+    stretched = initial_hysteresis(forward, numbers, REAL)[:, len(numbers.memory.creep_time) :]
     rows, share = len(stretched), numbers.memory.slip_share
-    own = numbers.joints.K[:rows] * (stretched[:, : share.size] @ share)
-    chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
-    drive = np.append(-own, np.zeros(made.model.size + len(made.model.actuation.levers) - rows))
+    slip = numbers.joints.K[:rows] * (stretched[:, : share.size] @ share)
+    chain = mechanics_of(forward.model).with_constants(numbers.body, numbers.joints)
+    drive = np.append(-slip, np.zeros(forward.model.size + len(forward.model.actuation.levers) - rows))
     push = chain.static_forces(numbers.phi, drive) + chain.load_forces(numbers.phi, loads)
     return np.asarray(-chain.from_joints.T @ push)
 
 
-def held_angles(here: ModelAt, exp: Experiment, own: Mapping[str, float], plans: Plans) -> Array:
+def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plans: Plans) -> Array:
     """Return the joint angles (n,) of the held body: from measured positions, under ``hold_force``, or unloaded."""
-    model = here.model
+    model = model_at.model
     if exp.held is not None:
         if not model.space:
             fixed_length(
                 model, f"experiment {exp.name}: a measured held pose needs a body of fixed length, but the model "
                 f"{model.name!r} is extensible: leave out held (as measured), or the model's extensions",
             )
-        return posed(model, observed(here, exp), exp.held - shift_of(own, exp), plans.poses)
-    if "hold_force" in own:
-        return equilibrium(model, 0.0, np.array([own["hold_force"], *[0.0] * (exp.dimension - 1)]))
+        return pose_through(model, observed_points(model_at, exp), exp.held - shift_of(params, exp), plans.poses)
+    if "hold_force" in params:
+        return equilibrium(model, 0.0, np.array([params["hold_force"], *[0.0] * (exp.dimension - 1)]))
     return np.zeros(model.size)
 
 
@@ -158,11 +161,11 @@ def no_drive(model: Model) -> Drive:
                  np.zeros(C))  # fmt: skip
 
 
-def planned(
-    model: Model, exp: Experiment, own: Mapping[str, float], times: Array, step: float, plans: Plans,
+def actuation_steps(
+    model: Model, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> Drive:
     """Return the time steps and torques under the experiment's pressure, for frames at `times` [s] on its clock."""
-    start, stop = own.get("start", 0.0), own.get("stop", 0.0)
+    start, stop = params.get("start", 0.0), params.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
     where = (exp.name, times[0], start, stop, *dead_times)
     key = (where, *(c.key for c in model.chambers))
@@ -173,43 +176,43 @@ def planned(
     return plans.drives[key]
 
 
-def gathered(
-    here: ModelAt, exp: Experiment, own: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
+def forward_numbers(
+    model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
     base: tuple[float, float],
 ) -> Numbers:
     """Return the `Numbers` of a forward problem, with angles and base angle while held and at the start of motion."""
-    model, (along, across, aside) = here.model, with_axes(here.places(exp.stations), exp.oriented)
-    lags = lags_of(own, exp.stations)
+    model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.oriented)
+    lags = lags_of(params, exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
         gain=np.array(model.actuation.columns), chambers=np.zeros((0, 0)),
-        torque_before=here.torque_before(plan.initial),
-        load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0), body=here.body,
-        joints=here.joints._replace(base_angle=base[1]), memory=here.memory,
-        along=along, across=across, aside=aside, shift=shift_of(own, exp),
+        torque_before=model_at.torque_before(plan.initial),
+        load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0),
+        body=model_at.body, joints=model_at.joints._replace(base_angle=base[1]), memory=model_at.memory,
+        along=along, across=across, aside=aside, shift=shift_of(params, exp),
         sensor_lag=repeated(lags, exp.oriented) if lags.size else lags,
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
 
 
-def shift_of(own: Mapping[str, float], exp: Experiment) -> Array:
+def shift_of(params: Mapping[str, float], exp: Experiment) -> Array:
     """Return the offset (d,) [m] of the recording's frame: the parameters ``base_x``, ``base_y`` and ``base_z``."""
-    return np.array([own.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
+    return np.array([params.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
 
 
-def reattached(made: SetUp, numbers: Numbers) -> Numbers:
+def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
     """Return the numbers with the markers attached where the first frames show them, for an experiment with own_places.
 
     Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
     pose may be taken from elsewhere, or `sensitivity` misses its derivative.
     """
-    if made.first_seen is None:
+    if forward.first_seen is None:
         return numbers
-    chain = mechanics_of(made.model).with_constants(numbers.body, numbers.joints)
-    beside = chain.beside_links(numbers.phi, made.first_seen - numbers.shift, numbers)
-    stations = np.arange(len(made.first_seen))
-    along, across, aside = with_axes(beside[stations, made.carrier[stations] + 1].T, made.oriented)
+    chain = mechanics_of(forward.model).with_constants(numbers.body, numbers.joints)
+    beside = chain.beside_links(numbers.phi, forward.first_seen - numbers.shift, numbers)
+    stations = np.arange(len(forward.first_seen))
+    along, across, aside = with_axes(beside[stations, forward.carrier[stations] + 1].T, forward.oriented)
     return numbers._replace(along=along, across=across, aside=aside)
 
 
@@ -222,11 +225,44 @@ def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, be
     return numbers._replace(load=loads, load_before=numbers.load_before if before is None else before)
 
 
-def observed(here: ModelAt, exp: Experiment) -> list[Station]:
+def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:
     """Return the points of the model that the experiment observes, in the order of its stations."""
-    return [here.points[name] for name in exp.stations]
+    return [model_at.points[name] for name in exp.stations]
 
 
-def carriers(here: ModelAt, exp: Experiment) -> Array:
+def carriers(model_at: ModelAt, exp: Experiment) -> Array:
     """Return the link index (S + 2 m,) of each observed point and of the axis points of the m oriented stations."""
-    return repeated(np.array([p.link for p in observed(here, exp)]), exp.oriented)
+    return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
+
+
+def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
+    """Return the joint angles (n,) [rad] that bring points of the model closest to `positions` (S, 2) [m].
+
+    Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
+    shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
+    is cached in `cache`, for models that differ in nothing else.
+    """
+    points = tuple(p[1:] for p in stations)
+    base = (model.base_length, model.base_angle, points)
+    turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
+    key = (*base, *(a.tobytes() for a in (model.link_length, *turned, positions)))
+    if key not in cache:
+        cache[key] = solved_pose(model, stations, positions)
+    return cache[key].copy()
+
+
+def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
+    """Return the joint angles of `pose_through` without its cache."""
+    chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
+    pull = LEAST_PULL * model.length * chain.to_joints
+    unloaded = chain.coordinates(np.zeros(model.size))
+    phi = unloaded.copy()
+    for _ in range(POSE_STEPS):
+        places, slopes = chain.points_and_slopes(phi)
+        rows = np.concatenate([slopes.reshape(-1, model.size), pull])
+        aim = np.concatenate([(positions - places).ravel(), pull @ (unloaded - phi)])
+        move = np.linalg.lstsq(rows, aim)[0]
+        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
+        if np.abs(move).max() < 1e-13:
+            break
+    return chain.joint_coordinates(phi)

@@ -4,29 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.identification.drives import drives_of, driving
+from pliant.identification.drives import drives_of, driving, one_chamber
 from pliant.identification.edges import held_pose
-from pliant.identification.experiment import Experiment
-from pliant.identification.recorded import (
-    Excitation,
-    default_excitation,
-    dense_arc_length,
-    only_input,
-    recorded_angles,
-    recorded_places,
-)
+from pliant.identification.experiment import Excitation, Experiment
 from pliant.preprocessing.side import x_sign
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
+Array = np.ndarray
 Held = Literal["unloaded", "measured"]
 Poses = bool | Literal["median"]
 Angles = bool | Literal["only"]
@@ -100,7 +93,7 @@ def experiment(
     elif excitation == "trace":
         trace = Trace(*only_input(name, recording))
         kinds = {"": recorded_inputs(recording)[0].kind}
-    made = Experiment(
+    exp = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
         **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
@@ -109,10 +102,64 @@ def experiment(
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
     )
-    return replace(made, held=held_pose(made)) if held == "measured" else made
+    return replace(exp, held=held_pose(exp)) if held == "measured" else exp
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
     """Return a recording of a single row that holds the median of the recorded positions, for a body at rest."""
     first = recording.isel(time=slice(0, 1))
     return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))
+
+
+def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
+    """Return the positions (T, S, 2) [m] of the stations, (T, S, 3) in space; NaN throughout for angles only."""
+    if "position" not in recording:
+        return np.full((recording.sizes["time"], len(stations), 2), np.nan)
+    return np.asarray(recording["position"].sel(station=list(stations)).values, dtype=float)
+
+
+def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
+    """Return the angles and their reference, or the orientations in space, as arguments of `Experiment`."""
+    if not wanted:
+        return {}
+    if recording.attrs.get("frame") == "spatial":
+        if "quaternion" not in recording:
+            raise InputError(f"recording {name} has no orientations to fit: set angles to false")
+        return {"orientation": recording["quaternion"].sel(station=list(stations)).values.astype(float)}
+    if "angle" not in recording:
+        raise InputError(f"recording {name} has no angles to fit: set angles to false")
+    angle = recording["angle"]
+    reference = str(angle.attrs.get("reference", "base"))
+    return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
+
+
+def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
+    """Return the arc lengths (S,) [m] of the stations, or None unless the recording has them in rising order."""
+    if "arc_length" not in recording.coords or len(stations) < 2:
+        return None
+    s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
+    return s if np.all(np.diff(s) > 0) else None
+
+
+def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
+    """Return the times [s] and samples (P,) of the recording's only measured input, or raise InputError."""
+    if "pressure" in recording and "actuation" not in recording:
+        return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
+    inputs = recorded_inputs(recording)
+    if len(inputs) != 1:
+        listed = ", ".join(one.name or one.kind for one in inputs) or "none"
+        raise InputError(f"recording {name} has {len(inputs)} measured inputs ({listed}): state with drive which of "
+                         "them drives which input of the model")  # fmt: skip
+    return inputs[0].time, np.array(inputs[0].values)
+
+
+def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
+    """Return the excitation that the recording's inputs imply: "trace" if measured, "pulse" for a nominal pressure."""
+    if {"pressure", "actuation"} & set(recording):
+        return "trace"
+    if "nominal_pressure" in recording.attrs:
+        return "pulse"
+    raise InputError(
+        f"recording {name} has neither a measured pressure nor a nominal level: state nominal_pressure, "
+        "or excitation 'release' for a body that was let go"
+    )

@@ -13,15 +13,14 @@ from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import segments
 from pliant.identification.extension_start import extension_starts
-from pliant.identification.layout_bands import bands_of_layouts
-from pliant.identification.memory_parameters import chamber_guess
+from pliant.identification.memory_parameters import LAYOUTS, chamber_guess
 from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
 from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Tendon
 from pliant.model.torque_law import unfinished_law
-from pliant.numerics.ringdown import RingDown, ring_down
+from pliant.numerics.ringdown import LEAST_SWING, RingDown, ring_down
 from pliant.simulation import equilibrium, modes
 from pliant.simulation.forces import loads_at
 
@@ -31,6 +30,7 @@ DEFAULTS = {
     "base_x": 0.0, "base_y": 0.0, "base_z": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
     "start": 0.0, "latency": 0.0, "sensor_lag": 0.05,
 }
+MOST_BAND = 1e6  # high over low
 
 
 def free_decay(exp: Experiment) -> RingDown | None:
@@ -233,3 +233,41 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
             turned = np.hypot(chamber.joint_gain, chamber.cross_gain) > 0
             found[f"{start}gain_{'xy'[field == 'cross_gain']}"] = float(gains[turned].mean()) if turned.any() else 0.0
     return found
+
+
+def bands_of_layouts(
+    parameters: Sequence[Parameter], experiments: Sequence[Experiment], model: Model,
+) -> list[Parameter]:
+    """Return fixed parameters for the ends of the ranges of the springpot and Payne's curve, unless they are given."""
+    names = {p.name for p in parameters}
+    chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}
+    found = []
+    for law, band in chosen.items():
+        ends = [f"{law}_low", f"{law}_high"]
+        if not {shared_name(name) for name in names} & {f"{law}_{f}" for f in LAYOUTS[law][1]} - {*ends}:
+            continue
+        if moving := [p.name for p in parameters if p.free and shared_name(p.name) in ends]:
+            raise InputError(
+                f"parameter {moving[0]} bounds the range of {law}_* and cannot be fitted: give it free = false"
+            )
+        found += [Parameter(name, value, free=False, source="the recordings' span")
+                  for name, value in zip(ends, band(), strict=True) if name not in names]
+    return found
+
+
+def band_of_rates(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Return the frequency range [Hz] of the recordings: one period in the longest to half the highest frame rate."""
+    low = 1.0 / max(float(np.ptp(e.time)) for e in experiments)
+    high = 0.5 / min(float(np.median(np.diff(e.time))) for e in experiments)
+    return low, min(high, MOST_BAND * low)
+
+
+def band_of_swings(experiments: Sequence[Experiment], model: Model) -> tuple[float, float]:
+    """Return the range of joint amplitudes [rad] of the recordings, up to twice the joint's peak rotation.
+
+    The peak rotation of a joint follows from the peak displacement of the tip, for a body bent evenly: the tip moves by
+    half its angle times the length.
+    """
+    turns = [e.travel if e.without_positions else 2.0 * e.travel / model.length for e in experiments]
+    joint = max(turns) / model.n
+    return LEAST_SWING * joint, 2.0 * joint

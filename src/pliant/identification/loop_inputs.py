@@ -1,4 +1,4 @@
-"""Input arrays of the compiled loops of a fit: `Numbers` with derivatives, and `SetUp` with the constant rest."""
+"""Inputs of the compiled loops of a fit: `Numbers` with derivatives, and the rest of a `ForwardProblem`, constant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pliant.model import Model
 from pliant.simulation.drive import Drive
 
 Array = np.ndarray
-APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most set-ups of a fit share
+APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most forward problems of a fit share
 
 
 class Numbers(NamedTuple):
@@ -41,7 +41,7 @@ class Numbers(NamedTuple):
     share: Any  # (n + 1, S) fraction of each link that lies in each extensible segment
 
 
-class SetUp(NamedTuple):
+class ForwardProblem(NamedTuple):
     """A forward problem: `Numbers` of one experiment together with the quantities that have no derivative."""
 
     numbers: Numbers
@@ -56,7 +56,7 @@ class SetUp(NamedTuple):
     between: tuple[Array, Array] | None = None  # with sensor lag: times of the rows, and the frames' indices in them
     first_seen: Array | None = None  # (S, 2) m, first positions of the markers, which are attached there at the start
     poses: bool = False  # whether each row is a settled pose, without a motion between them
-    oriented: Array = np.zeros(0, dtype=int)  # stations whose link frames are observed: `orientation`
+    oriented: Array = np.zeros(0, dtype=int)  # stations whose link frames are observed: see `observation`
 
 
 def in_one_row(numbers: Numbers) -> Array:

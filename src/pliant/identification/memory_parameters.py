@@ -21,6 +21,10 @@ ROWS: dict[str, tuple[str, float, float, float, str]] = {
     r"creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of a creep branch"),
     r"slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of a slip element over each joint's"),
     r"slip_angle_[1-9]": ("rad", 1e-6, 10.0, 0.0, "joint rotation at which a slip element slips"),
+    r"axial_creep_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial creep branch over EA"),
+    r"axial_creep_time_[1-9]": ("s", 1e-3, 1e4, 0.0, "relaxation time of an axial creep branch"),
+    r"axial_slip_share_[1-9]": ("1", 0.0, 50.0, 0.1, "stiffness of an axial slip element over EA"),
+    r"axial_slip_strain_[1-9]": ("1", 1e-6, 10.0, 0.0, "strain at which an axial slip element slips"),
     "fractional_share": ("1", 0.0, 10.0, 0.02, "stiffness of the springpot at 1 rad/s over each joint's"),
     "fractional_order": ("1", 0.02, 0.9, 0.1, "order of the springpot: 0 a spring, 1 a dashpot"),
     "fractional_low": ("Hz", 1e-6, 1e6, 0.0, "lowest frequency at which the springpot holds, never free"),
@@ -56,7 +60,8 @@ LAYOUTS: dict[str, tuple[Callable[..., Springpot | Payne], tuple[str, ...], str]
     "fractional": (springpot, ("share", "order", "low", "high"), "creep"),
     "payne": (payne, ("share", "angle", "exponent", "low", "high"), "slip"),
 }
-PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle")}
+PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle"),
+         "axial_creep": ("share", "time"), "axial_slip": ("share", "strain")}  # fmt: skip
 
 
 def usual_start(name: str) -> float | None:
@@ -71,12 +76,13 @@ def usual_start(name: str) -> float | None:
               **dict.fromkeys(SPRING_TERMS, 0.0), SPRING_BOUND: 0.75,
               "swell_share": 0.3, "swell_time": 1.0, "inflation_time": 0.05, "inflation_jm": 50.0,
               "valve_dead_band": 1e3, "valve_opening_time": 0.1, "valve_settle_share": 0.1, "valve_settle_time": 2.0,
-              "valve_rise_rate": 3e5, "valve_fall_rate": 3e5}  # fmt: skip
+              "valve_rise_rate": 3e5, "valve_fall_rate": 3e5,
+              **{f"axial_{term}": 0.0 for term in SPRING_TERMS}, f"axial_{SPRING_BOUND}": 0.75}  # fmt: skip
     if own in single:
         return single[own]
-    if found := re.fullmatch(r"(creep|slip)_(share|time|angle)_([1-9])", own):
+    if found := re.fullmatch(r"(?:axial_)?(creep|slip)_(share|time|angle|strain)_([1-9])", own):
         j = int(found[3]) - 1
-        return {"share": 0.1, "time": 0.3 * 8.0**j, "angle": 0.01 * 3.0**j}[found[2]]
+        return {"share": 0.1, "time": 0.3 * 8.0**j, "angle": 0.01 * 3.0**j, "strain": 0.003 * 3.0**j}[found[2]]
     return None
 
 
@@ -96,8 +102,8 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
             raise InputError(f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing")
         if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
             raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
-        made = lay(*(given[field] for field in fields))._asdict()
-        entries |= {name: row for name, row in made.items() if name != "spring"}
+        kernel_rows = lay(*(given[field] for field in fields))._asdict()
+        entries |= {name: row for name, row in kernel_rows.items() if name != "spring"}
     return entries
 
 

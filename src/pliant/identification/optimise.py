@@ -16,7 +16,8 @@ Array = np.ndarray
 ROBUST_FROM = 0.01  # of the peak displacement: residual above which a robust loss limits its weight
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
-BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "payne_angle")  # beginnings of names
+# beginnings of names
+BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "axial_creep_time", "payne_angle")
 FAR_BOUND = 7.0  # in a logarithm: bounds a factor of a thousand from the start are dropped
 SAME = 1e-4  # of the least cost: tolerance within which a start is taken to reach the same minimum
 

@@ -11,9 +11,10 @@ from pliant.compiler.choose import twin
 from pliant.equations.poses import Settling, settle_all, show_all
 from pliant.errors import InputError, SimulationError
 from pliant.identification.drives import check_driven
-from pliant.identification.loop_inputs import Numbers, SetUp
-from pliant.identification.observation_kind import TINY, ObservationKind, in_kind, places_in_space
+from pliant.identification.loop_inputs import ForwardProblem, Numbers
+from pliant.identification.observation import TINY, NumberKind, in_kind, places_in_space
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.rest import settling
 from pliant.model import Model
 from pliant.simulation.drive import Drive
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def inputs_of(model: Model, exp: Experiment) -> Drive:
+def pose_inputs(model: Model, exp: Experiment) -> Drive:
     """Return the model inputs under which each row of an experiment is at equilibrium, without time steps."""
     check_driven(model, [exp])
     if model.space is None:
@@ -35,15 +36,15 @@ def inputs_of(model: Model, exp: Experiment) -> Drive:
     return Drive(np.zeros(0), torque, model.actuation.columns, np.arange(exp.time.size), values, still)
 
 
-def complex_of(value: Array | float) -> Array | complex:
+def as_complex(value: Array | float) -> Array | complex:
     """Return a float, or a copy of an array of floats, as complex numbers."""
     return np.array(value, dtype=complex) if isinstance(value, Array) else complex(value)
 
 
-COMPLEX = ObservationKind(complex_of, np.real, twin)
+COMPLEX = NumberKind(as_complex, np.real, twin)
 
 
-def settled(made: SetUp) -> Settling:
+def equilibrium_poses(forward: ForwardProblem) -> Settling:
     """Return the equilibrium pose of every row, each found from the pose before; the first starts without any input.
 
     Raises
@@ -51,24 +52,17 @@ def settled(made: SetUp) -> Settling:
     SimulationError
         When a pose has no stable equilibrium.
     """
-    chain, numbers = mechanics_of(made.model), in_kind(made.numbers, COMPLEX)
+    chain, numbers = mechanics_of(forward.model), in_kind(forward.numbers, COMPLEX)
     torque = commands(numbers)
-    found = settling(len(torque) - 1, chain.size, torque.shape[1] - chain.size)
-    found.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
-    lost = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), found)
-    if lost >= 0:
+    poses = settling(len(torque) - 1, chain.size, torque.shape[1], chain.no_loads())
+    poses.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
+    failed = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), poses)
+    if failed >= 0:
         raise SimulationError(
-            f"pose {lost} of {len(torque) - 1} has no stable equilibrium: the body buckles; raise the stiffness or "
+            f"pose {failed} of {len(torque) - 1} has no stable equilibrium: the body buckles; raise the stiffness or "
             "lower the inputs"
         )
-    return found
-
-
-def settling(poses: int, size: int, tendons: int) -> Settling:
-    """Return zeroed work arrays for `poses` poses of a chain of `size` coordinates and `tendons` tendons."""
-    at, last, push, move = np.zeros((4, size), dtype=complex)
-    torque = np.zeros(size + tendons, dtype=complex)
-    return Settling(np.zeros((poses + 1, size)), np.zeros((poses + 1, size, size)), at, last, torque, push, move)
+    return poses
 
 
 def commands(numbers: Numbers) -> Array:
@@ -77,17 +71,17 @@ def commands(numbers: Numbers) -> Array:
     return np.concatenate([0.0 * rows[:1], rows])
 
 
-def shown(made: SetUp, numbers: Numbers, found: Settling) -> Array:
-    """Return the complex observed rows (T, S, 3) of the poses `found`; imaginary parts carry a derivative."""
+def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -> Array:
+    """Return the complex observed rows (T, S, 3) of `poses`; imaginary parts carry a derivative."""
     numbers = in_kind(numbers, COMPLEX)
-    out = np.zeros((len(found.x), made.carrier.size, 3), dtype=complex)
-    work = mechanics_of(made.model).workspace(complex)
-    places = places_in_space(made, numbers, COMPLEX)
-    twin(show_all)(commands(numbers), numbers.body, numbers.joints, work, found, places, out)
+    out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
+    work = mechanics_of(forward.model).workspace(complex)
+    places = places_in_space(forward, numbers, COMPLEX)
+    twin(show_all)(commands(numbers), numbers.body, numbers.joints, work, poses, places, out)
     return out[1:]
 
 
-def pose_rows(made: SetUp, numbers: Numbers) -> Array:
+def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
     """Return the observed rows (T, S, 3) of settled poses: x, y, z [m].
 
     Raises
@@ -95,10 +89,10 @@ def pose_rows(made: SetUp, numbers: Numbers) -> Array:
     SimulationError
         When a pose has no stable equilibrium.
     """
-    return shown(made, numbers, settled(made)).real
+    return observed_poses(forward, numbers, equilibrium_poses(forward)).real
 
 
-def pose_slopes(made: SetUp, tilted: Sequence[Numbers]) -> Array:
+def pose_slopes(forward: ForwardProblem, tilted: Sequence[Numbers]) -> Array:
     """Return the derivatives (P, T, S, 3) of `pose_rows`, given numbers with `TINY` times theirs as imaginary parts."""
-    found = settled(made)
-    return np.stack([shown(made, numbers, found).imag / TINY for numbers in tilted])
+    poses = equilibrium_poses(forward)
+    return np.stack([observed_poses(forward, numbers, poses).imag / TINY for numbers in tilted])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
 from pliant.model import Model
 
 Array = np.ndarray
@@ -22,29 +22,32 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
     shared one. `step` is the integration step, s.
     """
-    made = set_up(model, exp, values, step)
-    rows = moved(made, made.numbers, exp.time.size)[:, : len(exp.stations)]
-    return {"position": rows[..., : exp.dimension], "angle": turned(exp, rows), "compared": compared_of(exp, rows),
-            "pressure": made.pressure, "model": made.model}  # fmt: skip
+    forward = forward_problem(model, exp, values, step)
+    rows = observed_rows(forward, forward.numbers, exp.time.size)[:, : len(exp.stations)]
+    return {
+        "position": rows[..., : exp.dimension], "angle": referenced_angles(exp, rows),
+        "compared": compared_of(exp, rows), "pressure": forward.pressure, "model": forward.model,
+    }
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
     """Predict the base, first joint and link tips (T, n + 2, d) [m] of the chain; arguments as for `predict`."""
-    made = set_up(model, exp, values, step)
-    along = np.concatenate([[0.0, made.model.base_length], made.model.link_length])
-    carrier = np.concatenate([[-1, -1], np.arange(made.model.n)])
-    chain = made._replace(carrier=carrier)
-    still = 0.0 * along
-    own = made.numbers._replace(along=along, across=still, aside=still, sensor_lag=np.zeros(0))  # unseen by sensors
-    return moved(chain, own, exp.time.size)[..., : exp.dimension]
+    forward = forward_problem(model, exp, values, step)
+    along = np.concatenate([[0.0, forward.model.base_length], forward.model.link_length])
+    carrier = np.concatenate([[-1, -1], np.arange(forward.model.n)])
+    links_problem = forward._replace(carrier=carrier)
+    zeros = 0.0 * along
+    no_lag = np.zeros(0)  # no sensor observes these points
+    numbers = forward.numbers._replace(along=along, across=zeros, aside=zeros, sensor_lag=no_lag)
+    return observed_rows(links_problem, numbers, exp.time.size)[..., : exp.dimension]
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
     """Return the compared values (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
-    return turned(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
+    return referenced_angles(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
 
 
-def turned(exp: Experiment, rows: Array) -> Array:
+def referenced_angles(exp: Experiment, rows: Array) -> Array:
     """Return the angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the experiment's reference."""
     angle = rows[..., 2]
     if exp.angle_reference == "joint":

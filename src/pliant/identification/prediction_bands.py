@@ -1,8 +1,8 @@
-"""Prediction intervals: from the uncertainty of fitted parameters to that of predicted motions, by the delta method."""
+"""Prediction intervals of motions, by the delta method, and of other quantities computed from fitted parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.failures import FAILED
 from pliant.identification.discrepancy import discrepancy, speed
 from pliant.identification.experiment import Experiment, farthest
 from pliant.identification.fit import predict_held_out
@@ -19,7 +20,8 @@ from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
 
 Array = np.ndarray
-LEAST = 0.1  # of the mean squared residual: least expected square at any time
+LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
+LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,9 +152,9 @@ def residual_noise(
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
     unit = max(way, 1e-12) if shares else 1.0
     own = motion_traits(experiment.time, modelled, unit, settled=experiment.poses)
-    made = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
-    usual: Array = np.mean(list(made.values()), axis=0)
-    return np.asarray(unit * np.sqrt(np.stack([made.get(n, usual) for n in experiment.stations], axis=1)))
+    variances = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
+    usual: Array = np.mean(list(variances.values()), axis=0)
+    return np.asarray(unit * np.sqrt(np.stack([variances.get(n, usual) for n in experiment.stations], axis=1)))
 
 
 def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:
@@ -175,5 +177,57 @@ def variance_by(own: Array, traits: Array, square: Array) -> Array:
     for column in square.T:
         seen = np.isfinite(column)
         parts = nnls(traits[seen] / size, column[seen])[0]
-        columns.append(np.maximum(own / size @ parts, LEAST * column[seen].mean()))
+        columns.append(np.maximum(own / size @ parts, LEAST_SQUARE * column[seen].mean()))
     return np.stack(columns, axis=1)
+
+
+def half_widths(
+    fitted: FitResult, measure: Callable[[Mapping[str, float]], Array], *, level: float = 0.95,
+    problems: list[str] | None = None,
+) -> Array:
+    """Return half-widths of the confidence interval of quantities that `measure` computes from the parameters.
+
+    The parameters are moved by one standard error to both sides along each principal direction of their covariance,
+    within their bounds; half the difference of the results is that direction's contribution. This is exact for
+    quantities linear in the parameters, and steadier than a derivative for others. Parameters of the training
+    recordings alone, such as their edge times, are held constant.
+
+    Parameters
+    ----------
+    fitted : FitResult
+    measure : callable
+        Takes parameter values by name and returns an array, always of the same shape; NaN for a missing value.
+    problems : list of str, optional
+        Every distinct reason why `measure` failed is appended to this list.
+
+    Returns
+    -------
+    array
+        Of the shape that `measure` returns; 0 where the fit has no covariance, NaN where `measure` fails or returns
+        NaN.
+    """
+    value = np.asarray(measure(fitted.values), dtype=float)
+    total = np.zeros_like(value)
+    if fitted.covariance is None:
+        return total
+    of_recordings = tuple(f"{name}." for name in fitted.rmse)
+    shared = [k for k, name in enumerate(fitted.covariance.names) if not name.startswith(of_recordings)]
+    parameters = {p.name: p for p in fitted.parameters}
+    chosen = [parameters[fitted.covariance.names[k]] for k in shared]
+    size = np.array([p.scale or 1.0 for p in chosen])
+    variance, directions = np.linalg.eigh(fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(size, size))
+    for v, direction in zip(variance, directions.T, strict=True):
+        if v <= LEAST_VARIANCE * max(float(variance[-1]), 1e-300):
+            continue
+        ends = []
+        for side in (-1.0, 1.0):
+            moved = side * np.sqrt(v) * direction * size
+            values = {p.name: float(np.clip(p.value + m, p.lower, p.upper)) for p, m in zip(chosen, moved, strict=True)}
+            try:
+                ends.append(np.asarray(measure({**fitted.values, **values}), dtype=float))
+            except FAILED as error:
+                if problems is not None and str(error) not in problems:
+                    problems.append(str(error))
+                ends.append(np.full_like(value, np.nan))
+        total += (0.5 * (ends[1] - ends[0])) ** 2
+    return np.asarray(NormalDist().inv_cdf(0.5 + 0.5 * level) * np.sqrt(total))

@@ -11,8 +11,8 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
 from pliant.identification.parameters import Parameter
 from pliant.identification.plans import Plans
 from pliant.identification.residuals import Observations, correlated_frames
@@ -98,8 +98,8 @@ class Problem:
         parts = []
         for o in self.observed:
             try:
-                made = set_up(self.model, o.exp, values, self.step, self.plans)
-                parts.append(o.residual(moved(made, made.numbers, o.exp.time.size)))
+                forward = forward_problem(self.model, o.exp, values, self.step, self.plans)
+                parts.append(o.residual(observed_rows(forward, forward.numbers, o.exp.time.size)))
             except PliantError as error:
                 self.broken = str(error)
                 parts.append(FAR * o.exp.travel * o.flat_weight)
@@ -120,12 +120,12 @@ class Problem:
         J = np.zeros((self.ends[-1], len(self.free)))
         for o, end in zip(self.observed, self.ends, strict=True):
             mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]
-            asked = {self.free[k].name: sizes[self.free[k].name] for k in mine}
-            slopes = slopes_of(self.model, o.exp, values, asked, self.step, self.plans)
+            free_sizes = {self.free[k].name: sizes[self.free[k].name] for k in mine}
+            slopes = slopes_of(self.model, o.exp, values, free_sizes, self.step, self.plans)
             rows = None
             if o.exp.oriented.size:
-                made = set_up(self.model, o.exp, values, self.step, self.plans)
-                rows = moved(made, made.numbers, o.exp.time.size)
+                forward = forward_problem(self.model, o.exp, values, self.step, self.plans)
+                rows = observed_rows(forward, forward.numbers, o.exp.time.size)
             J[end - o.count : end, mine] = o.slopes(slopes, rows).T
         J *= self.scale
         length = np.linalg.norm(J, axis=0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.identification.orientation import rotation_vectors, turn_slopes, turns_off
-from pliant.identification.prediction import turned
+from pliant.identification.observation import rotation_vectors, turn_slopes, turns_off
+from pliant.identification.prediction import referenced_angles
 from pliant.preprocessing.detectors import quantum
 
 Array = np.ndarray
@@ -103,7 +103,7 @@ class Observations:
             return np.concatenate([rows[..., :stations, :], off], axis=-2)
         if self.exp.angle is None:
             return rows
-        return np.concatenate([rows[..., :2], turned(self.exp, rows)[..., None]], axis=-1)
+        return np.concatenate([rows[..., :2], referenced_angles(self.exp, rows)[..., None]], axis=-1)
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:

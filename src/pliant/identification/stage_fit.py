@@ -14,8 +14,8 @@ from pliant.errors import FitError, PliantError
 from pliant.failures import Failures, NotComputed
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitOptions, fit
-from pliant.identification.following import moved
-from pliant.identification.forward_model import set_up
+from pliant.identification.following import observed_rows
+from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
 from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
@@ -221,13 +221,13 @@ class StageFitter:
 
 def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
     """Return the wall time of one simulation step of an experiment, observation included, ns: the best of five runs."""
-    made = set_up(result.model, exp, result.values, step)
+    forward = forward_problem(result.model, exp, result.values, step)
     best = float("inf")
     for _ in range(5):
         began = clock.perf_counter()
-        moved(made, made.numbers, exp.time.size)
+        observed_rows(forward, forward.numbers, exp.time.size)
         best = min(best, clock.perf_counter() - began)
-    return 1e9 * best / max(made.numbers.h.size, 1)
+    return 1e9 * best / max(forward.numbers.h.size, 1)
 
 
 def doubt(p: Parameter) -> float:

@@ -138,14 +138,14 @@ def fit_stages(
 
     def paid(stage: Stage) -> bool:
         nonlocal below, free
-        made, taken = fitter.fit_stage(stage, below, free)
-        steps.append(made)
-        progress(f"stage {stage.title}: {made.reason or f'{made.error:.3g} % of travel'}")
-        for failure in made.not_computed:
+        added, taken = fitter.fit_stage(stage, below, free)
+        steps.append(added)
+        progress(f"stage {stage.title}: {added.reason or f'{added.error:.3g} % of travel'}")
+        for failure in added.not_computed:
             progress(f"warning: {failure.sentence}")
-        if not made.result or made.open or not pays(made, below):
+        if not added.result or added.open or not pays(added, below):
             return False
-        below, free = made, taken
+        below, free = added, taken
         replaced.update(stage.drops)
         return True
 

@@ -16,7 +16,7 @@ from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
 from pliant.model.torque_law import law_parameters, torque_laws
-from pliant.numerics.peak import peak
+from pliant.numerics.ringdown import peak
 from pliant.simulation import equilibrium
 
 Array = np.ndarray

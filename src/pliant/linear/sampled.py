@@ -107,8 +107,8 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
     columns = B.reshape(N, -1)
     block = np.zeros((N + columns.shape[1], N + columns.shape[1]))
     block[:N, :N], block[:N, N:] = A, columns
-    made = expm(block * period)
-    return made[:N, :N], made[:N, N:].reshape(B.shape)
+    exponential = expm(block * period)
+    return exponential[:N, :N], exponential[:N, N:].reshape(B.shape)
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:

@@ -1,15 +1,13 @@
-"""The loop: sources, sinks, clocks, watchdog and log; the receiver at the valve."""
+"""The control loop in real time: sources, sinks, clocks, watchdog and log, and the receiver at the valve."""
 
-from pliant.loop.at_valve import receiver_of
 from pliant.loop.clock import SystemClock, Timing, VirtualClock
 from pliant.loop.keyed import new_key, read_key
 from pliant.loop.log import LoopLog, read_log
 from pliant.loop.network import UdpSink, UdpSource, ZmqSink, ZmqSource
-from pliant.loop.playback import Playback
-from pliant.loop.receiver import ValveReceiver
+from pliant.loop.receiver import ValveReceiver, receiver_of
 from pliant.loop.run import COLUMNS, ControlLoop, log_columns
 from pliant.loop.sample import Sample, Sender, Sink, Source, connection, sample
-from pliant.loop.virtual import VirtualActuator
+from pliant.loop.virtual import Playback, VirtualActuator
 from pliant.loop.watchdog import Bounds, Watchdog
 
 __all__ = [

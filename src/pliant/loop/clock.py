@@ -1,4 +1,4 @@
-"""Clocks, and what is counted of a loop's punctuality."""
+"""Clocks of a control loop, and statistics of its timing."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Protocol
 
 import numpy as np
 
-SPIN = 500_000  # ns before a deadline from which on the clock is watched instead of slept on
+SPIN = 500_000  # ns before a deadline, from which the clock is polled instead of sleeping
 
 
 class Clock(Protocol):
-    """A time that passes, in ns."""
+    """Interface of a clock that counts in nanoseconds."""
 
     def now(self) -> int:
-        """Time since the clock began, ns."""
+        """Return the time since the clock's start [ns]."""
 
     def sleep_until(self, deadline: int) -> None:
-        """Come back at `deadline` [ns], or at once when it has passed."""
+        """Wait until the time `deadline` [ns]; return at once if it has passed."""
 
 
 class SystemClock:
@@ -27,18 +27,19 @@ class SystemClock:
     Parameters
     ----------
     shared : bool
-        Counted as the system counts it, so that all processes of one machine agree; otherwise from when it was made.
+        If True, use the system's monotonic time, which all processes of a machine share. Otherwise time starts at 0
+        when the clock is constructed.
     """
 
     def __init__(self, *, shared: bool = False) -> None:
         self._start = 0 if shared else time.monotonic_ns()
 
     def now(self) -> int:
-        """Time since the clock began, ns."""
+        """Return the time since the clock's start [ns]."""
         return time.monotonic_ns() - self._start
 
     def sleep_until(self, deadline: int) -> None:
-        """Sleep to within half a millisecond, then watch the clock: a sleep alone wakes up late."""
+        """Wait until `deadline` [ns]: sleep, then poll the clock for the last 0.5 ms, since a sleep ends late."""
         left = deadline - self.now()
         if left > SPIN:
             time.sleep((left - SPIN) * 1e-9)
@@ -47,35 +48,36 @@ class SystemClock:
 
 
 class VirtualClock:
-    """A clock that stands still but when slept on: simulations as fast as they go, the same each time."""
+    """A clock that advances only when a caller sleeps, for reproducible simulations without waiting."""
 
     def __init__(self) -> None:
         self._now = 0
 
     def now(self) -> int:
-        """Time since the clock was made, ns."""
+        """Return the virtual time since the clock's construction [ns]."""
         return self._now
 
     def sleep_until(self, deadline: int) -> None:
-        """Be at the deadline."""
+        """Advance the virtual time to `deadline` [ns] at once."""
         self._now = max(self._now, deadline)
 
 
 @dataclass
 class Timing:
-    """Counters of a loop of fixed period; all times in ns.
+    """Timing statistics of a loop with a fixed period; all times in ns.
 
     Attributes
     ----------
     periods : int
+        Number of periods run.
     overruns : int
-        Periods whose work went beyond the next deadline.
+        Number of periods whose work lasted beyond the next deadline.
     skipped : int
-        Deadlines that passed meanwhile and were left out.
+        Number of deadlines that were skipped because of overruns.
     latest : int
-        Worst lateness of a period's beginning.
+        Largest delay of the start of a period after its deadline.
     longest : int
-        Longest work of a period.
+        Longest computing time of a period.
     """
 
     period: int
@@ -89,7 +91,7 @@ class Timing:
     _work: float = 0.0
 
     def begin(self, deadline: int, now: int) -> None:
-        """A period due at `deadline` begins."""
+        """Record that the period due at `deadline` [ns] starts at `now` [ns]."""
         late = max(now - deadline, 0)
         self.periods += 1
         self.latest = max(self.latest, late)
@@ -97,7 +99,7 @@ class Timing:
         self._square += float(late) ** 2
 
     def end(self, began: int, deadline: int, now: int) -> int:
-        """A period's work is done; returns the next deadline that still lies ahead."""
+        """Record the end of a period's work that began at `began` [ns], and return the next deadline [ns]."""
         self.longest = max(self.longest, now - began)
         self._work += now - began
         ahead = deadline + self.period
@@ -110,12 +112,12 @@ class Timing:
 
     @property
     def jitter(self) -> float:
-        """Standard deviation of the lateness, ns."""
+        """Standard deviation of the start delay, ns."""
         n = max(self.periods, 1)
         return float(np.sqrt(max(self._square / n - (self._late / n) ** 2, 0.0)))
 
     def summary(self) -> dict[str, float]:
-        """The counters with their units in the names."""
+        """Return the statistics as a dict whose keys name the units."""
         return {
             "periods": self.periods, "overruns": self.overruns, "skipped": self.skipped,
             "period_ms": self.period * 1e-6, "worst_lateness_us": self.latest * 1e-3, "jitter_us": self.jitter * 1e-3,

@@ -1,4 +1,4 @@
-"""Signals that would end or stop a program become an exception, so that what is under pressure is let go first."""
+"""Convert signals that end or stop a program to exceptions, so that the pressure is released first."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-# all that may be caught and end or stop a program; SIGKILL, SIGSTOP, a crash and a lost supply are the receiver's part
+# all signals that end or stop a program and can be caught; the receiver handles SIGKILL, SIGSTOP, crash and power loss
 NAMES = (
     "SIGTERM", "SIGHUP", "SIGQUIT", "SIGINT", "SIGBREAK", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF",
     "SIGXCPU", "SIGIO", "SIGPWR", "SIGSTKFLT", "SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGPIPE",
@@ -16,15 +16,16 @@ NAMES = (
 
 
 class Ended(SystemExit):
-    """A signal ended the program; its exit code is 128 plus the signal's number."""
+    """A signal ended the program. The exit code is 128 plus the signal's number."""
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """While inside, the first signal that would end the program raises `Ended` (SIGINT: KeyboardInterrupt), once.
+    """Context manager in which the first signal that would end the program raises `Ended`.
 
-    Those that come later wait for the end of the block, so that none of them cuts short what the first one led to.
-    Handlers of the program's own stay. Signals reach the main thread alone: in another thread nothing changes.
+    SIGINT raises KeyboardInterrupt. Later signals are ignored until the end of the block, so that they cannot interrupt
+    the reaction to the first one. The program's own signal handlers are kept. Signals reach only the main thread: in
+    another thread the context manager does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,4 +1,4 @@
-"""Checks of incoming samples before they are used: unit, size, time, and whether the values ever change."""
+"""Check incoming samples of a sensor: unit, size, time stamp, and whether the values ever change."""
 
 from __future__ import annotations
 
@@ -7,33 +7,35 @@ from collections.abc import Mapping
 import numpy as np
 
 from pliant.loop.sample import Sample
-from pliant.units import METRE, PASCAL
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN
 
 Array = np.ndarray
+OF_INPUT = {"Pa": PASCAL, "N": NEWTON, "m": METRE, "rad": RADIAN}  # units that a reading of an input may have
 
 
 class Stream:
-    """The readings of one sensor: newest first, each with the time of its stamp and that of its arrival.
+    """Checks the incoming readings of one sensor and keeps the times of the newest one.
 
     Parameters
     ----------
     units : mapping
-        SI values of one unit, by name in lower case: what else comes is rejected.
+        Accepted units (lower case) and their values in SI. Readings in another unit are rejected.
     shape : bool
-        Whether a reading is a row of points (S, axes), the same number each time; otherwise any numbers.
+        If True, a reading must be an array of points (S, axes) with the same S each time. Otherwise it is a 1-D array.
     skew : int
-        ns by which a stamp may lie ahead of the loop's clock.
+        Time [ns] by which a time stamp may be ahead of the loop's clock.
     now : int
-        ns, when the loop began.
+        Start time of the loop [ns].
 
     Attributes
     ----------
     stamp, arrival : int
-        ns, of the newest whole reading.
+        Time stamp and arrival time [ns] of the newest complete reading.
     repeats : int
-        Readings in a row that equal the one before them in every number.
+        Number of consecutive readings that are identical to the reading before.
     rejected, ahead, late : int
-        Readings of another unit or size; of a time that has not come; not newer than one before. None is used.
+        Numbers of readings that were not used: wrong unit or size (`rejected`), time stamp in the future (`ahead`), not
+        newer than an earlier one (`late`).
     """
 
     def __init__(self, units: Mapping[str, float], *, shape: bool, skew: int, now: int, axes: int = 2) -> None:
@@ -42,8 +44,8 @@ class Stream:
         self.stamp = self.arrival = now
         self.repeats = self.rejected = self.ahead = self.late = 0
 
-    def take(self, arrived: Sample, now: int) -> Array | None:
-        """The reading in SI, or None where it is not to be used; `now` [ns] is when it arrived."""
+    def accept(self, arrived: Sample, now: int) -> Array | None:
+        """Return the reading in SI units, or None if it fails a check; `now` [ns] is its arrival time."""
         factor = self._units.get(arrived.unit.lower())
         array = arrived.array
         if factor is None or not self._fits(array):
@@ -62,13 +64,13 @@ class Stream:
             self._points = len(array)
         return array if factor == 1.0 else array * factor
 
-    def whole(self, now: int) -> None:
-        """The reading that was taken last has all its numbers."""
+    def mark_complete(self, now: int) -> None:
+        """Mark the last accepted reading as complete (all values finite); `now` [ns] is its arrival time."""
         self.stamp, self.arrival = self._newest, now
 
     @property
-    def seen(self) -> int:
-        """Time from which the newest whole reading ages, ns: its stamp, or its arrival where that is earlier."""
+    def reference_time(self) -> int:
+        """Time [ns] from which the newest complete reading's age counts: the earlier of its stamp and its arrival."""
         return min(self.stamp, self.arrival)
 
     def _fits(self, array: Array) -> bool:
@@ -78,7 +80,10 @@ class Stream:
         return known and len(array) > 0 and self._points in (0, len(array))
 
 
-def streams(skew: int, now: int, axes: int = 2) -> tuple[Stream, Stream]:
-    """The streams of shapes, of so many coordinates a point, and of pressures of a loop that begins `now` [ns]."""
+def streams(skew: int, now: int, axes: int = 2, unit: str = "Pa") -> tuple[Stream, Stream]:
+    """Return the streams of shapes and of inputs in `unit` for a loop that starts at `now` [ns].
+
+    `axes` is the number of coordinates of a point, and `skew` [ns] the time by which stamps may be ahead.
+    """
     shapes = Stream(METRE, shape=True, skew=skew, now=now, axes=axes)
-    return shapes, Stream(PASCAL, shape=False, skew=skew, now=now)
+    return shapes, Stream(OF_INPUT[unit], shape=False, skew=skew, now=now)

@@ -1,10 +1,11 @@
-"""Packets under a key: HMAC-SHA256, one session for each start of a sender, every packet accepted once.
+"""Authenticated packets: HMAC-SHA256 with a session for each start of a sender; each packet is accepted once.
 
-A packet is the mark "PLN3", the session (16 bytes that the sender draws), a counter (uint64), a packet of
-`pliant.loop.packet` and the tag (32 bytes). The tag is made with the key of the session, which is derived from the
-shared key, the session and a challenge that the receiver draws. A packet of a session that is not in force is answered
-with the challenge: the mark "PLNC", the session, the counter of that packet, the challenge (16 bytes) and a tag. What
-was recorded of a session is therefore refused once that session has ended, by a receiver that was restarted as well.
+A packet consists of the mark "PLN3", the session (16 random bytes of the sender), a counter (uint64), a packet of
+`pliant.loop.packet` and the tag (32 bytes). The tag is computed with the session's key, which is derived from the
+shared key, the session and a challenge that the receiver draws at random. The receiver replies to a packet of an
+unknown session with the challenge: the mark "PLNC", the session, the counter of that packet, the challenge (16 bytes)
+and a tag. Recorded packets of a session are therefore refused after the session has ended, also by a receiver that was
+restarted.
 """
 
 from __future__ import annotations
@@ -24,20 +25,22 @@ HEAD = struct.Struct("<4s16sQ")
 ANSWER = struct.Struct("<4s16sQ16s")
 TAG = 32  # bytes
 SHORTEST_KEY = 16  # bytes
-WINDOW = 64  # packets by which one may come too late and still be read once
+WINDOW = 64  # packets by which a packet may be out of order and still be accepted
 MOST_SESSIONS = 16  # at one port
 OLDEST = (1 << WINDOW) - 1
 
 
 def checked_key(key: bytes) -> bytes:
-    """Return the key; InputError when it is shorter than 16 bytes or not made of bytes."""
+    """Return the key; raise InputError when it is not a bytes object of at least 16 bytes."""
     if not isinstance(key, bytes) or len(key) < SHORTEST_KEY:
         raise InputError(f"a key is at least {SHORTEST_KEY} random bytes: make one with pliant.loop.new_key")
     return key
 
 
 def new_key(path: str | Path) -> bytes:
-    """Write a random key of 32 bytes to a new file, as hexadecimal digits that only its owner may read; return it.
+    """Write a random 32-byte key to a new file and return it.
+
+    The file holds hexadecimal digits, and only its owner may read it.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def new_key(path: str | Path) -> bytes:
         path.touch(mode=0o600, exist_ok=False)
         path.write_text(key.hex() + "\n", encoding="ascii")
     except FileExistsError:
-        raise InputError(f"the key file {path} exists already: name a new one") from None
+        raise InputError(f"the key file {path} exists already: give the name of a new file") from None
     except OSError as error:
         raise InputError(f"cannot write the key file {path}: {error.strerror or error}") from None
     return key
@@ -61,12 +64,12 @@ def read_key(path: str | Path) -> bytes:
     Raises
     ------
     InputError
-        When the file cannot be read, holds no key, or others than its owner may read it.
+        When the file cannot be read, holds no key, or is readable by other users than its owner.
     """
     path = Path(path)
     try:
         if os.name == "posix" and path.stat().st_mode & 0o077:
-            raise InputError(f"others may read the key file {path}: run chmod 600 {path}")
+            raise InputError(f"other users may read the key file {path}: run chmod 600 {path}")
         with path.open("rb") as file:
             text = file.read(1025)
     except OSError as error:
@@ -74,49 +77,53 @@ def read_key(path: str | Path) -> bytes:
     try:
         return checked_key(bytes.fromhex(text.decode("ascii") if len(text) <= 1024 else ""))
     except ValueError:
-        raise InputError(f"the key file {path} holds no key: expected hexadecimal digits, as new_key writes") from None
+        raise InputError(f"the key file {path} has no key: expected hexadecimal digits, as new_key writes") from None
 
 
 def tag_of(key: bytes, data: bytes) -> bytes:
-    """HMAC-SHA256 of the data."""
+    """Return the HMAC-SHA256 tag of `data` under `key`."""
     return hmac.digest(key, data, "sha256")
 
 
 def session_key(key: bytes, session: bytes, challenge: bytes) -> bytes:
-    """Key of one session."""
+    """Return the key of one session, derived from the shared key, the session and the receiver's challenge."""
     return tag_of(key, b"pliant session" + session + challenge)
 
 
 def challenge_key(key: bytes) -> bytes:
-    """Key of the receiver's challenges: a tag of one direction is none of the other."""
+    """Return the key for the receiver's challenges. It differs from session keys, so that tags cannot be reused."""
     return tag_of(key, b"pliant challenge")
 
 
 class Sealer:
-    """A sender's side of a session.
+    """The sender's side of a session: adds an authentication tag to packets.
 
     Parameters
     ----------
     key : bytes
-        Shared with the receiver.
+        Key that the receiver shares.
     """
 
     def __init__(self, key: bytes) -> None:
         self._key, self._challenges = checked_key(key), challenge_key(key)
         self._session = secrets.token_bytes(16)
-        self._own_key = session_key(key, self._session, bytes(16))  # opens nothing: the first packet asks
+        self._own_key = session_key(key, self._session, bytes(16))  # never valid: the first packet requests a challenge
         self._counter = self._answered = 0
 
     def seal(self, packet: bytes) -> bytes:
-        """Return the packet under the session's key."""
+        """Return the packet with header and authentication tag under the session's key."""
         self._counter += 1
         data = HEAD.pack(MAGIC, self._session, self._counter) + packet
         if len(data) + TAG > LARGEST:
-            raise InputError(f"a sample of {len(packet)} bytes under a key exceeds a datagram: send fewer points")
+            raise InputError(f"a sample of {len(packet)} bytes with its tag exceeds a datagram: send fewer points")
         return data + tag_of(self._own_key, data)
 
     def take_challenge(self, answer: bytes) -> bool:
-        """Take a receiver's challenge; False when it is none, answers nothing that was asked or came before."""
+        """Use a receiver's challenge for the session's key; return False when the challenge is not valid.
+
+        A challenge is valid if its tag is right, it belongs to a packet of this session, and it is newer than the last
+        one.
+        """
         if len(answer) != ANSWER.size + TAG:
             return False
         magic, session, counter, challenge = ANSWER.unpack_from(answer)
@@ -129,7 +136,7 @@ class Sealer:
 
 
 class Opened(NamedTuple):
-    """Outcome of opening a packet: its content and session, an answer to send back, or neither."""
+    """Result of opening a packet: its content and session, or a reply to send back, or neither."""
 
     packet: bytes = b""
     session: bytes = b""
@@ -141,7 +148,7 @@ class _Session:
         self.key, self._newest, self._seen = key, counter, 1
 
     def first_time(self, counter: int) -> bool:
-        """Whether a packet of that counter comes for the first time, at most `WINDOW` behind the newest."""
+        """Return True if the packet with this counter is new and at most `WINDOW` behind the newest."""
         ahead = counter - self._newest
         if ahead > 0:
             self._seen = (self._seen << min(ahead, WINDOW) | 1) & OLDEST
@@ -154,13 +161,15 @@ class _Session:
 
 
 class Sessions:
-    """A receiver's side: the sessions in force under one key, at most 16; a new one ends the longest silent one.
+    """The receiver's side: checks packets of at most 16 active sessions under one key.
+
+    A new session ends the one that has been silent for the longest time.
 
     Attributes
     ----------
     forged, replayed, challenged : int
-        Packets that are malformed or whose tag is wrong, those that came before, and those of sessions not in force,
-        which were answered with the challenge.
+        Numbers of packets that are malformed or have a wrong tag, of repeated packets, and of packets of inactive
+        sessions, to which the challenge was sent.
     """
 
     def __init__(self, key: bytes) -> None:
@@ -170,11 +179,11 @@ class Sessions:
         self.forged = self.replayed = self.challenged = 0
 
     def open(self, data: bytes) -> Opened:
-        """Look at a packet.
+        """Check a packet and return its content, or the challenge to send back.
 
-        A packet of a session in force is opened when its tag is right and it comes for the first time. A packet of
-        another session starts that session when it was made with the present challenge, which serves once; otherwise
-        the answer is the challenge. An answer is not longer than the packet, so that nobody can amplify a flood.
+        A packet of an active session is opened when its tag is right and it is new. A packet of another session starts
+        that session if it was made with the present challenge, which is valid once; otherwise the challenge is
+        returned. A reply is never longer than the packet, so that the receiver cannot amplify a flood.
         """
         if len(data) < ANSWER.size + TAG or data[:4] != MAGIC:
             self.forged += 1
@@ -188,7 +197,7 @@ class Sessions:
         if session is None:
             self._start(name, key, counter)
         elif session.first_time(counter):
-            self._sessions[name] = self._sessions.pop(name)  # the last one is the one heard last
+            self._sessions[name] = self._sessions.pop(name)  # the dict is ordered by the last packet
         else:
             self.replayed += 1
             return Opened()
@@ -209,5 +218,5 @@ class Sessions:
         return Opened(answer=answer + tag_of(self._challenges, answer))
 
     def end(self, session: bytes) -> None:
-        """End a session: what was recorded or held back of it opens nothing any more."""
+        """End a session: its recorded or delayed packets are no longer accepted."""
         self._sessions.pop(session, None)

@@ -1,4 +1,4 @@
-"""A log that survives: rows of numbers as text, on the disk at most half a second after they were written."""
+"""A log file of a control loop that survives a crash: rows of text are on the disk after at most half a second."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ MARK = "# pliant-loop-log 1"
 
 
 class LoopLog:
-    """Rows into a CSV file by a thread of its own, so that no disk holds up the loop.
+    """A CSV file to which a separate thread writes rows, so that a slow disk does not delay the loop.
 
     Parameters
     ----------
     path : str or Path
-        A new file.
+        Path of a new file.
     columns : sequence of str
-        Names with units, e.g. ``command_pa``.
+        Column names with units, e.g. ``command_pa``.
 
     Attributes
     ----------
     dropped : int
-        Rows that are not in the file: the disk fell behind by more than 100 000 rows, or took no more.
+        Number of rows that are not in the file, because the disk was more than 100 000 rows behind or failed.
     fault : str
-        One sentence when the disk took no more, empty otherwise. Rows are tried again, each half a second.
+        Description of the first write error; empty if there was none. Writing goes on every half second.
     """
 
     def __init__(self, path: str | Path, columns: Sequence[str]) -> None:
@@ -45,7 +45,7 @@ class LoopLog:
             self._file = self.path.open("xb", buffering=0)
             self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
         except FileExistsError:
-            raise InputError(f"the log {path} exists already: name a new one") from None
+            raise InputError(f"the log {path} exists already: give the name of a new file") from None
         except OSError as error:
             raise InputError(f"cannot write the log {path}: {error.strerror or error}") from None
         self._rows: queue.Queue[tuple[float, ...] | str] = queue.Queue(100_000)
@@ -54,14 +54,14 @@ class LoopLog:
         self._thread.start()
 
     def write(self, row: Sequence[float]) -> None:
-        """One row, as many numbers as there are columns; never waits."""
+        """Queue one row with a number for each column, without waiting."""
         try:
             self._rows.put_nowait(tuple(row))
         except queue.Full:
             self.dropped += 1
 
     def remark(self, sentence: str) -> None:
-        """One sentence among the rows, such as a fault; never waits."""
+        """Queue one sentence, such as a fault, as a comment line between the rows, without waiting."""
         with suppress(queue.Full):
             self._rows.put_nowait(f"# {' '.join(sentence.split())}")
 
@@ -84,7 +84,7 @@ class LoopLog:
             self.fault = self.fault or f"the log {self.path} lost rows: {error.strerror or error}"
 
     def _append(self, data: bytes) -> None:
-        """All of it onto the disk, or none of it."""
+        """Append all of `data` to the file and sync it to the disk, or restore the file and raise OSError."""
         end = self._file.seek(0, os.SEEK_END)
         try:
             left = memoryview(data)
@@ -97,7 +97,7 @@ class LoopLog:
             raise
 
     def close(self) -> None:
-        """Write what is left and close the file; `fault` and `dropped` then tell what the disk did not take."""
+        """Write the remaining rows and close the file. Afterwards `fault` and `dropped` show whether rows were lost."""
         self._closed.set()
         self._thread.join()
         with suppress(OSError):
@@ -105,19 +105,20 @@ class LoopLog:
 
 
 def line_of(row: tuple[float, ...] | str) -> str:
-    """A row, or a remark, as it stands in the file."""
+    """Return a row of numbers, or a remark, as a line of the file."""
     return row if isinstance(row, str) else ",".join(map(repr, map(float, row)))
 
 
 def read_log(path: str | Path) -> pd.DataFrame:
-    """Rows of a log, also of one whose program died; a last row that was cut off is left out and counted in ``attrs``.
+    """Return the rows of a log as a table, also after the program that wrote it has crashed.
 
-    ``attrs["remarks"]`` holds the sentences among the rows, such as a fault.
+    ``attrs["remarks"]`` holds the sentences between the rows, such as a fault. An incomplete last row is left out and
+    counted in ``attrs["cut_off"]``.
 
     Raises
     ------
     InputError
-        When the file is no log.
+        When the file cannot be read or is not a log of a loop.
     """
     import pandas as pd
 
@@ -126,7 +127,7 @@ def read_log(path: str | Path) -> pd.DataFrame:
     except OSError as error:
         raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
     if len(lines) < 2 or lines[0] != MARK:
-        raise InputError(f"{path} is no log of a loop: its first line must be {MARK!r}")
+        raise InputError(f"{path} is not a log of a control loop: its first line must be {MARK!r}")
     columns, remarks = lines[1].split(","), [line[2:] for line in lines[2:-1] if line.startswith("# ")]
     lines = [line for line in lines if not line.startswith("# ") or line == MARK]
     whole = [line for line in lines[2:-1] if line.count(",") == len(columns) - 1]

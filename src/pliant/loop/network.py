@@ -1,4 +1,4 @@
-"""Samples by UDP and by ZeroMQ (extra ``zmq``), one packet each."""
+"""Send and receive samples by UDP or ZeroMQ (extra ``zmq``), one packet per sample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.loop.packet import LARGEST, pack, unpack
 from pliant.loop.sample import Sample, Sender
 
 Address = tuple[str, int]
-BURST = 64  # packets looked at in one read: a flood cannot hold up the loop
+BURST = 64  # most packets handled in one read, so that a flood cannot delay the loop
 
 
 class UdpSource:
@@ -24,25 +24,26 @@ class UdpSource:
     Parameters
     ----------
     address : (host, port)
-        Port 0: any free one; `address` holds it. An address of this machine alone (127.0.0.1) needs nothing else.
+        Address to listen at. With port 0 the system chooses a free port; the attribute `address` holds it. The local
+        address 127.0.0.1 needs neither key nor `private_link`.
     key : bytes, optional
-        Shared with the senders, from `new_key` or `read_key`: a packet that was not made with it, or comes a second
-        time, is not a sample. An address that other machines reach asks for a key.
+        Key that the senders share, from `new_key` or `read_key`. Packets without it and repeated packets are rejected.
+        An address that other machines can reach requires a key.
     private_link : bool
-        The address belongs to a cable or network that only trusted machines share, so that no key is needed.
-        "0.0.0.0", every network of the machine, asks for a key all the same.
+        True if the address belongs to a cable or network that only trusted machines share, so that no key is needed.
+        "0.0.0.0", which means all networks of the machine, requires a key in any case.
     senders : sequence of str
-        Addresses (IPv4) that may send; none means any. Without a key an address can be forged.
+        IPv4 addresses that may send; empty: all. Without a key an address can be forged.
 
     Attributes
     ----------
     rejected : int
-        Packets that were no samples: malformed, without the key, repeated, or from an address that may not send.
+        Number of packets that were not accepted: malformed, without the key, repeated, or from another address.
 
     Raises
     ------
     InputError
-        When the port cannot be opened, or other machines reach it and there is no key.
+        When the port cannot be opened, or other machines can reach it and there is no key.
     """
 
     def __init__(
@@ -68,12 +69,12 @@ class UdpSource:
 
     @property
     def rejected(self) -> int:
-        """Packets that were no samples."""
+        """Number of packets that were not accepted as samples."""
         keyed = self._sessions
         return self._malformed + (keyed.forged + keyed.replayed + keyed.challenged if keyed else 0)
 
     def read(self) -> Sample | None:
-        """The oldest sample that has arrived."""
+        """Return the oldest sample that has arrived, or None."""
         for _ in range(BURST):
             try:
                 data, (host, port) = self._socket.recvfrom(LARGEST + 1)
@@ -97,7 +98,7 @@ class UdpSource:
         return None
 
     def end_session(self, sender: Sender) -> None:
-        """End a sender's session, if there is one: what it sent before cannot arrive any more; it starts another."""
+        """End the session of `sender`: its earlier packets are no longer accepted, so that it starts a new one."""
         if self._sessions is not None:
             self._sessions.end(sender.session)
 
@@ -108,13 +109,13 @@ class UdpSource:
 
 
 class UdpSink:
-    """Samples sent to a UDP port; `lost` counts those that the system did not take.
+    """Sends samples to a UDP port; `lost` counts the samples that the system could not send.
 
     Parameters
     ----------
     address : (host, port)
     key : bytes, optional
-        That of the source. The first sample then only asks for a session, and is not read.
+        The receiver's key. The first sample then only starts a session and is not delivered.
     """
 
     def __init__(self, address: Address, key: bytes | None = None) -> None:
@@ -124,7 +125,7 @@ class UdpSink:
         self._address, self.lost = address, 0
 
     def write(self, sample: Sample) -> None:
-        """Send without waiting."""
+        """Send a sample without waiting."""
         data = pack(sample)
         if self._sealer is not None:
             self._take_challenges(self._sealer)
@@ -135,7 +136,7 @@ class UdpSink:
             self.lost += 1
 
     def _take_challenges(self, sealer: Sealer) -> None:
-        """Read the receiver's answers, if there are any."""
+        """Read and use the receiver's challenges, if there are any."""
         with suppress(OSError):
             for _ in range(BURST):
                 sealer.take_challenge(self._socket.recv(LARGEST))
@@ -146,24 +147,27 @@ class UdpSink:
 
 
 def numeric(host: str) -> str:
-    """The IPv4 address of a host's name; InputError when there is none."""
+    """Return the IPv4 address of a host name; raise InputError when there is none."""
     try:
         return socket.gethostbyname(host)
     except OSError as error:
-        raise InputError(f"no address of the host {host!r}: {error.strerror or error}") from None
+        raise InputError(f"cannot resolve the host {host!r}: {error.strerror or error}") from None
 
 
 def refuse_open_host(host: str, *, private_link: bool) -> None:
-    """Raise InputError where an address without a key lets other machines in."""
+    """Raise InputError when other machines can reach the address `host`, unless `private_link` is True.
+
+    The address 0.0.0.0 is refused in any case.
+    """
     address = ip_address(host)
     if address.is_unspecified:
         raise InputError(
-            f"{host} lets every machine of every network send: give a key, or listen at 127.0.0.1 or at the address of "
-            "a private link"
+            f"at {host}, machines of all networks can send commands: give a key, or listen at 127.0.0.1 or at the "
+            "address of a private link"
         )
     if not (address.is_loopback or private_link):
         raise InputError(
-            f"other machines reach {host}: give a key, or private_link=True where only trusted machines share that link"
+            f"other machines can reach {host}: give a key, or private_link=True if only trusted machines share the link"
         )
 
 
@@ -175,14 +179,15 @@ def _zmq() -> Any:
 
 
 class ZmqSource:
-    """Samples that a ZeroMQ publisher sends; the newest 100 are kept.
+    """Samples from a ZeroMQ publisher; at most 100 are queued.
 
     Parameters
     ----------
     endpoint : str
-        As ``tcp://127.0.0.1:5555``.
+        Address of the publisher, e.g. ``tcp://127.0.0.1:5555``.
     private_link : bool
-        The publisher may be another machine, on a link that only trusted machines share: nothing here has a key.
+        True if the publisher may be another machine, on a link that only trusted machines share. ZeroMQ samples have
+        no key.
     """
 
     def __init__(self, endpoint: str, *, private_link: bool = False) -> None:
@@ -199,7 +204,7 @@ class ZmqSource:
         self.rejected, self.finished = 0, False
 
     def read(self) -> Sample | None:
-        """The oldest sample that has arrived."""
+        """Return the oldest sample that has arrived, or None."""
         for _ in range(BURST):
             try:
                 return unpack(self._socket.recv(self._flag))
@@ -216,7 +221,7 @@ class ZmqSource:
 
 
 class ZmqSink:
-    """Samples published at a ZeroMQ endpoint."""
+    """Publishes samples at a ZeroMQ endpoint."""
 
     def __init__(self, endpoint: str) -> None:
         zmq = _zmq()
@@ -225,7 +230,7 @@ class ZmqSink:
         self._socket.bind(endpoint)
 
     def write(self, sample: Sample) -> None:
-        """Send without waiting."""
+        """Send a sample without waiting."""
         self._socket.send(pack(sample), self._flag)
 
     def close(self) -> None:

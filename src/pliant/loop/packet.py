@@ -1,7 +1,8 @@
-"""A sample as bytes: 4 bytes "PLN2", time [ns], hold [us], lengths, name, unit, dimensions, float64, little endian.
+"""Convert samples to packets of bytes and back (little endian).
 
-`hold` is the dead-man's time: a receiver of a command to which no newer one comes within it must vent. Packets "PLN1",
-which have none, are read.
+A packet holds the mark "PLN2", the time [ns], the hold time [us], the lengths of name and unit, the number of
+dimensions, name, unit, the dimensions and the float64 values. `hold` is a dead-man's time: a receiver must vent when no
+newer command arrives within it. Packets with the older mark "PLN1", which have no hold time, can be read.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ LONGEST_HOLD = 2**32 - 1  # us
 
 
 def pack(sample: Sample) -> bytes:
-    """The bytes of a sample; InputError when they do not fit one datagram."""
+    """Return a sample as a packet of bytes; raise InputError when it does not fit in one datagram."""
     name, unit = sample.name.encode(), sample.unit.encode()
     array = np.ascontiguousarray(sample.array, dtype="<f8")
     if max(len(name), len(unit)) > 255:
-        raise InputError("a sample's name and unit have at most 255 bytes")
+        raise InputError("a sample's name and unit may have at most 255 bytes each: shorten them")
     if array.ndim > MOST_DIMENSIONS:
-        raise InputError(f"a sample has at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
+        raise InputError(f"a sample may have at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
     if not 0 <= sample.hold * 1e6 <= LONGEST_HOLD:
-        raise InputError(f"a sample holds for 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
+        raise InputError(f"the hold of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
     hold = math.ceil(sample.hold * 1e6 - 1e-3)  # never 0 where a time was given
     data = HEAD.pack(MAGIC, sample.time_ns, hold, len(name), len(unit), array.ndim) + name + unit
     data += struct.pack(f"<{array.ndim}I", *array.shape) + array.tobytes()
@@ -41,18 +42,18 @@ def pack(sample: Sample) -> bytes:
 
 
 def unpack(data: bytes, sender: Sender | None = None) -> Sample:
-    """The sample of these bytes and of that sender; InputError when they are not one, whatever they are."""
+    """Return the sample in a packet of bytes; raise InputError when the bytes are not a sample."""
     try:
         head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
         magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
-        at = head.size
-        name, unit = data[at : at + a].decode(), data[at + a : at + a + b].decode()
-        at += a + b
-        shape = struct.unpack_from(f"<{ndim}I", data, at)
-        at += 4 * ndim
+        offset = head.size
+        name, unit = data[offset : offset + a].decode(), data[offset + a : offset + a + b].decode()
+        offset += a + b
+        shape = struct.unpack_from(f"<{ndim}I", data, offset)
+        offset += 4 * ndim
     except (struct.error, UnicodeDecodeError) as error:
-        raise InputError(f"{len(data)} bytes are no sample: {error}") from None
-    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - at != 8 * math.prod(shape):
-        raise InputError(f"{len(data)} bytes are no sample: wrong mark, dimensions or length")
-    values = np.frombuffer(data, "<f8", offset=at).reshape(shape).astype(float)
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}") from None
+    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: wrong mark, dimensions or length")
+    values = np.frombuffer(data, "<f8", offset=offset).reshape(shape).astype(float)
     return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)

@@ -1,76 +1,79 @@
-"""The other end of the wire: commands that arrive drive a valve, and silence vents it."""
+"""The receiver at the valve: commands that arrive set the valve, and the valve is vented when none arrives in time."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from pliant.control.task import LIMITS_IN, read_task
 from pliant.errors import InputError
-from pliant.loop.clock import Clock
+from pliant.loop.clock import Clock, SystemClock
 from pliant.loop.endings import ended_by_signals
+from pliant.loop.keyed import read_key
+from pliant.loop.network import UdpSource
 from pliant.loop.sample import COMMAND, Sample, Sender, Source, nanoseconds
 from pliant.units import PASCAL
 
 Array = np.ndarray
-MOST = 256  # samples read at once: a flood cannot hold up the receiver
-LONGEST_HOLD = 5.0  # s that a receiver may let a command be in force
-DRIFT = 1000  # 1 / the largest difference of two clocks' rates: ten times what quartz does
+MOST = 256  # most samples read at once, so that a flood cannot delay the receiver
+LONGEST_HOLD = 5.0  # s, longest time for which a command may be held
+DRIFT = 1000  # 1 / the largest difference of two clocks' rates: ten times that of quartz clocks
 
 
 @dataclass
 class _InForce:
-    """The sender whose commands count, and what is known of its clock."""
+    """The sender whose commands are accepted, and the estimate of the sender's clock."""
 
     sender: Sender | None
-    newest: int  # ns, its stamp
-    fastest: int  # ns from its stamp to this clock's time of arrival, by the packet that came fastest
-    heard: int  # ns, when that was last judged
+    newest: int  # ns, newest time stamp
+    fastest: int  # ns, smallest difference of arrival time (this clock) and time stamp
+    heard: int  # ns, time of the last update of `fastest`
 
 
 class ValveReceiver:
-    """Drives a valve by commands that arrive, and vents it when none comes within the time that the last one holds.
+    """Sets a valve to the commands that arrive, and vents it when no command arrives within the last one's hold time.
 
-    It runs where the valve is: nothing that happens to the loop's program, its machine or the network (a kill, a crash,
-    a lost supply, a pulled cable) leaves the valve at pressure for longer than a command's `Sample.hold`. What happens
-    to this program itself is the hardware's part: the valve that it drives must close without current. `receiver_of`
-    takes the limits from a task file.
+    The receiver runs where the valve is. A kill or crash of the loop's program, a power loss of its machine or a pulled
+    cable leaves the valve under pressure no longer than a command's `Sample.hold`. The hardware must handle a failure
+    of the receiver itself: the valve must close without current. `receiver_of` takes the limits from a task file.
 
-    The sender of the command in force is the only one that commands until that command's time is over. A command counts
-    from when it was sent: the sender's clock is set against this one's by the packet that came fastest. A vent, a
-    command of 0 for all chambers, always wins, whatever its time and whoever sends it; that of another sender also
-    keeps the valve vented for the time that it holds. Who may send at all is the source's part (`UdpSource`).
+    While a command is held, only its sender may command. The hold time counts from when the command was sent: the
+    sender's clock is compared with this one's by the fastest packet. A vent (a command of 0 for all chambers) is always
+    obeyed, whatever its time stamp and sender. A vent from another sender also keeps the valve vented for its hold
+    time. The source (`UdpSource`) decides who may send at all.
 
     Parameters
     ----------
     source : Source
-        Of samples named "command", e.g. `UdpSource`.
+        Source of samples named "command", e.g. `UdpSource`.
     drive : callable
-        ``drive(pressures)`` sets the valves, (C,) Pa, also of one chamber.
+        ``drive(pressures)`` sets the valves to the pressures (C,) [Pa]; (1,) for one chamber.
     highest : float or sequence of float
-        Pa; a number for one chamber, one each (C,) for several. A command beyond, or of another number of chambers, is
-        not a command.
+        Highest pressure [Pa] of one chamber, or of each chamber (C,). A command above it, or for another number of
+        chambers, is rejected.
     clock : Clock
     hold : float
-        s that a command is in force that does not say it itself.
+        Hold time [s] of commands without one.
     longest_hold : float
-        s, at most 5; a command that would hold for longer, holds for this.
+        Longest hold time [s], at most 5; longer hold times are shortened to it.
     window : float, optional
-        s, at most 5: a sender's time that lies further ahead of what its earlier commands led to expect is not used.
-        Default: `longest_hold`.
+        Time [s], at most 5, by which a time stamp may be ahead of the sender's earlier commands. Default:
+        `longest_hold`.
 
     Attributes
     ----------
     command : array (C,)
-        Pa, in force.
+        The present command [Pa].
     rejected, late, ahead, foreign, shortened : int
-        Commands that were none (unit, number, limit); those not newer than one before, or older than they hold; those
-        of a time that has not come; those of a sender other than the one in force. None of these is used. And commands
-        whose hold was shortened.
+        Numbers of commands that were not used: wrong unit, size or limit (`rejected`); not newer than an earlier one,
+        or older than their hold time (`late`); time stamp in the future (`ahead`); from another sender (`foreign`).
+        `shortened` counts commands whose hold time was shortened.
     vented : int
-        How often silence vented the valve.
+        Number of times that the valve was vented because no command arrived.
 
     Raises
     ------
@@ -103,8 +106,11 @@ class ValveReceiver:
         self.rejected = self.late = self.ahead = self.foreign = self.shortened = self.vented = 0
 
     def poll(self) -> Array:
-        """Take what has arrived and set the valves; call it every millisecond or so. Returns the commands in force."""
-        self._vent_after_silence(self._clock.now())  # first: what was held back until now is of a session that ended
+        """Read the commands that have arrived, set the valves, and return the present commands (C,) [Pa].
+
+        Call this method about every millisecond.
+        """
+        self._vent_after_silence(self._clock.now())  # first: packets delayed until now belong to an ended session
         for _ in range(MOST):
             arrived = self._source.read()
             if arrived is None:
@@ -116,7 +122,7 @@ class ValveReceiver:
         return self.command
 
     def _vent_after_silence(self, now: int) -> Sender | None:
-        """Vent when the last command's time is over; return whose it was. The next sender may have another clock."""
+        """Vent if the last command's hold time is over, and return its sender; otherwise return None."""
         if self._in_force is None or now < self._until:
             return None
         self.vented += bool(np.any(self.command))
@@ -151,7 +157,7 @@ class ValveReceiver:
             self.command, self._until = self._vent if now < self._held_down else pressure, until
 
     def _expiry(self, of: _InForce, stamp: int, now: int, hold: int) -> int | None:
-        """Return when a command of that stamp expires, ns of the own clock; None, and counted, for a bad stamp."""
+        """Return when a command with the time stamp `stamp` expires [ns, own clock], or None for a bad time stamp."""
         delay = now - stamp
         fastest = min(delay, of.fastest + (now - of.heard) // DRIFT)
         if of.fastest - delay > self._window:
@@ -164,7 +170,7 @@ class ValveReceiver:
         return None
 
     def _pressure(self, arrived: Sample) -> Array | None:
-        """The command in Pa; 0 where it vents, in whatever unit and for how many chambers; None where it is none."""
+        """Return the command in Pa, the vent for a command of 0 in any unit and size, or None if it is not valid."""
         values = arrived.array.ravel()
         if values.size and not values.any():
             return self._vent
@@ -174,7 +180,7 @@ class ValveReceiver:
         return pressure
 
     def run(self, duration: float | None = None, *, period: float = 1e-3) -> None:
-        """Poll for `duration` [s], or until the source ends; whatever ends it, the valve is vented."""
+        """Poll for `duration` [s], or until the source ends, and vent the valve at the end in any case."""
         deadline = self._clock.now()
         stop = None if duration is None else deadline + nanoseconds(duration)
         with ended_by_signals():
@@ -186,3 +192,59 @@ class ValveReceiver:
             finally:
                 self.command = self._vent
                 self._drive(self.command)
+
+
+def receiver_of(
+    path: str | Path, drive: Callable[[np.ndarray], None], clock: Clock | None = None
+) -> ValveReceiver:
+    """Return a listening `ValveReceiver` with the settings of the table ``[receiver]`` of a task file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of the task file. Its `key_file` is relative to the folder of the task file.
+    drive : callable
+        ``drive(pressures)`` sets the valves to the pressures (C,) [Pa]; (1,) for one chamber.
+    clock : Clock, optional
+        Default: `SystemClock`.
+
+    Raises
+    ------
+    InputError
+        When the task has no ``[receiver]``, an entry is wrong, the key cannot be read or the port cannot be opened.
+
+    Examples
+    --------
+    >>> receiver_of("task.toml", set_valve_pa).run()        # doctest: +SKIP
+
+    See Also
+    --------
+    pliant.loop.ValveReceiver : explains the limits
+    """
+    task = read_task(path)
+    entry = task.receiver
+    if entry is None:
+        raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
+    if task.unit != "Pa":
+        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}")
+    listed = entry.highest_kpa or task.highest_kpa
+    given = np.ravel(listed)
+    chambers = entry.chambers or given.size
+    if given.size not in (1, chambers):
+        raise InputError(
+            f"task {path}: [receiver] has {chambers} chambers and highest_kpa {given.size} pressures: "
+            "give one, or one for each chamber"
+        )
+    highest = 1e3 * np.broadcast_to(given, (chambers,))
+    key = None if entry.key_file is None else read_key(Path(path).parent / entry.key_file)
+    hold, longest = 1e-3 * entry.hold_ms, 1e-3 * entry.longest_hold_ms
+    window = None if entry.window_ms is None else 1e-3 * entry.window_ms
+    source = UdpSource((entry.host, entry.port), key, private_link=entry.private_link, senders=entry.senders)
+    try:
+        return ValveReceiver(
+            source, drive, highest.tolist(), clock or SystemClock(), hold=hold,
+            longest_hold=longest, window=window,
+        )
+    except InputError:
+        source.close()
+        raise

@@ -1,4 +1,4 @@
-"""The loop: read, estimate, check, control, write, log; every period, whatever happens."""
+"""The control loop: in each period it reads sensors, estimates the state, checks it, and sends and logs a command."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
 from pliant.loop.watchdog import Watchdog
 from pliant.text import escaped
+from pliant.units import KIND_OF
 
 Array = np.ndarray
-MOST = 256  # samples read in one period: a flood cannot hold up the loop
-HOLD_PERIODS, LEAST_HOLD = 5, 0.02  # periods, and s, that a command is in force without a newer one
+MOST = 256  # most samples read in one period, so that a flood cannot delay the loop
+HOLD_PERIODS, LEAST_HOLD = 5, 0.02  # periods and least time [s] for which a command is held without a newer one
 STREAMS = ("shapes", "pressures")
 COLUMNS = (
     "time_s", "shape_time_s", "pressure_pa", "command_pa", "target_m", "error_m", "vented", "work_us", "lateness_us",
 )
 
 
-def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> list[str]:
-    """Columns of a loop's log: `COLUMNS`, pressure and command once for each chamber, angles, torques of touch.
+def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = (), unit: str = "Pa") -> list[str]:
+    """Return the column names of a loop's log for `links` links and `chambers` chambers.
 
-    Target and error stand once for each output that several chambers bring to its place, such as tip_x or angle_sum.
-
-    The torques are those of each joint that the model does not explain, with their standard deviation: of an estimator
-    that finds them, NaN otherwise. In space `links` is the number of joint coordinates, which stand for the angles.
+    They are `COLUMNS`, with pressure and command for each chamber, and with target and error for each of `outputs`,
+    such as tip_x or angle_sum. The angle, the disturbance torque and its standard deviation of each joint follow. The
+    disturbance torques are NaN if the estimator does not compute them. In space `links` is the number of joint
+    coordinates, which take the place of the angles. `unit` is that of the inputs: those of tendons are named tension,
+    displacement or angle, in N, m or rad.
     """
-    names = list(COLUMNS)
-    if chambers > 1:
-        for name in ("command_pa", "pressure_pa"):
-            k = names.index(name)
-            names[k : k + 1] = [f"{name.removesuffix('_pa')}_{c + 1}_pa" for c in range(chambers)]
+    names, ending = list(COLUMNS), unit.lower()
+    for name, word in (("command_pa", "command"), ("pressure_pa", KIND_OF[unit])):
+        k = names.index(name)
+        each_input = [f"_{c + 1}" for c in range(chambers)] if chambers > 1 else [""]
+        names[k : k + 1] = [f"{word}{number}_{ending}" for number in each_input]
     if outputs:
         units = {"angle_sum": "rad"}
         for name in ("target", "error"):
@@ -50,7 +52,10 @@ def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = ()) -> l
 
 
 def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
-    """Angles [rad], torques that the model does not explain and their standard deviations [N m], (n,) each."""
+    """Return a state's angles [rad], disturbance torques and their standard deviations [N m], (n,) each.
+
+    Without a state, or with an estimator that does not compute disturbances, the missing values are NaN.
+    """
     none = np.full(links, np.nan)
     if state is None:
         return none, none, none
@@ -61,40 +66,41 @@ def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
 
 
 class ControlLoop:
-    """A control loop of fixed period with a watchdog.
+    """A control loop with a fixed period and a watchdog.
 
-    A fault of any kind, an exception of the estimator or the controller included, sends a command of 0 Pa in the period
-    in which it is seen, and from then on. Every command says how long it holds, so that a receiver vents by itself when
-    this program is gone (`ValveReceiver`).
+    After a fault of any kind, including an exception of the estimator or controller, the command is 0 Pa from the same
+    period on. Every command carries a hold time, so that a receiver vents when this program has ended
+    (`ValveReceiver`).
 
     Parameters
     ----------
     sources : sequence of Source
-        Of samples named "shape" (S, 2), in space (S, 3) [m], and "pressure" [Pa].
+        Sources of samples named "shape", (S, 2) or in space (S, 3) [m], and "pressure" [Pa].
     sink : Sink
-        Takes samples named "command" [Pa].
+        Sink that receives samples named "command" [Pa].
     pipeline : Pipeline
-        From the shape to the command: how a shape is measured, estimator and controller.
+        Measurement, estimator and controller, which turn a shape into a command.
     watchdog : Watchdog
     period : float
-        s
+        Period of the loop [s].
     clock : Clock
     log : LoopLog, optional
-        With the columns `log_columns`.
+        Log with the columns `log_columns`.
     log_needed : bool
-        Whether a log that stops, on a full disk, vents. Default: the loop goes on, and tells it at once and in the end.
+        If True, the loop vents when the log cannot be written, e.g. on a full disk. Default: the loop goes on and
+        reports it.
 
     Attributes
     ----------
     timing : Timing
     frames, lost : int
-        Whole shapes, and shapes with missing points: of those the estimator learns at most that they were lost.
+        Number of complete shapes, and of shapes with missing points.
     shapes, pressures : Stream
-        What arrived, and how much of it was rejected, ahead of its time or late: none of that is used.
+        Incoming readings, with the counts of those that were rejected.
     hold : float
-        s that a command is in force without a newer one.
+        Hold time [s] of each command.
     chambers_left_out, pressures_left_out : int
-        Most chambers of one pressure sample beyond those that the controller drives, and all such pressures.
+        Largest number of surplus chambers in a pressure sample, and total number of surplus pressures.
 
     Examples
     --------
@@ -120,7 +126,7 @@ class ControlLoop:
         self.command = self.pressure = self._vent
         self._began = clock.now()
         self.shapes, self.pressures = streams(
-            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes
+            nanoseconds(watchdog.bounds.clock_skew), self._began, pipeline.axes, watchdog.bounds.unit
         )
         self._state: State | None = None
         self._fault_told = False
@@ -131,12 +137,13 @@ class ControlLoop:
         return all(source.finished for source in self.sources)
 
     def run(self, duration: float | None = None) -> str:
-        """Run for `duration` [s], or until the sources end; returns what went wrong, empty when nothing did.
+        """Run the loop for `duration` [s], or until the sources end; return a description of the fault, or "".
 
-        That is what made the watchdog vent, or else the periods in which the controller had no command of its own.
+        The description is the reason why the watchdog vented or, if it did not, the periods in which the controller
+        reported a fault.
 
-        Whatever ends the run, the last command is 0: the time, an exception, and every signal that can be caught. What
-        cannot (SIGKILL, a crash, the supply) is the receiver's part: without a newer command it vents within `hold`.
+        Whatever ends the run (the time, an exception, any signal that can be caught), the last command is 0. After a
+        SIGKILL, a crash or a power loss the receiver vents within `hold`.
         """
         deadline = self.clock.now()
         stop = None if duration is None else deadline + nanoseconds(duration)
@@ -154,14 +161,14 @@ class ControlLoop:
         return self.watchdog.summary[0]
 
     def period(self, now: int, deadline: int) -> None:
-        """One period that begins at `now` [ns]."""
+        """Run one period that starts at `now` [ns] and was due at `deadline` [ns]."""
         try:
             self._read()
-            self.watchdog.readings(now, self.shapes.seen, self.pressures.seen, self.pressure)
+            self.watchdog.readings(now, self.shapes.reference_time, self.pressures.reference_time, self.pressure)
             self.watchdog.frozen(now, self.shapes.repeats, self.pressures.repeats)
-            self._look_at_log(now)
+            self._check_log(now)
             wish = self._control(now)
-        except Exception as error:  # noqa: BLE001  whatever it is, the pressure must go
+        except Exception as error:  # noqa: BLE001  after any error the pressure must be released
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
             wish = self._vent
         self.command = self.watchdog.command(now, wish)
@@ -170,10 +177,10 @@ class ControlLoop:
             self._write(self.log, now, deadline)
 
     def _send(self, now: int) -> None:
-        self.sink.write(sample(COMMAND, self.command, now, hold=self.hold))
+        self.sink.write(sample(COMMAND, self.command, now, self.watchdog.bounds.unit, self.hold))
 
-    def _look_at_log(self, now: int) -> None:
-        """Tell a log that has stopped, once, and vent where it is needed."""
+    def _check_log(self, now: int) -> None:
+        """Report once that the log cannot be written, and vent if the log is needed."""
         if self.log is None or not self.log.fault or self._log_told:
             return
         self._log_told = True
@@ -192,7 +199,7 @@ class ControlLoop:
         given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
         wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
-            raise InputError(f"the controller commands {np.size(wish)} chambers, it drives {controller.chambers}")
+            raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} chamber(s)")
         if self.watchdog.controller(now, controller.fault) and self.log is not None:
             self.log.remark(f"fault at {now * 1e-9:.3f} s: {controller.fault}")
         return wish
@@ -206,19 +213,19 @@ class ControlLoop:
                 self._take(arrived)
 
     def _take(self, arrived: Sample) -> None:
-        """Shapes go to the estimator in the order of their times; a pressure is in force until the next one."""
+        """Pass a new sample on: shapes and pressures to the estimator, in the order of their arrival."""
         now = self.clock.now()
         if arrived.name == PRESSURE:
-            taken = self.pressures.take(arrived, now)
+            taken = self.pressures.accept(arrived, now)
             if taken is not None:
                 self._take_pressure(arrived, taken, now)
             return
-        if arrived.name != SHAPE or (shape := self.shapes.take(arrived, now)) is None:
+        if arrived.name != SHAPE or (shape := self.shapes.accept(arrived, now)) is None:
             return
         frame = self.pipeline.measure(shape)
         if np.isfinite(frame.values).all():
             self.frames += 1
-            self.shapes.whole(now)
+            self.shapes.mark_complete(now)
         else:
             self.lost += 1
         self.pipeline.estimator.push_frame(arrived.time, *frame)
@@ -226,14 +233,14 @@ class ControlLoop:
     def _take_pressure(self, arrived: Sample, taken: Array, now: int) -> None:
         chambers, came = self.pipeline.controller.chambers, taken.size
         if came < chambers:
-            raise InputError(f"a sample holds the pressures of {came} chambers, the controller drives {chambers}")
+            raise InputError(f"a pressure sample has {came} chamber(s), the controller needs {chambers}")
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers
         kept = self.pressure = taken[:chambers]
-        self.watchdog.pressure(now, self.pressure)  # each one: a good one may follow in the same period
+        self.watchdog.pressure(now, self.pressure)  # check each sample: a good one may follow in the same period
         if np.isfinite(kept).all():
-            self.pressures.whole(now)
+            self.pressures.mark_complete(now)
             self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
@@ -251,7 +258,7 @@ class ControlLoop:
         ))
 
     def summary(self) -> dict[str, float | str]:
-        """Counters of the loop, its frames and its fault."""
+        """Return timing statistics, counts of samples and the fault as a dict."""
         counted: dict[str, float | str] = {**self.timing.summary()}
         counted |= {"frames": self.frames, "frames_lost": self.lost, "frames_late": self.shapes.late}
         for name, stream in zip(STREAMS, (self.shapes, self.pressures), strict=True):
@@ -259,8 +266,8 @@ class ControlLoop:
             numbers |= {"late": stream.late} if name == "pressures" else {}
             counted |= {f"{name}_{what}": count for what, count in numbers.items() if count}
         if self.log is not None and (self.log.fault or self.log.dropped):
-            said = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
-            counted |= {"log_fault": said, "log_rows_missing": self.log.dropped}
+            problem = self.log.fault or f"the log {self.log.path} lost rows: the disk fell behind"
+            counted |= {"log_fault": problem, "log_rows_missing": self.log.dropped}
         if self.pressures_left_out:
             counted |= {"chambers_left_out": self.chambers_left_out, "pressures_left_out": self.pressures_left_out}
         if self.watchdog.controller_faults:

@@ -1,4 +1,4 @@
-"""A task done on a plant: its rest measured, estimator and controller prepared, the loop run, all of it logged."""
+"""Run a control task on a plant: measure the rest shape, prepare estimator and controller, run and log the loop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.control.model_plant import ModelPlant
 from pliant.control.preparation import Prepared, prepare_control
-from pliant.control.task import TaskFile
+from pliant.control.task import LIMITS_IN, TaskFile
 from pliant.errors import InputError
 from pliant.loop.clock import SystemClock, VirtualClock
 from pliant.loop.log import LoopLog, read_log
@@ -23,29 +23,29 @@ from pliant.model import Model, load_model
 if TYPE_CHECKING:
     import pandas as pd
 
-AT_REST = 50  # frames by which the rest of a body is measured
-ABOVE = 1.15  # times the highest command that the watchdog lets a reading be
+AT_REST = 50  # frames from which the rest shape of a body is measured
+ABOVE = 1.15  # highest pressure reading that the watchdog allows, over the highest command
 
 
-class Done(NamedTuple):
-    """A task that was done."""
+class TaskResult(NamedTuple):
+    """Result of a control task that was run."""
 
     prepared: Prepared
     summary: dict[str, float | str]  # counters of the loop, and its fault
     log: pd.DataFrame
-    setpoints: tuple[tuple[float, float], ...] = ()  # s, m; none of a path
+    setpoints: tuple[tuple[float, float], ...] = ()  # s, m; empty for a path
+    unit: str = "Pa"  # of the commands
 
 
 def make_plant(name: str) -> Any:
-    """The plant of a name: ``testbed:<actuator>``, ``model:<file>``, or an entry point of ``pliant.plants``.
+    """Return the plant with a name ``testbed:<actuator>``, ``model:<file>``, or an entry point of ``pliant.plants``.
 
-    What follows a colon is handed to it as text: ``finger:COM3`` calls what the entry point ``finger`` leads to
-    with "COM3".
+    The text after a colon is passed to the entry point: ``finger:COM3`` calls the entry point ``finger`` with "COM3".
 
     Raises
     ------
     InputError
-        When nobody offers that name.
+        When no installed package provides that name.
     """
     kind, _, which = name.partition(":")
     if kind == "testbed":
@@ -58,15 +58,15 @@ def make_plant(name: str) -> Any:
 
 
 def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "observer") -> Prepared:
-    """Estimator and controller for a plant whose rest is measured first.
+    """Measure the rest shape of a plant and return the prepared estimator and controller.
 
     Raises
     ------
     InputError
-        When the plant's frames come at another period than the task's.
+        When the plant's frame period differs from the task's period.
     """
     if abs(plant.period - wanted.period) > 1e-9:
-        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to that")
+        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to this value")
     none = np.zeros(model.actuation.count)
     frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
@@ -77,11 +77,25 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     )
 
 
+def check_units(model: Model, wanted: TaskFile) -> None:
+    """Raise InputError where a task's limits are not in the unit of the model's inputs."""
+    if others := [c for c in model.chambers if c.unit != wanted.unit]:
+        several = len(set(model.actuation.units)) > 1
+        remedy = (
+            "make a controller by design_outputs and Lqr or Mpc, its limits in the unit of each input" if several
+            else f"give {LIMITS_IN[others[0].unit]} in place of {LIMITS_IN[wanted.unit]}"
+        )
+        raise InputError(
+            f"the task limits inputs by {LIMITS_IN[wanted.unit]}, and {others[0].name!r} of {model.name!r} takes a "
+            f"{others[0].kind} ({others[0].unit}): {remedy}"
+        )
+
+
 def run_task(
     model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
     progress: Callable[[str], None] = lambda _line: None,
-) -> Done:
-    """Do a task and write ``log.csv`` into a folder, whatever ends the run.
+) -> TaskResult:
+    """Run a control task on a plant and write ``log.csv`` into `folder`, also when the run fails.
 
     Parameters
     ----------
@@ -90,32 +104,30 @@ def run_task(
     wanted : TaskFile
     folder : Path
     estimator : str
-        See `pliant.estimation.estimators`.
+        Name of an estimator of `pliant.estimation.estimators`.
     real_time : bool
-        By the machine's clock, not as fast as it goes.
+        If True, run in real time. Otherwise run as fast as possible, on a virtual clock.
     progress : callable
-        Called with one line for each phase that begins.
+        Called with a line of text at the start of each phase.
 
     Raises
     ------
     InputError
-        When task, model and plant do not fit.
+        When task, model and plant do not fit together.
     """
-    if others := [c.name for c in model.chambers if c.kind != "pressure"]:
-        raise InputError(
-            f"a task commands pressures, and {others[0]!r} of {model.name!r} is none: make a controller by "
-            "design_outputs and Lqr, its limits in the unit of each input"
-        )
-    progress(f"measuring the rest of the body over {AT_REST} frames, designing estimator and controller")
+    check_units(model, wanted)
+    progress(f"measuring the rest shape of the body over {AT_REST} frames, designing estimator and controller")
     ready = prepare_plant(model, plant, wanted, estimator)
     path = folder / "log.csv"
     path.unlink(missing_ok=True)
     turns = model.size - len(model.extensions)
-    log = LoopLog(path, log_columns(turns, ready.control.chambers, wanted.task.outputs))
+    log = LoopLog(path, log_columns(turns, ready.control.chambers, wanted.task.outputs, wanted.unit))
     log.remark(f"design: {ready.summary}")
     clock = SystemClock() if real_time else VirtualClock()
-    arm = VirtualActuator(plant, clock)
-    watchdog = Watchdog(Bounds(ABOVE * wanted.limits.highest))
+    arm = VirtualActuator(plant, clock, wanted.unit)
+    highest = wanted.limits.highest
+    lowest = Bounds.lowest_pressure if wanted.unit == "Pa" else (1.0 - ABOVE) * highest
+    watchdog = Watchdog(Bounds(ABOVE * highest, lowest_pressure=lowest, unit=wanted.unit))
     progress(f"running the loop for {wanted.duration_s:g} s" + (" by the clock" if real_time else ""))
     loop = ControlLoop([arm], arm, ready.pipeline, watchdog, wanted.period, clock, log)
     try:
@@ -124,5 +136,6 @@ def run_task(
         log.close()
     rehearsed = ready.rehearsal.summary if ready.rehearsal else {}
     summary = loop.summary() | rehearsed | ({"plant_periods_left_out": arm.behind} if arm.behind else {})
-    return Done(ready, {**summary, "commands_at_a_limit": ready.control.saturated}, read_log(path),
-                tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None))
+    setpoints = tuple((p.time_s, 1e-3 * p.displacement_mm) for p in wanted.setpoint if p.displacement_mm is not None)
+    numbers = {**summary, "commands_at_a_limit": ready.control.saturated}
+    return TaskResult(ready, numbers, read_log(path), setpoints, wanted.unit)

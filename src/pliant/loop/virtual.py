@@ -1,52 +1,108 @@
-"""A plant on the loop's clock: as source of its sensors and as sink of the command."""
+"""Sources of the loop without hardware: a recording that is played back, and a plant that moves with the clock."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from pliant.errors import InputError
 from pliant.loop.clock import Clock
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, nanoseconds, sample
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 Array = np.ndarray
-BEHIND = 50  # periods: a plant that cannot keep up gives up the rest
+BEHIND = 50  # most periods simulated at once; if the plant is slower than the clock, the others are skipped
+
+
+class Playback:
+    """Source that returns a recording's shapes and pressures when the clock reaches their times.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the schema of `pliant.recording.schema`, with positions.
+    clock : Clock
+    speed : float
+        Speed relative to the recording; 1 is real time.
+
+    Raises
+    ------
+    InputError
+        When the recording holds no positions, or the speed is not positive.
+    """
+
+    def __init__(self, recording: xr.Dataset, clock: Clock, *, speed: float = 1.0) -> None:
+        if not (np.isfinite(speed) and speed > 0):
+            raise InputError(f"the speed of a playback must be finite and > 0, got {speed}")
+        if "position" not in recording:
+            raise InputError("this recording has no positions: choose one with positions for the playback")
+        self._clock, self._next = clock, 0
+        time = np.asarray(recording["time"].values, dtype=float)
+        rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]
+        if "pressure" in recording:
+            clock_p = np.asarray(recording["pressure_time"].values, dtype=float)
+            rows += [(t, PRESSURE, p) for t, p in zip(clock_p, recording["pressure"].values, strict=True)]
+        rows.sort(key=lambda row: row[0])
+        origin = rows[0][0]
+        self._rows = [sample(name, value, nanoseconds((t - origin) / speed)) for t, name, value in rows]
+        self._start = clock.now()
+
+    def read(self) -> Sample | None:
+        """Return the next sample that is due, or None."""
+        if self.finished or self._rows[self._next].time_ns > self._clock.now() - self._start:
+            return None
+        self._next += 1
+        due = self._rows[self._next - 1]
+        return due._replace(time_ns=due.time_ns + self._start)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all samples of the recording have been read."""
+        return self._next >= len(self._rows)
+
+    def close(self) -> None:
+        """Do nothing: a playback holds no resources."""
 
 
 class PlantLike(Protocol):
-    """The interface of a plant: it moves one period at a time under a command that is held."""
+    """Interface of a plant that advances one period at a time under a constant command."""
 
     period: float  # s, of its frames
     time: float  # s, on its own clock
     arc_length: Any  # (S,) m, of the points along the body; for `prepare_plant`
-    # rides: bool, may be left out: whether its points ride on the body as it stretches, as markers do
+    # rides: bool, optional: whether its points are material points that move with the stretching body, as markers do
 
     def advance(self, command: Any) -> Any:
-        """Hold commands (C,) [Pa] for a period; (1,) of 0 is no pressure in any of several chambers.
+        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
 
-        Returns (time of the shape [s], shape (S, 2) [m] in the base frame, a lost point NaN, pressures (C,) [Pa]; a
-        number is enough for one).
+        Returns the time of the shape [s], the shape (S, 2) [m] in the base frame with NaN for lost points, and the
+        pressures (C,) [Pa], or a number for one chamber. A command of shape (1,) that is 0 vents all chambers.
         """
 
 
 class VirtualActuator:
-    """Source and sink of a plant that moves as the clock does, and vents when a command has held its time.
+    """Source and sink of a plant that advances with the clock and vents when a command's hold time is over.
 
     Parameters
     ----------
     plant : PlantLike
-        E.g. `pliant.testbed.plant.Plant`.
+        Plant to simulate, e.g. `pliant.testbed.plant.Plant`.
     clock : Clock
+    unit : str
+        SI unit of the plant's inputs: "Pa", of tendons "N", "m" or "rad".
 
     Attributes
     ----------
     behind : int
-        Periods that the plant left out because it was slower than the clock.
+        Number of periods that were skipped because the plant was slower than the clock.
     """
 
-    def __init__(self, plant: PlantLike, clock: Clock) -> None:
-        self.plant, self._clock = plant, clock
+    def __init__(self, plant: PlantLike, clock: Clock, unit: str = "Pa") -> None:
+        self.plant, self._clock, self._unit = plant, clock, unit
         self._queue: deque[Sample] = deque()
         self._period = nanoseconds(plant.period)
         self._done = self._start = clock.now()
@@ -56,7 +112,7 @@ class VirtualActuator:
         self.finished = False
 
     def read(self) -> Sample | None:
-        """Move the plant to the present, then the oldest reading."""
+        """Advance the plant to the present time and return its oldest unread sample, or None."""
         now = self._clock.now()
         owed = (now - self._done) // self._period
         if owed > BEHIND:
@@ -65,18 +121,18 @@ class VirtualActuator:
         while self._done + self._period <= now:
             self._done += self._period
             if self._until is not None and self._done > self._until:
-                self._command, self._until = 0.0 * self._command, None  # nobody has commanded since
+                self._command, self._until = 0.0 * self._command, None  # no command has arrived since
             taken, shape, pressure = self.plant.advance(self._command)
-            self._queue.append(sample(PRESSURE, pressure, self._done))
+            self._queue.append(sample(PRESSURE, pressure, self._done, self._unit))
             self._queue.append(sample(SHAPE, shape, self._start + nanoseconds(taken - self._begin)))
         return self._queue.popleft() if self._queue else None
 
     def write(self, sample: Sample) -> None:
-        """Hold a command from now on."""
+        """Hold the command of the sample from now on, for its hold time if it has one."""
         if sample.name == COMMAND:
             self._command = sample.array
             self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Mark the source as finished; there are no resources to release."""
         self.finished = True

@@ -1,7 +1,8 @@
-"""Mechanics of a chain: the interface `Mechanics`, and one class for each family of chains.
+"""Mechanics of a chain of links: one interface, `Mechanics`, with a class for planar chains and one for chains in
+space.
 
-Whatever simulates, fits, filters, linearises, controls or exports asks `mechanics_of(model)` for positions, Jacobians,
-energies, rests and the records that the compiled kernels take, and works out none of them itself.
+Simulation, fits, filters, linearisation, control and exporters get positions, Jacobians, energies, equilibria and the
+parameter records of the compiled kernels from `mechanics_of(model)`.
 """
 
 from pliant.mechanics.contract import Energy as Energy

@@ -1,4 +1,4 @@
-"""Derivatives of accelerations by complex steps, for kernels without derivatives of their own."""
+"""Derivatives of a chain's accelerations by complex steps, for chains without analytic derivatives."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 def complex_slopes(
     accelerate: Callable[[Array, Array, Any, Array], None], x: Array, v: Array, work: Any, out: Slopes
 ) -> None:
-    """Write the acceleration and its derivatives by x and v (N,), row by variable; `work.A` keeps the factors of M.
+    """Write the accelerations (N,) of a chain and their derivatives by its N coordinates x and rates v to `out`, by
+    complex steps.
+
+    `work.A` keeps the factors of M.
 
     Parameters
     ----------
     accelerate : callable
-        ``accelerate(x, v, work, a)`` writes accelerations a (N,) of complex coordinates and rates.
-    work : record of arrays
-        Scratch arrays of the kernel.
+        ``accelerate(x, v, work, a)`` writes the accelerations a (N,) of complex coordinates and rates.
     """
     scratch = type(work)(*(a.astype(complex) for a in work))
     moved = np.empty(x.size, dtype=complex)

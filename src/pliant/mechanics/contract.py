@@ -1,7 +1,8 @@
-"""The interface of a family of chains: what the rest of the package may ask of a body that moves.
+"""The interface `Mechanics` for kinematics, forces and energies of a chain of links, and the records that its methods
+return.
 
 Coordinates x (N,) and rates v (N,) are those of the kernels. Users see joint coordinates q (N,): joint angles from the
-rest shape, and behind them the strains of segments that lengthen.
+rest shape, followed by the strains of segments that lengthen.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ Array = np.ndarray
 
 
 class Energy(NamedTuple):
-    """Energies of a body, J: numbers at one moment, or arrays (T,)."""
+    """Kinetic, elastic and gravitational energy [J] of an actuator, at one instant or at T instants as arrays (T,)."""
 
     kinetic: Any
     elastic: Any
@@ -26,25 +27,28 @@ class Energy(NamedTuple):
 
 
 class CoordinateKind(NamedTuple):
-    """Coordinates of one kind, and how datasets name them: the turns of the joints, the strains of segments."""
+    """A group of coordinates of the same kind, such as all joint angles or all strains, with their units and dataset
+    names.
+    """
 
     over: str  # dimension of datasets: "joint", "segment"
-    noun: str  # one of them, in messages
+    noun: str  # name of one coordinate, in messages
     labels: list[Any]  # along that dimension
     rows: slice  # of coordinates, rates and generalised forces (N,)
     names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
     units: tuple[str, str, str]  # of coordinate, rate and force
-    lever: Array  # (k,) generalised force [N m] of one such force
+    lever: Array  # (k,) generalised force [N m] of one unit of this force
 
 
 class Mechanics(ABC):
-    """A family of chains. Paper: Eqs. (1)-(5).
+    """Kinematics, forces and energies of a chain of n links with N coordinates, in the plane or in space. Paper: Eqs.
+    (1)-(5).
 
     Attributes
     ----------
     model : Model
     dimension : int
-        Of the space that the body moves in, 2 or 3.
+        Dimension of the space in which the body moves, 2 or 3.
     n, size : int
         Number of links; number of coordinates, N.
     """
@@ -57,53 +61,63 @@ class Mechanics(ABC):
             self.__dict__ |= {"body": body, "joints": joints}
 
     def with_constants(self, body: Any, joints: Any) -> Self:
-        """Return the same chain with other constants, complex ones among them: a base that turned, a derivative."""
+        """Return the same chain with other constants of inertia (`body`) and of springs and dampers (`joints`), real or
+        complex.
+        """
         return type(self)(self.model, body, joints)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     @abstractmethod
     def body(self) -> Any:
-        """Record of the constants of the inertia."""
+        """Constants of the links' inertia, as a record for the compiled kernels."""
 
     @cached_property
     @abstractmethod
     def joints(self) -> Any:
-        """Record of springs and dampers."""
+        """Constants of the joints' springs and dampers, as a record for the compiled kernels."""
 
     @abstractmethod
     def workspace(self, kind: type = float) -> Any:
-        """Return scratch arrays of a `kind` of numbers for one step."""
+        """Return new scratch arrays for one time step of this chain, of the number type `kind` (float or complex)."""
 
     @abstractmethod
     def slopes(self) -> Any:
-        """Return what the kernels of a step's Jacobian write: J (3N, 2N), or a record that holds it as J.
+        """Return new arrays for the Jacobian of a time step: J (3N, 2N) for N coordinates, or a record that contains J.
 
-        Behind the rows of coordinates, rates and torques may be those of tendons.
+        J has one row for each coordinate, rate and torque, and further rows for tendons.
         """
 
     @abstractmethod
     def observed(self) -> tuple[Any, Any]:
-        """Return what kernels see points by: constants of the chain, and scratch for the pose of its links."""
+        """Return two arguments of the measurement kernels: the geometric constants of the chain, and scratch arrays."""
 
     def parts(self) -> tuple[Any, Any, Any]:
-        """Return body, joints and a workspace: what a kernel takes beside coordinates, rates and torque."""
+        """Return the constants of inertia, the constants of springs and dampers, and new scratch arrays, as the kernels
+        take them.
+        """
         return self.body, self.joints, self.workspace()
 
     @abstractmethod
     def acceleration(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, a)`` of the accelerations a (N,)."""
+        """Return the kernel ``(x, v, torque, body, joints, work, a)``, which writes the accelerations a (N,) of the N
+        coordinates.
+        """
 
     @abstractmethod
     def acceleration_jacobian(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, out)`` that fills `equations.symbols.Slopes`."""
+        """Return the kernel ``(x, v, torque, body, joints, work, out)``, which writes the accelerations and their
+        derivatives by x, v to `out`.
+
+        `out` is a `equations.symbols.Slopes`.
+        """
 
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """Return the sizes for which kernels are compiled: links, segments that lengthen; in space turns of each joint,
-        and tendons.
+        """Array sizes for which kernels are compiled: number of links, of extensible segments and, in space, of joint
+        angles and tendons.
         """
 
     # coordinates
@@ -111,49 +125,55 @@ class Mechanics(ABC):
     @cached_property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Names (N,) of the coordinates x."""
+        """Names of the N coordinates x that the kernels use, such as "phi_1" or "bend_x_1"."""
 
     @cached_property
     @abstractmethod
     def rate_names(self) -> tuple[str, ...]:
-        """Names (N,) of the rates v."""
+        """Names of the N rates v that the kernels use, such as "w_1" or "bend_rate_x_1"."""
 
     @cached_property
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
-        """Names (N,) of the joint coordinates q."""
+        """Names of the N joint coordinates q (joint angles, then strains), such as "q_1"."""
 
     @cached_property
     @abstractmethod
     def kinds(self) -> tuple[CoordinateKind, ...]:
-        """The kinds of coordinates, in the order of their rows."""
+        """Groups of coordinates of the same kind (joint angles, strains), in the order of their rows in q."""
 
     @property
     def labels(self) -> dict[str, list[Any]]:
-        """Labels of the dimensions of datasets that coordinates have."""
+        """Labels along each dataset dimension that belongs to coordinates: {"joint": [1, 2, ...], "segment": [...]}."""
         return {kind.over: kind.labels for kind in self.kinds}
 
     @property
     def counted(self) -> str:
-        """Return the number of coordinates of each kind, in words."""
+        """The number of coordinates of each kind in words, such as "5 joint angles and 1 strain"."""
         counts = ((len(kind.labels), kind.noun) for kind in self.kinds)
         return " and ".join(f"{count} {noun}{'s' * (count > 1)}" for count, noun in counts)
 
     @property
     def lengthens(self) -> bool:
-        """Whether the body's length changes: what looks for angles alone does not hold it."""
+        """Whether the actuator has segments that lengthen."""
         return bool(self.model.extensions)
 
     @property
     def lever(self) -> Array:
-        """Generalised force (N,) [N m] of a torque or force of one at each coordinate, as datasets hold them."""
+        """Generalized force (N,) [N m] of each coordinate per unit of the torque [N m] or axial force [N] stored in
+        datasets.
+        """
         lever = np.empty(self.size)
         for kind in self.kinds:
             lever[kind.rows] = kind.lever
         return lever
 
     def gathered(self, data: Any, which: int) -> Array:
-        """Return a variable of all kinds of coordinates in a dataset, side by side (T, N): the one of those `names`."""
+        """Return one kind of quantity (coordinate, rate, disturbance or force) of a dataset for all N coordinates, as
+        an array (T, N).
+
+        `which` is the index of the quantity in `CoordinateKind.names`.
+        """
         columns = [(kind.rows, np.asarray(data[kind.names[which]])) for kind in self.kinds]
         values = np.empty((len(columns[0][1]), self.size))
         for rows, column in columns:
@@ -161,7 +181,9 @@ class Mechanics(ABC):
         return values
 
     def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Return coordinates and rates of a motion (T, N), (T, N) as variables of a dataset: dimensions and values."""
+        """Return a motion as dataset variables {name: (dimensions, values)}, from coordinates x and rates v (T, N) over
+        T instants.
+        """
         q, dq = self.joint_coordinates(x), self.joint_rates(v)
         named = ((kind, value, k) for kind in self.kinds for k, value in enumerate((q, dq)))
         found: dict[str, tuple[tuple[str, ...], Array]] = {
@@ -173,7 +195,9 @@ class Mechanics(ABC):
         return found
 
     def strain_kind(self, first: int) -> tuple[CoordinateKind, ...]:
-        """Return the kind of the strains, which stand from row `first` on; none where nothing lengthens."""
+        """Return a tuple with the group of the strain coordinates, which begin at row `first`; () if no segment
+        lengthens.
+        """
         kind = CoordinateKind(
             "segment", "strain", [e.name for e in self.model.extensions], slice(first, self.size),
             ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
@@ -183,89 +207,119 @@ class Mechanics(ABC):
 
     @abstractmethod
     def coordinates(self, q: Array) -> Array:
-        """Return coordinates x (..., N) of joint coordinates q (..., N)."""
+        """Return the coordinates x (..., N) of the compiled kernels for joint coordinates q (..., N): joint angles
+        [rad], then strains.
+        """
 
     @abstractmethod
     def joint_coordinates(self, x: Array) -> Array:
-        """Return joint coordinates q (..., N) of coordinates x (..., N)."""
+        """Return the joint coordinates q (..., N), joint angles [rad] then strains, for the kernels' coordinates x
+        (..., N).
+        """
 
     @abstractmethod
     def joint_angles(self, x: Array) -> Array:
-        """Return joint angles from the rest shape of coordinates x, with or without what stands behind them, rad."""
+        """Return the joint angles [rad], measured from the rest shape, for the kernels' coordinates x (..., N)."""
 
     @abstractmethod
     def rates(self, dq: Array) -> Array:
-        """Return rates v (..., N) of rates dq (..., N) of the joint coordinates."""
+        """Return the rates v (..., N) of the kernels' coordinates for the rates dq (..., N) of joint angles and
+        strains.
+        """
 
     @abstractmethod
     def joint_rates(self, v: Array) -> Array:
-        """Return rates dq (..., N) of the joint coordinates, of rates v (..., N)."""
+        """Return the rates dq (..., N) of joint angles and strains for the rates v (..., N) of the kernels'
+        coordinates.
+        """
 
     @cached_property
     @abstractmethod
     def to_joints(self) -> Array:
-        """Constant matrix dq/dx (N, N)."""
+        """Constant matrix dq/dx (N, N), which maps rates of the kernels' coordinates to rates of joint angles and
+        strains.
+        """
 
     @cached_property
     @abstractmethod
     def from_joints(self) -> Array:
-        """Constant matrix dx/dq (N, N)."""
+        """Constant matrix dx/dq (N, N), which maps rates of joint angles and strains to rates of the kernels'
+        coordinates.
+        """
 
     @cached_property
     @abstractmethod
     def stuck_stiffness(self) -> Array:
-        """Stiffness (N,) that hysteresis adds to the springs by joint coordinates before its branches move, N m/rad."""
+        """Stiffness (N,) [N m/rad] that hysteresis adds at each coordinate for fast small motions, without slip or
+        creep.
+        """
 
     @property
     @abstractmethod
     def remembering(self) -> int:
-        """Number m of coordinates, the first ones, that have hysteresis states: those of the joints."""
+        """Number of coordinates with hysteresis states. They are the first ones, the joint angles."""
 
     @abstractmethod
     def held(self) -> Any:
-        """Return scratch arrays for the steps of a chain with hysteresis states."""
+        """Return new scratch arrays for time steps of a chain whose joints have hysteresis states."""
 
-    # places
+    # positions
 
     @cached_property
     @abstractmethod
     def length(self) -> Array:
-        """Lengths (n + 1,) of the part before the first joint and of the links, unstretched, m."""
+        """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
 
     @abstractmethod
     def stretches(self, x: Array) -> Array:
-        """Return the stretch (..., n + 1) of each of them."""
+        """Return the stretch ratios (..., n + 1) of the part before the first joint and of the n links, at coordinates
+        x (..., N).
+        """
 
     @abstractmethod
     def link_frames(self, x: Array) -> Array:
-        """Return axes (..., n + 1, dimension, dimension) of base and links as columns: across, and along the last."""
+        """Return the axes of the base part and the n links as columns of matrices (..., n + 1, d, d) in d = 2 or 3
+        dimensions.
+        """
 
     @abstractmethod
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """Return moments (T, P, K, turns) [N m] by the joints' turns of forces (T, P, dimension, K) at points, N.
+        """Return the moments [N m] about all joint axes of K forces at each of P points, at T instants: an array (T, P,
+        K, joint axes).
 
-        `arm` (T, P, n, dimension) leads from each joint to each point, m; 0 for joints that do not carry it.
+        `force` is (T, P, dimension, K) [N].
+
+        `arm` (T, P, n, dimension) [m] leads from each joint to each point, and is 0 for joints that do not move the
+        point.
         """
 
     @abstractmethod
     def directions(self, x: Array) -> Array:
-        """Return unit vectors (..., n + 1, dimension) along each of them, in the kernels' frame."""
+        """Return the unit vectors (..., n + 1, 2 or 3) along the base part and the n links, at
+        coordinates x (..., N).
+        """
 
     @abstractmethod
     def tips(self, x: Array) -> Array:
-        """Return tips of the links (..., n, dimension) in the base frame, m."""
+        """Return the tip positions of the n links (..., n, 2 or 3) [m] in the base frame, at coordinates x (..., N)."""
 
     @abstractmethod
     def nodes(self, x: Array) -> Array:
-        """Return the origin of the base, the first joint and all tips (..., n + 2, dimension), in the base frame, m."""
+        """Return the positions (..., n + 2, 2 or 3) [m] of the origin, the first joint and all n link tips, in the base
+        frame.
+        """
 
     @abstractmethod
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
-        """Return positions (..., S, dimension) [m] and angles (..., S) [rad] of observed points, `tips` if known."""
+        """Return positions (..., S, 2 or 3) [m] and angles (..., S) [rad] of the S observed points, at coordinates x
+        (..., N).
+
+        `tips` saves computing the link tips if they are known.
+        """
 
     @abstractmethod
     def position_jacobian(self, x: Array, point: Station) -> Array:
-        """Return the Jacobian (dimension, N) of a point's position by x at one moment, m/rad."""
+        """Return the derivatives (2 or 3, N) [m/rad] of a point's position by the N coordinates, at x (N,)."""
 
     def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
         """Return positions (S, dimension) [m] and Jacobians (S, dimension, N) of the model's points at one moment."""
@@ -274,56 +328,80 @@ class Mechanics(ABC):
 
     @abstractmethod
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
-        """Return coordinates along, across and aside (P, n + 1, 3) each link of points (P, dimension), m, base first.
+        """Return the positions of P points relative to the base part and each of n links (P, n + 1, 3) [m]: along,
+        across and aside.
 
-        `lengths` may bring `length`, `base_length` and `share` of the links, complex ones among them.
+        `lengths` may replace `length`, `base_length` and `share` of the links, also by complex values.
         """
 
     @abstractmethod
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
-        """Return the Jacobians (K, dimension, N) of the last tip by x (K, N), and their rates at rates v (K, N)."""
+        """Return the tip's Jacobians (K, 2 or 3, N) by the N coordinates at K states, and their rates of change at the
+        rates v (K, N).
+        """
 
     # forces and energies
 
     @abstractmethod
     def inertia(self, x: Array) -> Array:
-        """Return M (N, N) by x."""
+        """Return the inertia matrix M (N, N) of the kernels' coordinates, at x (N,)."""
 
     @abstractmethod
     def energy(self, x: Array, v: Array) -> Energy:
-        """Return energies at x, v (N,), or (T,) along a motion (T, N)."""
+        """Return kinetic, elastic and gravitational energy [J] at coordinates x and rates v (N,), or at T instants (T,
+        N) as arrays (T,).
+        """
 
     @abstractmethod
     def no_loads(self) -> Array:
-        """Return the loads of the links where no force pulls, in the shape that kernels take."""
+        """Return an array of zeros for external loads on the links, in the shape that the kernels take."""
 
     @abstractmethod
     def link_loads(self, points: list[Station], forces: Array) -> Array:
-        """Return what each link carries (T, ...) of forces (T, P, dimension) [N] at points, N m, for the kernels."""
+        """Return the loads on the links [N m] as the kernels take them, for forces (T, P, 2 or 3) [N] at P points over
+        T instants.
+
+        A point force (dimension,) acts at each of the `points`.
+        """
 
     @abstractmethod
     def load_forces(self, x: Array, load: Array) -> Array:
-        """Return generalised forces (N,) by x of loads of the links, also of complex x, N m."""
+        """Return the generalized forces (N,) [N m] of external loads on the links, at real or complex coordinates x
+        (N,).
+        """
 
     @abstractmethod
     def load_stiffness(self, x: Array, load: Array) -> Array:
-        """Return the slope (N, N) of `load_forces` by x."""
+        """Return the derivative (N, N) of the generalized forces of external loads by the coordinates, at x (N,).
+
+        `load_forces` returns these forces.
+        """
 
     @abstractmethod
     def static_forces(self, x: Array, torque: Array) -> Array:
-        """Return what inputs (N,), springs and weight do to x at rest, also of complex x: zero in equilibrium."""
+        """Return the net generalized force (N,) [N m] of inputs, springs and gravity on the chain at rest at
+        coordinates x (N,).
+
+        `torque` (N,) are the inputs. x may be complex.
+        """
 
     @abstractmethod
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        """Return the slope (N, N) by x of `static_forces`, and of `load_forces` where there is a load; symmetric.
+        """Return the derivative (N, N) by the coordinates x (N,) of the net generalized force on the chain at rest.
 
-        `torque` is that of the inputs, where what they pull depends on x: 0 without.
+        It is the derivative of `static_forces`, plus that of `load_forces` if there is a load.
+
+        The matrix is symmetric.
+
+        `torque` are the inputs, which matter only if their forces depend on x. None means 0.
         """
 
     @abstractmethod
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
-        """Return joint coordinates q (N,) at rest under torques (N,) [N m], gravity and loads."""
+        """Return the static joint coordinates q (N,), angles [rad] then strains, under torques (N,) [N m], gravity and
+        external loads.
+        """
 
     @abstractmethod
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        """Return inertia and stiffness (N, N) by joint coordinates at q."""
+        """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,)."""

@@ -1,4 +1,4 @@
-"""Points beside the links: their coordinates along and across each of them."""
+"""Positions of points relative to each link of a planar chain, as distances along and across the link."""
 
 from __future__ import annotations
 
@@ -6,25 +6,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 
 Array = np.ndarray
 
 
 class LinkFrames(NamedTuple):
-    """Inputs of the link positions: floats, or complex numbers that carry a derivative."""
+    """Link angles, strains and lengths of a planar chain, as real numbers or as complex numbers for derivatives."""
 
     x: Any  # (n + S,) absolute angles, rad, strains behind them
     length: Any  # (n,) m
     base_length: Any  # m
     base_angle: Any  # rad
-    share: Any  # (n + 1, S) part of each link that lies in each segment that lengthens
+    share: Any  # (n + 1, S) fraction of each link that lies in each segment that lengthens
 
 
 def link_coordinates(chain: LinkFrames, points: Array) -> tuple[Array, Array]:
-    """Coordinates along and across (P, n + 1) each link of points (P, 2) [m], the base first.
+    """Return the distances [m] of P points along and across the base part and each of n links, as two arrays (P, n +
+    1).
 
-    Coordinates along a link are those of the link unstretched.
+    The points (P, 2) [m] are in the base frame. The base part is the first column.
+
+    Coordinates along a link refer to the unstretched link.
     """
     n = len(chain.length)
     angle = np.append(chain.base_angle, chain.x[:n])

@@ -1,4 +1,4 @@
-"""Small motions of many chains of fixed length side by side, the samples last: without an object for each."""
+"""Linearised dynamics of many planar chains at once, as arrays whose last axis is the chain."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ Array = np.ndarray
 def small_motions(
     constants: tuple[Array, Array, Array], gravity: Array, springs: Springs, q: Array, phi: Array,
 ) -> tuple[Array, Array]:
-    """Return inertia and stiffness (N, n, n) in joint angles, of small motions about a shape.
+    """Return the inertia and stiffness matrices (N, n, n), in joint angles, of N planar chains of n links for small
+    motions about given shapes.
 
     Parameters
     ----------
     constants : arrays (n, n, N), (n, N), (n, N)
-        Of `model.inertia.inertia_constants`.
+        The results of `model.inertia.inertia_constants`.
     gravity : array (2, N)
-        As the kernels take it, m/s^2.
+        Gravity in the base frame, m/s^2.
     q, phi : array (n, N)
         Joint angles and absolute link angles, rad.
     """

@@ -1,7 +1,7 @@
-"""Chains in a plane: absolute link angles phi (n,), and behind them the strains (S,) of segments that lengthen.
+"""Mechanics of chains in a plane, whose coordinates are n absolute link angles and S strains of segments that lengthen.
 
-Statics and geometry are written once for any S, also 0; the compiled kernels of a body that lengthens are those of
-`equations.extension`, of any other those of `equations.motion`, which take less time.
+Statics and geometry are the same code for any S, also 0. A body that lengthens uses the compiled kernels of
+`equations.extension`, others those of `equations.motion`, which are faster.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
+    ExtensibleHeld,
+    ExtensibleJoints,
     ExtensibleWorkspace,
     Held,
     Joints,
@@ -33,42 +36,42 @@ from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
 from pliant.model.inertia import inertia_constants
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 
 Array = np.ndarray
 
 
 class PlanarChain(Mechanics):
-    """A chain of rigid links in a plane, with S >= 0 segments that lengthen.
+    """Kinematics, forces and energies of a chain of n rigid links in a plane, with S >= 0 segments that lengthen.
 
     Attributes
     ----------
     segments : int
         Number S of segments that lengthen.
     length : array (n + 1,)
-        Of the rigid part before the first joint and of the links, unstretched, m.
+        Unstretched lengths of the rigid part before the first joint and of the links, m.
     stretch_share : array (n + 1, S)
-        Fraction of each of them that lies in each segment.
+        Fraction of each of these that lies in each segment.
     """
 
     dimension = 2
 
     @cached_property
     def segments(self) -> int:
-        """Number of segments that lengthen."""
+        """Number S of segments that lengthen."""
         return self.size - self.n
 
     @cached_property
     def length(self) -> Array:
-        """Lengths (n + 1,), the part before the first joint first, m."""
+        """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
         return np.append(self.model.base_length, self.model.link_length)
 
     @cached_property
     def stretch_share(self) -> Array:
-        """Fraction (n + 1, S) of each link in each segment."""
+        """Fraction (n + 1, S) of the base part and of each of n links that lies in each of S extensible segments."""
         return np.array(self.model.stretch_share)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> Any:
@@ -81,13 +84,25 @@ class PlanarChain(Mechanics):
         return ExtensibleBody(B, self.length, h, self.stretch_share, gx, gy)
 
     @cached_property
-    def joints(self) -> Joints:
+    def joints(self) -> Joints | ExtensibleJoints:
         model = self.model
         axial = np.reshape([(e.stiffness, e.damping) for e in model.extensions], (-1, 2)).T * model.segment_length
         K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
         hardening = springs.springs_of(model).hardening
         # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
-        return Joints(model.base_angle, np.array(model.rest_angle), K, D, hardening, np.array(model.rest_angle))
+        given = model.base_angle, np.array(model.rest_angle), K, D
+        if not self.segments:
+            return Joints(*given, hardening, np.array(model.rest_angle))
+        if self.axial_laws & CURVED:
+            hardening = np.concatenate([hardening, springs.axial_springs_of(model).hardening], axis=1)
+        moved = np.zeros(self.segments if self.axial_laws & REMEMBERS else 0)
+        return ExtensibleJoints(*given, hardening, np.array(model.rest_angle), moved)
+
+    @cached_property
+    def axial_laws(self) -> int:
+        """Laws of the segments beyond linear springs, for which kernels are compiled: `compiler.choose.twin`."""
+        curved = any(e.curved for e in self.model.extensions)
+        return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
@@ -108,7 +123,8 @@ class PlanarChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, self.segments
+        laws = (1, 0, self.axial_laws) if self.axial_laws else ()
+        return self.n, self.segments, *laws
 
     # coordinates
 
@@ -170,36 +186,45 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def stuck_stiffness(self) -> Array:
-        K, n = self.joints.K, self.n
-        return np.append(K[:n] * self.model.memory.instantaneous, 0.0 * K[n:])
+        K, n, memory = self.joints.K, self.n, self.model.memory
+        return np.append(K[:n] * memory.instantaneous, K[n:] * memory.axial.instantaneous)
 
     @property
     def remembering(self) -> int:
-        return self.n
+        return self.size if self.model.memory.has_axial else self.n
 
-    def held(self) -> Held:
+    def held(self) -> Held | ExtensibleHeld:
         joints = self.joints
+        if isinstance(joints, ExtensibleJoints) and joints.rest.size:
+            shapes = {"theta0": self.n, "rest": self.segments}
+            own = {f: np.zeros(shapes.get(f, self.size)) for f in ExtensibleHeld._fields if f != "springs"}
+            seen = joints._replace(theta0=own["theta0"], K=own["K"], rest=own["rest"])
+            return ExtensibleHeld(springs=seen, **own)
         size = {name: self.size if name in ("phi", "w") else self.n for name in Held._fields if name != "springs"}
         rows = {name: np.zeros(length) for name, length in size.items()}
         rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
-        return Held(springs=joints._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+        plain: Any = joints  # of a body that lengthens, with its `rest` empty
+        return Held(springs=plain._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
 
-    # places
+    # positions
 
     def stretches(self, x: Array) -> Array:
-        """Return the stretch (..., n + 1) of each link, the part before the first joint first.
+        """Return the stretch ratios (..., n + 1) of the part before the first joint and of the n links, at coordinates
+        x (..., N).
 
         Raises
         ------
         InputError
-            When `x` brings no strains of a body that lengthens.
+            When `x` has angles only, and the body has segments that lengthen.
         """
         if x.shape[-1] != self.size:
-            fixed_length(self.model)  # who follows angles alone cannot follow this body
+            fixed_length(self.model)  # raises: angles alone do not describe this body
         return np.asarray(1.0 + x[..., self.n : self.size] @ self.stretch_share.T)
 
     def directions(self, x: Array) -> Array:
-        """Return unit vectors e = (-sin, cos) (..., n + 1, 2) along the base and the links."""
+        """Return the unit vectors e = (-sin, cos) (..., n + 1, 2) along the base part and the n links, at coordinates x
+        (..., N).
+        """
         return tangents(self.angles(x))
 
     def link_frames(self, x: Array) -> Array:
@@ -212,7 +237,7 @@ class PlanarChain(Mechanics):
         return np.asarray(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0])
 
     def angles(self, x: Array) -> Array:
-        """Return absolute angles (..., n + 1) of the base and of the links, rad."""
+        """Return the absolute angles (..., n + 1) [rad] of the base part and the n links, at coordinates x (..., N)."""
         base = np.full((*x.shape[:-1], 1), self.joints.base_angle)
         return np.concatenate([base, x[..., : self.n]], axis=-1)
 
@@ -303,7 +328,10 @@ class PlanarChain(Mechanics):
         return total
 
     def weight(self) -> Array:
-        """Return the loads of gravity on the links, N m, in the shape of `no_loads`."""
+        """Return gravity as loads on the links [N m], in the same shape as external loads.
+
+        `no_loads` has this shape.
+        """
         load = np.outer(self.body.h, [self.body.gx, self.body.gy])
         return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
 
@@ -335,7 +363,7 @@ class PlanarChain(Mechanics):
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
         n, joints, T = self.n, self.joints, self.from_joints
         q = springs.angle_under(self.model, torque[:n])
-        q = np.append(q, torque[n:] / joints.K[n:]) if self.segments else q
+        q = np.append(q, springs.strain_under(self.model, torque[n:])) if self.segments else q
         load = self.weight() if link_load is None else self.weight() + link_load
         load[:, :2] += np.outer(self.length[-len(load) :], tip_force)
         if load.any():
@@ -349,14 +377,17 @@ class PlanarChain(Mechanics):
 
             q = loaded_rest(residual, q, float(np.abs(joints.K).max()))
         if (1.0 + self.stretch_share @ q[n:] <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError(
+                "an extensible segment is compressed to nothing by its load: raise its stiffness, or lower the load"
+            )
         return q
 
     def _springs(self, q: Array) -> tuple[Array, Array]:
-        """Torques and slopes (N,) of all springs by joint coordinates."""
-        n, joints, bent = self.n, self.joints, q[: self.n]
-        held, slope = spring_torque(slice(0, n), joints, bent, bent), spring_slope(slice(0, n), joints, bent)
-        return np.append(held, joints.K[n:] * q[n:]), np.append(slope, joints.K[n:])
+        """Return torques and slopes (N,) of all springs in joint coordinates."""
+        joints, curved = self.joints, self.joints.hardening.shape[1]
+        bent, own = q[:curved], slice(0, curved)
+        held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
+        return np.append(held, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
         x, T = self.coordinates(q), self.from_joints
@@ -366,7 +397,10 @@ class PlanarChain(Mechanics):
 
 
 def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
-    """Return scratch arrays of a `kind` of numbers for n links, `segments` segments of which lengthen."""
+    """Return new scratch arrays for a time step of a planar chain with n links and `segments` extensible segments.
+
+    `kind` is the type of their numbers.
+    """
     if not segments:
         shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
         return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
@@ -376,7 +410,9 @@ def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
 
 
 def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
-    """Return link + 1, along and across (S,) of observed points."""
+    """Return three arrays (S,) for S observed points: index of the link plus 1, and distances along and across the link
+    [m].
+    """
     return (
         np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
         np.array([p.across for p in points]),
@@ -384,9 +420,10 @@ def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
 
 
 def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+    """Write the accelerations of an extensible planar chain and their derivatives by x and v to `out`, by complex
+    steps.
 
-    As `motion.acceleration_jacobian`, of a body that lengthens; `work.A` keeps the factors of M.
+    `motion.acceleration_jacobian` does the same for other bodies. `work.A` keeps the factors of M.
     """
     def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
         extension.acceleration(x, v, torque, body, joints, work, a)
@@ -395,9 +432,10 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
-    """Return generalised forces (n + S,) of loads (n + 1, 4) at x, in absolute angles; also of complex ones.
+    """Return the generalized forces (n + S,) [N m] of external loads (n + 1, 4) on a planar chain of n links with S
+    strains.
 
-    A load does not turn with the body: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
+    A load keeps its direction when the body turns: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
     c, s, whole = stretched_loads(x, load, share, base_angle)
     turning = -(whole[:, 0] * c + whole[:, 1] * s)
@@ -405,7 +443,9 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of the links at x, and their loads with the stretch counted (n + 1, 2), N m."""
+    """Return cosines and sines (n + 1,) of the base and link angles at x, and the loads (n + 1, 2) [N m] on the
+    stretched links.
+    """
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]

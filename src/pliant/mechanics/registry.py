@@ -1,4 +1,4 @@
-"""Which family of chains a model belongs to."""
+"""Function that returns the mechanics of a model, in the plane or in space."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pliant.model import Model
 
 
 def mechanics_of(model: Model) -> Mechanics:
-    """Return the mechanics of a model; kept with the model, so that its constants are worked out once."""
+    """Return the `Mechanics` object of a model, planar or spatial, which is created once and then
+    kept with the model.
+    """
     kept = model.__dict__.get("_mechanics")
     if kept is None:
         kept = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)

@@ -1,6 +1,9 @@
-"""Chains in space: coordinates x (N,) are the swings (a, b) of the joints, interleaved, then their twists [rad].
+"""Mechanics of chains in space, whose coordinates are two swing angles of each joint, optional twist angles, and
+strains.
 
-Behind them stand the strains (S,) of segments that lengthen.
+The coordinates x (N,) are (a_1, b_1 ... a_n, b_n), then the twists [rad].
+
+Strains (S,) of segments that lengthen follow.
 """
 
 from __future__ import annotations
@@ -14,41 +17,44 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
+from pliant.equations.poses import settle
 from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialSlopes, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
-from pliant.mechanics.rest import loaded_rest
+from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
 
 Array = np.ndarray
 
 
 class SpatialChain(Mechanics):
-    """A chain of rigid links in space, with S >= 0 segments that lengthen; the base tangent is +z.
+    """Kinematics, forces and energies of a chain of n rigid links in space, with S >= 0 segments that lengthen.
 
-    Its coordinates are its joint coordinates: `turns` of joints, and behind them the strains.
+    The base tangent is +z.
+
+    Its coordinates x equal its joint coordinates: the `turns` angles of the joints, then the strains.
     """
 
     dimension = 3
 
     @cached_property
     def turns(self) -> int:
-        """Number of coordinates that turn joints, 2 n or 3 n."""
+        """Number of joint angles: 2 n for n joints that swing in two directions, 3 n if they also twist."""
         return self.size - len(self.model.extensions)
 
     @cached_property
     def space(self) -> Space:
-        """Return the spatial properties of the model."""
+        """Properties of the model that exist only in space, such as radius, stiffness ratios and base tilt."""
         return self.model.space or Space()
 
     @cached_property
     def length(self) -> Array:
-        """Lengths (n + 1,), the part before the first joint first, m."""
+        """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
         return np.append(self.model.base_length, self.model.link_length)
 
-    # what the kernels take
+    # arguments of the kernels
 
     @cached_property
     def body(self) -> SpatialBody:
@@ -61,9 +67,9 @@ class SpatialChain(Mechanics):
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
     def _beyond(self) -> Array:
-        """Part (N, n) of what each coordinate draws in that lies beyond the middle of each joint's arc.
+        """Return the fraction (N, n) of each coordinate's path length that lies beyond the middle of each joint's arc.
 
-        That of a joint lies evenly along its arc, that of a strain along its segment.
+        The path length of an angle lies evenly along its joint's arc, that of a strain along its segment.
         """
         swings = np.tril(np.ones((self.n, self.n)), -1) + 0.5 * np.eye(self.n)
         along = self.length[:, None] * self.model.stretch_share
@@ -80,7 +86,9 @@ class SpatialChain(Mechanics):
         return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
-        """Return values (T,) of all turns from those of both swings and of the twist of each joint, (n,)."""
+        """Return one array of values for all joint angles, from values (n,) for swings about x, for swings about y, and
+        for twists.
+        """
         values = np.stack([x, y], axis=-1).ravel()
         return np.append(values, twist) if self.space.turns == 3 else values
 
@@ -146,7 +154,7 @@ class SpatialChain(Mechanics):
         return x
 
     def joint_angles(self, x: Array) -> Array:
-        """Return the sizes (..., n) of the joints' swings from the rest shape, rad."""
+        """Return the sizes (..., n) [rad] of the joints' swings from the rest shape, at coordinates x (..., N)."""
         return np.hypot(x[..., 0 : 2 * self.n : 2], x[..., 1 : 2 * self.n : 2])
 
     def rates(self, dq: Array) -> Array:
@@ -178,16 +186,20 @@ class SpatialChain(Mechanics):
         springs = self.joints._replace(theta0=np.zeros(size), line=line)
         return SpatialHeld(np.zeros(size), np.zeros(size), np.zeros(m), line, springs)
 
-    # places
+    # positions
 
     def posed(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays with the pose at x (..., N), complex ones among them; the moments stand last there."""
+        """Return scratch arrays with the positions and orientations of the links at x (..., N). The leading axes of x
+        come last there.
+
+        x may be complex.
+        """
         work = self._scratch(x)
         spatial.pose_links(np.moveaxis(x, -1, 0), self.body, work)
         return work
 
     def _scratch(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays for coordinates x (..., N) of all moments, which stand last."""
+        """Return scratch arrays for coordinates x (..., N), with the leading axes of x last."""
         moments = x.shape[:-1]
         return SpatialWorkspace(*(np.zeros((*a.shape, *moments), dtype=x.dtype) for a in self.workspace()))
 
@@ -198,7 +210,13 @@ class SpatialChain(Mechanics):
         return from_back(self.posed(x).R, 3)
 
     def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
-        """As in `Mechanics`: s . (a x f) of the axis s of a turn and the arm a from its joint."""
+        """Return the moments [N m] about all joint axes of K forces at each of P points, at T instants: an array (T, P,
+        K, joint axes).
+
+        `Mechanics.turning_moments` describes the arguments.
+
+        Each is s . (a x f), with the axis s of a turn and the arm a from its joint.
+        """
         axes, n = from_back(self.posed(x).S, 2), self.n
         joint = np.append(np.repeat(np.arange(n), 2), np.tile(np.arange(n), self.turns // n - 2))
         moment = np.cross(arm[:, :, None], np.swapaxes(force, 2, 3)[:, :, :, None])  # (T, P, K, n, 3)
@@ -216,7 +234,9 @@ class SpatialChain(Mechanics):
         return from_back(np.concatenate([work.r, last[None]]), 2)
 
     def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002  of the interface
-        """Return positions (..., S, 3) [m] of observed points, and the angles (..., S) of their links from +z [rad]."""
+        """Return positions (..., S, 3) [m] of the S observed points, and angles (..., S) [rad] of
+        their links from +z.
+        """
         work, points = self.posed(x), self.model.points
         position = np.zeros((len(points), 3, *x.shape[:-1]), dtype=x.dtype)
         for point, place in zip(points, position, strict=True):
@@ -298,24 +318,31 @@ class SpatialChain(Mechanics):
         return slope if load is None else slope + self.load_stiffness(x, load)
 
     def _slope(self, forces: Any, x: Array) -> Array:
-        """Return the slope (N, N) by x of generalised forces, by complex steps; symmetric, as they have a potential."""
+        """Return the derivative (N, N) of generalised forces by x, by complex steps.
+
+        It is symmetric, because the forces have a potential.
+        """
         rows = np.array([forces(x + 1j * TINY * row).imag / TINY for row in np.eye(self.size)])
         return 0.5 * (rows + rows.T)
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
         load = self.no_loads() if link_load is None else np.array(link_load)
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
-        light = self.with_constants(self.body, self.joints)
-
-        def residual(q: Array, share: float) -> tuple[Array, Array]:
-            body = self.body
-            light.body = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
-            push = light.static_forces(q, share * torque) + light.load_forces(q, share * load)
-            return push, -light.static_slope(q, share * load if load.any() else None, share * torque)
-
-        q = loaded_rest(residual, np.zeros(self.size), float(np.abs(self.joints.K).max()))
+        found = settling(0, self.size, torque.size, load)
+        body, joints = (of_kind(record, complex) for record in (self.body, self.joints))
+        body = body._replace(friction=0.0 * body.friction)  # nothing has moved that could rub
+        work, stable = self.workspace(complex), 0.0
+        for share in GROWING:
+            found.load[:] = share * load
+            part = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
+            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, found, found.K[0])
+        q = found.at.real.copy()
+        if not stable > 0.0:
+            raise SimulationError(BUCKLES)
         if (self.stretches(q) <= LEAST_STRETCH).any():
-            raise SimulationError("a segment is pressed to nothing: raise its axial stiffness, or lower the load")
+            raise SimulationError(
+                "an extensible segment is compressed to nothing by its load: raise its stiffness, or lower the load"
+            )
         return q
 
     def linear_parts(self, q: Array) -> tuple[Array, Array]:
@@ -323,16 +350,18 @@ class SpatialChain(Mechanics):
 
 
 def rotation(vector: Any) -> Array:
-    """Return the matrix (3, 3) of a rotation vector (3,), rad."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return masses, centres of mass, moments of inertia across and along (n,) of the links, the tip mass in the last.
+    """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links (n,); the last
+    includes the tip mass.
 
-    A link is a uniform round rod; the moments are about the centre of mass.
+    A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
+    about the centre of mass [kg m^2].
     """
     length, mass = model.link_length, model.link_mass
     centre, lateral, axial = 0.5 * length, mass * (length**2 / 12.0 + radius**2 / 4.0), 0.5 * mass * radius**2
@@ -343,21 +372,21 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
 
 
 def from_back(a: Array, axes: int) -> Array:
-    """Return an array with its first so many axes moved behind the others."""
+    """Return an array whose first `axes` axes are moved to the end."""
     return np.moveaxis(a, range(axes), range(-axes, 0))
 
 
 def of_kind(value: Any, kind: type) -> Any:
-    """Return a number, an array or a record of these as a `kind` of numbers, in memory of their own."""
+    """Return a copy of a number, array or tuple of these, converted to the number type `kind` (float or complex)."""
     if isinstance(value, tuple):
         return type(value)(*(of_kind(entry, kind) for entry in value))
     return np.array(value, dtype=kind) if isinstance(value, np.ndarray) else kind(value)
 
 
 def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the acceleration and its derivatives by x and v, row by variable, by complex steps through the kernel.
+    """Write the accelerations of a chain in space and their derivatives by x and v to `out`, by complex steps.
 
-    As `motion.acceleration_jacobian`, of a chain in space; `work.A` keeps the factors of M.
+    `motion.acceleration_jacobian` does the same in the plane. `work.A` keeps the factors of M.
     """
     given = tuple(of_kind(value, complex) for value in (torque, body, joints))
     compiled = twin(tendon.accelerate)

@@ -1,6 +1,6 @@
-"""The springs of joints on whole arrays: torques, slopes, the angle under a torque, and where a softening spring ends.
+"""Joint springs as arrays: torque, stiffness, angle under a given torque, and the largest torque of a softening spring.
 
-The law itself is `equations.elastic.spring_torque`; its terms are those of `model.spring.SPRING_TERMS`. Here are its
+The law is `equations.elastic.spring_torque`, with the terms of `model.spring.SPRING_TERMS`. This module adds its
 inverse and its limits.
 """
 
@@ -22,16 +22,16 @@ EVERY = slice(None)  # joint
 
 
 class Springs:
-    """The springs of n joints; behind the joints may stand the samples of a batch.
+    """Nonlinear springs of n joints. Further array axes are the samples of a batch.
 
     Attributes
     ----------
     K : array (n, ...)
-        N m/rad.
+        Stiffness at rest, N m/rad.
     terms : array (terms, n, ...)
-        Coefficients of the other terms in parts of K, 1/rad, 1/rad^2 ...
+        Coefficients of the nonlinear terms over K, 1/rad, 1/rad^2 ...
     bound : array (n, ...)
-        What the first of them does to the slope at most, in parts of K; 0: no bound.
+        Largest change of the slope by the first of these terms, over K; 0: no bound.
     """
 
     def __init__(self, K: Array, terms: Array, bound: Array | None = None) -> None:
@@ -39,7 +39,11 @@ class Springs:
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the other terms, N m/rad^2 ..., and R; see `symbols.Joints`."""
+        """Coefficients (terms + 1, n, ...) of the nonlinear spring terms: K2 [N m/rad^2], K3 [N m/rad^3], bound R
+        [1/rad^2].
+
+        `symbols.Joints` uses the same coefficients.
+        """
         with np.errstate(divide="ignore"):
             inverse = np.where(self.bound > 0, 1.0 / self.bound, 0.0)
         scale = (4.0 / 3.0 * self.terms[0] * inverse) ** 2
@@ -47,24 +51,28 @@ class Springs:
 
     @property
     def powers(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of q, q^2 ... in the torque, N m/rad ..."""
+        """Coefficients (terms + 1, n, ...) of q, q^2, ... in the spring torque, in N m/rad, N m/rad^2, ..."""
         return np.concatenate([self.K[None], self.K * self.terms])
 
     def torque(self, q: Array) -> Array:
-        """Return the torques of the springs at joint angles q, N m."""
+        """Return the torques [N m] of the springs at joint angles q (n, ...) [rad]."""
         return np.asarray(spring_torque(EVERY, self, q, q))
 
     def slope(self, q: Array) -> Array:
-        """Return their slopes, N m/rad."""
+        """Return the stiffness d(torque)/d(angle) [N m/rad] of the springs at joint angles q (n, ...) [rad]."""
         return np.asarray(spring_slope(EVERY, self, q))
 
     def towards(self, sign: Array) -> Springs:
-        """Return springs of K = 1 whose positive angles are those on the side of `sign` (n, ...)."""
+        """Return springs with unit stiffness, mirrored where `sign` (n, ...) is negative, so that only positive angles
+        need to be considered.
+        """
         turned = np.stack([term * sign**k for k, term in enumerate(self.terms, 1)])
         return Springs(np.ones_like(self.K), turned, self.bound)
 
     def turn(self) -> Array:
-        """Return the smallest positive angles at which the slope falls to 0, infinite where it never does."""
+        """Return the smallest positive angles [rad] at which the springs lose their stiffness, infinite where they
+        never do.
+        """
         s, a = self.terms  # roots of 1 + 2 s q + 3 a q^2
         inside = s * s - 3.0 * a
         inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
@@ -79,14 +87,18 @@ class Springs:
         return np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
 
     def most(self, torque: Array) -> Array:
-        """Return the sizes of the largest torques that the springs hold on the side of `torque`, N m."""
+        """Return the largest torque [N m] that each spring can hold in the direction of `torque` (n, ...), as an
+        absolute value.
+        """
         unit = self.towards(np.sign(torque))
         turn = unit.turn()
         at = np.where(np.isfinite(turn), turn, 0.0)
         return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(at), np.inf))
 
     def bend(self, torque: Array) -> Array:
-        """Return the joint angles at which the springs hold a torque, from 0 on without a turn; NaN where none does."""
+        """Return the angles [rad] at which the springs balance `torque` [N m], on the branch that starts at angle 0;
+        NaN where they cannot.
+        """
         x = np.asarray(torque / self.K)
         if not self.terms[1:].any() and not self.bound.any():
             root = 1.0 + 4.0 * self.terms[0] * x
@@ -106,7 +118,7 @@ class Springs:
 
 
 def springs_of(source: Model | Mapping[str, Any]) -> Springs:
-    """Return the springs of a model, or of the values of its fields, which may be arrays of samples."""
+    """Return the joint springs of a model, or of a mapping {field: array} with samples along further axes."""
     values = vars(source) if isinstance(source, Model) else source
     K = values["stiffness"]
     terms = np.reshape([values[name] for name in SPRING_TERMS], (TERMS, *np.shape(K)))
@@ -114,19 +126,22 @@ def springs_of(source: Model | Mapping[str, Any]) -> Springs:
 
 
 def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
-    """Return the fields of a model whose linear terms are `factor` (n,) times as stiff, and whose others stay."""
+    """Return the spring fields of a model with linear stiffness multiplied by `factor` (n,) and nonlinear torques
+    unchanged.
+    """
     terms = {name: getattr(model, name) / factor for name in SPRING_TERMS}
     bound = getattr(model, SPRING_BOUND) / factor
     return {"stiffness": model.stiffness * factor, **terms, SPRING_BOUND: bound}
 
 
 def angle_under(model: Model, torque: Array) -> Array:
-    """Return the joint angles (n,) at which the springs alone hold `torque` (n,) [N m], on the branch from 0 on.
+    """Return the joint angles (n,) [rad] at which the springs alone balance `torque` (n,) [N m], on the branch that
+    starts at angle 0.
 
     Raises
     ------
     SimulationError
-        When softening springs cannot hold it.
+        When a softening spring cannot hold its torque.
     """
     springs = springs_of(model)
     q = springs.bend(torque)
@@ -134,14 +149,45 @@ def angle_under(model: Model, torque: Array) -> Array:
         i = int(np.argmin(np.isfinite(q)))
         raise SimulationError(
             f"the spring of joint {i + 1}, which softens with its angle, holds at most "
-            f"{np.copysign(springs.most(torque)[i], torque[i]):.4g} N m, but {torque[i]:.4g} N m bend it: lower the "
-            "pressure or the size of the stiffening, or bound it (stiffening_bound)"
+            f"{np.copysign(springs.most(torque)[i], torque[i]):.4g} N m, but its torque is {torque[i]:.4g} N m: lower "
+            "the pressure, use a stiffening closer to 0, or bound it (stiffening_bound)"
         )
     return q
 
 
+def axial_springs_of(model: Model) -> Springs:
+    """Return the axial springs of the segments that lengthen, K = EA L [N m] by strain."""
+    segments = model.extensions
+    terms = np.reshape([[getattr(e, name) or 0.0 for e in segments] for name in SPRING_TERMS], (TERMS, len(segments)))
+    stiffness = np.array([e.stiffness for e in segments]) * model.segment_length
+    return Springs(stiffness, terms, np.array([e.stiffening_bound or 0.0 for e in segments]))
+
+
+def strain_under(model: Model, force: Array) -> Array:
+    """Return the strains (S,) at which axial springs alone hold `force` (S,), axial force times length [N m].
+
+    Raises
+    ------
+    SimulationError
+        When a softening spring cannot hold it.
+    """
+    axial = axial_springs_of(model)
+    strain = axial.bend(force)
+    if not np.isfinite(strain).all():
+        s = int(np.argmin(np.isfinite(strain)))
+        length = model.segment_length[s]
+        raise SimulationError(
+            f"the axial spring of segment {model.extensions[s].name!r}, which softens with its strain, holds at most "
+            f"{axial.most(force)[s] / length:.4g} N, but {abs(force[s]) / length:.4g} N stretch it: lower the pressure "
+            "or the size of the stiffening, or bound it (stiffening_bound)"
+        )
+    return strain
+
+
 def softened(model: Model, q: Array, least: float = 0.0) -> str:
-    """Return a sentence on the first spring whose slope at q (n,) falls to a fraction `least` of K, or ''."""
+    """Return a message on the first spring whose stiffness at the angles q (n,) [rad] is at most `least` times K, or ''
+    if there is none.
+    """
     lost = np.flatnonzero(springs_of(model).slope(q) <= least * model.stiffness)
     if not lost.size:
         return ""
@@ -149,6 +195,20 @@ def softened(model: Model, q: Array, least: float = 0.0) -> str:
     sizes = [(getattr(model, name)[i], term.unit) for name, term in SPRING_TERMS.items()]
     described = " and ".join(f"{size:.4g} {unit}" for k, (size, unit) in enumerate(sizes) if size or not k)
     return (
-        f"the spring of joint {i + 1} has softened to nothing at {q[i]:.4g} rad, beyond what the stiffening of "
-        f"{described} describes: lower the pressure or the size of the stiffening"
+        f"the spring of joint {i + 1} has lost its stiffness at {q[i]:.4g} rad, beyond the range of the stiffening of "
+        f"{described}: lower the pressure, or use a stiffening closer to 0"
+    )
+
+
+def softened_segment(model: Model, strain: Array, least: float = 0.0) -> str:
+    """Return a sentence on the first axial spring whose slope at `strain` (S,) falls to `least` of EA, or ''."""
+    axial = axial_springs_of(model)
+    lost = np.flatnonzero(axial.slope(strain) <= least * axial.K)
+    if not lost.size:
+        return ""
+    segment = model.extensions[int(lost[0])]
+    return (
+        f"the axial spring of segment {segment.name!r} has softened to nothing at a strain of "
+        f"{strain[int(lost[0])]:.4g}, beyond what its stiffening describes: lower the pressure or the size of the "
+        "stiffening"
     )

@@ -1,4 +1,4 @@
-"""The reduced-order model itself: its parameters, its points, its file."""
+"""The reduced-order model of a soft actuator: its parameters, observed points and model file."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The model's file only when asked for: what checks it takes longer to load than a simulation to run."""
+    """Import `load_model` and `save_model` on first use, because their validation library is slow to import."""
     if name in ("load_model", "save_model"):
         from pliant.model import file
 

@@ -1,4 +1,4 @@
-"""The inputs of a body: what turns them into joint torques and axial forces."""
+"""The inputs of an actuator (pressure chambers and tendons), and the joint torques and axial forces that they cause."""
 
 from __future__ import annotations
 
@@ -16,28 +16,30 @@ from pliant.model.chamber import Chamber
 from pliant.model.tendon import Tendon
 
 Array = np.ndarray
-LEAST = 1e-300  # N, less pretension of the second of a pair: without any, one of the two is taut
+LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one of the two is taut
 
 
 @dataclass(frozen=True)
 class Actuation:
-    """All inputs of a body of `joints` joints: values (C,) and their slow states in, joint torques (n,) out.
+    """All inputs of an actuator, pressure chambers or tendons: their names, kinds and units, and the joint torques that
+    they cause.
 
-    Whoever needs to know how many inputs a model has, what they are called, what they are measured in or what they do
-    asks here: `model.actuation`. One input is the case C = 1, and no other.
+    `joints` is the number of joints.
 
-    Where segments lengthen, what drives their strains stands behind the torques of the joints, (n + S,): axial force
-    times the segment's length, N m.
+    A model has it as `model.actuation`. A body with a single input is the case C = 1.
+
+    Where segments lengthen, the torques (n + S,) have further entries for their strains: axial force times the
+    segment's length, N m.
 
     Attributes
     ----------
     inputs : tuple of Chamber
-        The law of each input, in the order in which their values stand.
+        The law of each input, in the order of the input values.
     joints : int
     segment_length : tuple of float
-        Of the segments that lengthen, m.
+        Lengths of the segments that lengthen, m.
     segment_joints : tuple of tuple of int
-        Joints that lie in each of them, from 0.
+        Indices, from 0, of the joints that lie in each of these segments.
     turns : int
         Coordinates of each joint: 1 in a plane, 2 or 3 in space.
     """
@@ -50,39 +52,42 @@ class Actuation:
 
     @property
     def count(self) -> int:
-        """Number of inputs, C."""
+        """Number C of inputs: chambers, tendons and tendon pairs."""
         return len(self.inputs)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
+        """Names of the C inputs, in the order of the input values."""
         return tuple(c.name for c in self.inputs)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kind of each input, as recordings have it: "pressure" (gauge)."""
+        """Kind of each of the C inputs: "pressure" (gauge), "tension", "displacement" or "angle"."""
         return tuple(c.kind for c in self.inputs)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI unit of each input."""
+        """SI unit of each of the C inputs, such as "Pa"."""
         return tuple(c.unit for c in self.inputs)
 
     @property
     def listing(self) -> str:
-        """Names of the inputs, for a sentence."""
+        """Names of the C inputs as one text, separated by commas."""
         return ", ".join(self.names)
 
     def labels(self, quantity: str) -> list[str]:
-        """Return the name of a quantity of each input in tables, files and exports: ``pressure_NAME``.
+        """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.
 
-        A lone input needs no name there: ``pressure``.
+        For a single input the name is just ``pressure``.
         """
         return [quantity] if self.count == 1 else [f"{quantity}_{name}" for name in self.names]
 
     @cached_property
     def gain(self) -> Array:
-        """Share (C, N) of each chamber's torque that each coordinate feels; those of strains, or twists, behind."""
+        """Gain (C, N) of each input's torque at each of the N coordinates: joint angles, then twists and strains.
+
+        The column of a strain is the axial force over the torque [1/m] times the segment's length [m].
+        """
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
@@ -96,32 +101,40 @@ class Actuation:
 
     @cached_property
     def tendons(self) -> tuple[int, ...]:
-        """Indices of the inputs that draw in a tendon, or a pair of them."""
+        """Indices of those inputs that pull a tendon or a pair of tendons."""
         return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon))
 
     @cached_property
     def _cords(self) -> list[tuple[int, Tendon, float]]:
-        """Index and input of each tendon, and its sign: the second of a pair is let out where the first is drawn in."""
+        """Index and input of each tendon, and its sign: -1 for the second of a pair, which is let out, else 1."""
         each = [(i, c) for i, c in enumerate(self.inputs) if isinstance(c, Tendon)]
         return [(i, c, sign) for i, c in each for sign in ((1.0, -1.0) if c.pair else (1.0,))]
 
     @cached_property
     def levers(self) -> Array:
-        """Lever (R, N) of each tendon at each coordinate, m; the two of a pair turn joints to opposite sides."""
+        """Lever arm (R, N) [m] of each of R tendons at each of the N coordinates. The two tendons of a pair have
+        opposite signs.
+        """
         levers = np.reshape([self.gain[i] for i, *_ in self._cords], (-1, self.gain.shape[1]))
         levers[:, : self.turns * self.joints] *= np.reshape([sign for *_, sign in self._cords], (-1, 1))
         return levers
 
     @cached_property
     def tendon_constants(self) -> tuple[Array, Array, Array, Array]:
-        """Stiffness [N/m], pretension [N], friction and slip rate [m/s] of each tendon, (R,), for the kernels."""
+        """Stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s] of the R tendons, as four arrays
+        (R,).
+        """
         k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
         T0 -= [LEAST if sign < 0.0 else 0.0 for *_, sign in self._cords]
         return k, T0, mu, w0
 
     @cached_property
     def columns(self) -> Array:
-        """Return the kernels' `gain` (C, N + R): columns of inputs that make torques, then of each tendon's command."""
+        """Gains (C, N + R) of the C inputs as the kernels take them: at the N coordinates, then at the R tendon
+        commands.
+
+        The N columns of the coordinates are those of `gain`.
+        """
         if not self.tendons:
             return self.gain
         gain, drawn = np.array(self.gain), np.zeros((self.count, len(self._cords)))
@@ -131,7 +144,11 @@ class Actuation:
         return np.hstack([gain, drawn])
 
     def axial_gains(self, chamber: Chamber) -> Array:
-        """Axial force (S,) of a chamber on each segment in parts of its torque, 1/m; of a tendon see `drawn_in`."""
+        """Return the axial force of one input on each of S extensible segments, divided by the input's torque: an array
+        (S,) [1/m].
+
+        For tendons see `drawn_in`.
+        """
         if isinstance(chamber, Tendon):
             return self.drawn_in(chamber)
         turned = np.broadcast_to((chamber.joint_gain != 0) | (chamber.cross_gain != 0), (self.joints,))
@@ -141,10 +158,11 @@ class Actuation:
         return np.broadcast_to(gain, (len(self.segment_length),))
 
     def drawn_in(self, tendon: Tendon) -> Array:
-        """Axial force (S,) of a tendon on each segment in parts of what it pulls with: -1 where it runs all along it.
+        """Return the axial force of a tendon on each of S extensible segments, divided by its tension: -1 where it
+        spans the whole segment.
 
-        It runs from the base to the end of the last joint that it turns: along a segment for the part of its joints up
-        to there, along one without joints if any lies beyond.
+        A tendon runs from the base to the last joint that it turns. The value of a segment is minus the fraction of its
+        joints up to there. For a segment without joints it is -1 if the tendon turns a joint beyond it.
         """
         part, before = np.zeros(len(self.segment_length)), -1
         turned = np.broadcast_to((tendon.joint_gain != 0) | (tendon.cross_gain != 0), (self.joints,))
@@ -156,29 +174,30 @@ class Actuation:
 
     @property
     def remembers(self) -> bool:
-        """Whether a chamber has slow states."""
+        """Whether a chamber has slow states: lagged pressure or wall stretch."""
         return any(c.remembers for c in self.inputs)
 
     @property
     def polynomial(self) -> bool:
-        """Whether all laws are polynomials."""
+        """Whether the torque laws of all chambers are polynomials of the pressure."""
         return all(c.law == POLYNOMIAL for c in self.inputs)
 
     def kernel(self) -> symbols.ActuationConstants:
-        """Constants for the kernels, shorter laws filled up with zeros."""
+        """Return the constants of all inputs as a record for the compiled kernels."""
         longest = max(c.torque.size for c in self.inputs)
         law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.inputs])
         return symbols.ActuationConstants(law, np.array(self.columns), np.array([c.kernel()[1:] for c in self.inputs]))
 
     def pressures(self, value: Any) -> Array:
-        """`value` as pressures (C,) [Pa]: a number is enough for one input; 0 is no pressure in any.
+        """Return `value` as an array (C,) of input values [Pa]. One number is enough for a single input, and 0 for any
+        number of inputs.
 
         Raises
         ------
         InputError
-            When there are not as many as inputs.
+            When the number of pressures is not that of the inputs.
         """
-        p = np.array(value, dtype=float, ndmin=1)  # a copy: who passes an array may change it
+        p = np.array(value, dtype=float, ndmin=1)  # a copy, since the caller may change the array
         if p.shape == (1,) and p[0] == 0.0:
             return np.zeros(self.count)
         if p.shape != (self.count,):
@@ -188,13 +207,14 @@ class Actuation:
         return p
 
     def torques(self, pressure: Any) -> Array:
-        """Torque (C,) of each chamber at rest at `pressure` (C,) [Pa], N m."""
+        """Return the static torque (C,) [N m] of each chamber at the gauge pressures `pressure` (C,) [Pa]."""
         return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
-        """Torques (N + R,) [N m] of coordinates, commands [N] of tendons behind them, at rest at `pressure` (C,) [Pa].
+        """Return static torques of the N coordinates [N m], then commands of the R tendons [N], at the inputs
+        `pressure` (C,) [Pa].
 
-        Infinite if walls give way.
+        Torques are in N m, commands in N. They are infinite where a hyperelastic wall has no equilibrium.
         """
         tau = np.empty(self.columns.shape[1])
         for c, torque in enumerate(self.torques(pressure)):
@@ -202,17 +222,23 @@ class Actuation:
         return tau
 
     def no_rest(self, pressure: Any) -> str:
-        """A sentence on the chamber whose wall has no equilibrium at `pressure` (C,) [Pa]."""
+        """Return a message about the first chamber whose hyperelastic wall has no equilibrium at `pressure` (C,) [Pa],
+        or '' if all have one.
+        """
         said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 
     def rest_state(self, pressure: Any) -> Array:
-        """Slow states (C, 2) long at rest at `pressure` (C,) [Pa]: slow pressure [Pa], fourth power of the stretch."""
+        """Return the equilibrium of each chamber's slow states (C, 2) at `pressure` (C,) [Pa]: lagged pressure and wall
+        stretch.
+
+        They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
+        """
         return np.stack([c.rest_state(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
 
 def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:
-    """The chambers of a model: as `given`, or the one that the `values` of its law, valve and rubber describe.
+    """Return the chambers of a model as a tuple: those in `given`, or a single chamber with the parameters `values`.
 
     Raises
     ------
@@ -220,14 +246,17 @@ def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamb
         When both are given, or neither.
     """
     if given and values:
-        raise InputError(f"give chambers, or {', '.join(sorted(values))} of the only one, not both")
+        raise InputError(
+            "give either chambers or the parameters of a single chamber, not both: leave out "
+            f"{', '.join(sorted(values))}"
+        )
     if given:
         made = tuple(given)
         if not all(isinstance(c, Chamber) for c in made):
             raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
         if len({c.name for c in made}) < len(made):
-            raise InputError(f"chambers need names that differ, got {', '.join(c.name for c in made)}")
+            raise InputError(f"chambers must have different names, got {', '.join(c.name for c in made)}")
         return made
     if "torque" not in values:
-        raise InputError("a model needs a torque law: torque = (A d,) [N m/Pa], or chambers")
+        raise InputError("a model needs a torque law: give torque = (A d,) [N m/Pa], or chambers")
     return (Chamber(**values),)

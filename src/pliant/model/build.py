@@ -1,4 +1,4 @@
-"""Models of uniform bodies, cut into links."""
+"""Function that creates the model of a uniform actuator, divided into links."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from pliant.options import full_signature
 def chain_model(
     *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Unpack[ChainValues],
 ) -> Model:
-    """A uniform body of `length` [m] and `mass` [kg] as a chain of `links` links.
+    """Return the model of a uniform actuator of `length` [m] and `mass` [kg], divided into `links` rigid links.
 
     Parameters
     ----------
     joint_placement : {"base", "midsegment"}
-        The body is cut into equal segments. Joints sit at the base of each segment (the paper), or in its middle: a
-        rigid stub of half a segment, then links l, ..., l, l/2. Lumping the bending of a segment in its middle keeps
-        EI = K l and the first frequency of the continuum within 1 % at five links (base joints: -17 %).
+        The body is divided into equal segments of length l. Joints are at the base of each segment (the paper), or in
+        its middle, which gives a rigid base part of l/2, then links l, ..., l, l/2. Joints in the middle keep EI = K l
+        and the first frequency of the continuum within 1 % at five links (base joints: -17 %).
     **parameters
-        Everything else that `Model` takes: stiffness, damping, torque, ...
+        All other parameters of `Model`: stiffness, damping, torque, ...
 
     Returns
     -------

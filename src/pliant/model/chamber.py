@@ -1,4 +1,6 @@
-"""One pressure and what it does: its law, rubber and valve, the joints that it turns, the axial force that it makes."""
+"""A pressure chamber of an actuator: its torque law, rubber and valve, the joints that it bends,
+and its axial force.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ NOT_NEGATIVE = ("swell_share", "inflation_limit", "inflation_jm")
 
 
 class ChamberValues(TypedDict, total=False):
-    """The keywords of a model of one chamber that describe it; see `Chamber`."""
+    """Type of the keyword arguments of `Model` that describe its single chamber, as those of `Chamber`."""
 
     torque: Any
     joint_gain: Any
@@ -39,39 +41,40 @@ class ChamberValues(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Chamber:
-    """One pressure and the torque that it makes, all SI.
+    """A pressure chamber: the torque on the joints as a function of its gauge pressure, and the lag of this pressure.
+    SI units.
 
-    The law of one input: `kind` and `unit` say what its value is, the valve how late it is, the gains on which
-    coordinates it acts.
+    `kind` and `unit` describe its input value, `valve` the lag of its pressure, and the gains the coordinates on which
+    it acts.
 
     Parameters
     ----------
     torque : array (k,)
-        Torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A d,). Of another `law`
-        its numbers.
+        Coefficients of the torque law tau = torque[0] p + torque[1] p^2 + ..., N m/Pa^i, p gauge. The paper's is (A
+        d,). For another `law`, its parameters.
     joint_gain : array (n,)
-        Share of the torque law that each joint feels; 1 by virtual work. A number stands for all joints.
+        Fraction of the torque at each joint; 1 by virtual work. A single number applies to all joints.
     valve : Valve
-        What lies between its commanded and its acting pressure.
+        The lag between commanded and actual pressure.
     swell_share, swell_time : float
-        A chamber that swells: this share of what the law adds beyond torque[0] p grows with a pressure that lags by
-        swell_time, s. See `pliant.equations.chamber.swollen_torque`; share 0: at once.
+        Viscoelastic lag: this fraction of the torque beyond torque[0] p follows the pressure with a lag of time
+        constant swell_time, s. See `pliant.equations.chamber.swollen_torque`. 0: no lag.
     inflation_limit, inflation_time, inflation_jm : float
-        With a hyperelastic wall: shear modulus times wall over radius of a thin tube [Pa], the time [s] that its rubber
-        takes at low pressure, and J_m of Gent's rubber, which bounds its stretch: J_m = stretch^2 + stretch^-2 - 2 at
-        most. Without it, 0, the rubber is neo-Hookean and grows without end at `inflation_limit`. The torque
-        grows with the cube of the stretch; see `pliant.equations.chamber.wall_rate`. Limit 0: a rigid wall.
+        Hyperelastic wall: shear modulus times wall thickness over radius of a thin tube [Pa], time constant [s] of its
+        rubber at low pressure, and J_m of Gent's rubber, the largest stretch^2 + stretch^-2 - 2. With J_m = 0 the
+        rubber is neo-Hookean and expands without bound at `inflation_limit`. The torque grows with the cube of the
+        stretch; see `pliant.equations.chamber.wall_rate`. Limit 0: a rigid wall.
     axial_gain : array (S,)
-        Axial force on each segment that lengthens (`pliant.model.Extension`), in parts of the torque, 1/m. By virtual
-        work it is 1 / offset where a chamber lies at an offset [m] from the neutral axis: its volume A (L (1 + e) +
-        offset sum q) gives torque p A offset and force p A. A number stands for the segments whose joints it turns.
+        Axial force on each segment that lengthens (`pliant.model.Extension`), over the torque, 1/m. By virtual work it
+        is 1 / offset for a chamber at an offset [m] from the neutral axis: its volume A (L (1 + e) + offset sum q)
+        gives the torque p A offset and the force p A. A single number applies to the segments whose joints it turns.
     cross_gain : array (n,)
-        Of a chain in space: share of the torque law about the y axis of each joint; `joint_gain` is that about its x
+        For a chain in space: fraction of the torque about the y axis of each joint; `joint_gain` is that about its x
         axis. A chamber at an azimuth alpha from x towards y has joint_gain sin(alpha) and cross_gain -cos(alpha).
     name : str
-        By which recordings and parameters mean it.
+        Name of the chamber in recordings and parameters.
     law : str
-        "polynomial", or another law of `pliant.equations.laws`, by its name.
+        "polynomial", or the name of another law of `pliant.equations.laws`.
 
     Raises
     ------
@@ -119,101 +122,120 @@ class Chamber:
 
     @classmethod
     def at_offset(cls, area: float, offset: float, joints: Any, **more: Any) -> Chamber:
-        """A chamber of known geometry: `area` [m^2], its axis at a signed `offset` [m] from the neutral axis.
+        """Return a chamber of known cross-section `area` [m^2], whose axis is at a signed `offset` [m] from the neutral
+        axis.
 
         Parameters
         ----------
         joints : array (n,)
             1 for each joint that it turns, 0 for the others. A negative offset turns them the other way.
         **more
-            Everything else that a `Chamber` takes.
+            Other parameters of `Chamber`.
 
         Raises
         ------
         InputError
-            When the area is not positive or the offset is 0: a chamber on the axis turns nothing; give it joint_gain 0.
+            When the area is not positive or the offset is 0. (A chamber on the axis turns no joint: give it joint_gain
+            0.)
         """
         area, offset = one_number("area", area), one_number("offset", offset)
         if not area > 0 or offset == 0 or not np.isfinite([area, offset]).all():
-            raise InputError(f"a chamber has a positive area [m^2] and an offset [m] but 0, got {area}, {offset}")
+            raise InputError(f"a chamber needs a positive area [m^2] and a non-zero offset [m], got {area}, {offset}")
         turned = np.copysign(1.0, offset) * numbers("joints", joints)
         law, axial = np.array([area * abs(offset)]), np.array([1.0 / abs(offset)])
         return cls(torque=law, joint_gain=turned, axial_gain=axial, **more)
 
     @property
     def swells(self) -> bool:
-        """Whether part of the torque lags behind the pressure."""
+        """Whether part of the chamber's torque lags behind the pressure (viscoelastic lag)."""
         return self.swell_share > 0
 
     @property
     def grows(self) -> bool:
-        """Whether the wall is hyperelastic."""
+        """Whether the chamber's wall is hyperelastic, so that it inflates."""
         return self.inflation_limit > 0
 
     @property
     def remembers(self) -> bool:
-        """Whether more than the pressure at hand makes the torque."""
+        """Whether the chamber's torque depends on slow states (lagged pressure, wall stretch) besides the present
+        pressure.
+        """
         return self.swells or self.grows
 
     @property
     def plain(self) -> bool:
-        """Whether the torque is a polynomial of the pressure at hand."""
+        """Whether the chamber's torque is a polynomial of the present pressure alone."""
         return self.law == laws.POLYNOMIAL and not self.remembers
 
     def rest_state(self, pressure: float) -> Array:
-        """Slow states (2,) long at rest at `pressure` [Pa]: slow pressure [Pa], fourth power of the stretch."""
+        """Return the equilibrium (2,) of the chamber's slow states at `pressure` [Pa]: lagged pressure and wall
+        stretch.
+
+        They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
+        """
         return np.array([pressure, float(self.growth_at(pressure))])
 
     def torque_at(self, pressure: Any) -> Any:
-        """Torque of the law at rest at gauge `pressure` [Pa], N m; any shape. Infinite where the wall bursts."""
+        """Return the static torque [N m] at gauge `pressure` [Pa], an array of any shape; infinite where the wall has
+        no equilibrium.
+        """
         torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
         return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
 
     def lever_at(self, pressure: Any) -> Any:
-        """Torque of the law for each pascal at gauge `pressure` [Pa], N m/Pa; any shape."""
+        """Return the torque per unit pressure [N m/Pa] at gauge `pressure` [Pa] of any shape, without inflation of the
+        wall.
+        """
         return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
 
     def no_rest(self, pressure: float) -> str:
-        """Return a sentence if the wall has no equilibrium at a pressure [Pa]; empty if the chamber comes to rest."""
+        """Return a message if the chamber's hyperelastic wall has no equilibrium at `pressure` [Pa], else ''."""
         if np.isfinite(self.torque_at(pressure)):
             return ""
         return (
-            f"the chamber has no rest at {pressure:.6g} Pa: it grows without end from its inflation_limit of "
-            f"{self.inflation_limit:.6g} Pa on; lower the pressure"
+            f"the chamber has no equilibrium at {pressure:.6g} Pa: its wall expands without bound from its "
+            f"inflation_limit of {self.inflation_limit:.6g} Pa on; lower the pressure"
         )
 
     def growth_at(self, pressure: Any) -> Any:
-        """Fourth power of the hoop stretch at rest at gauge `pressure` [Pa]: 1 for a rigid wall."""
+        """Return the equilibrium of the wall's hoop stretch to the fourth power at gauge `pressure` [Pa]; 1 for a rigid
+        wall.
+        """
         return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit, self.inflation_jm)
 
     def torque_slope(self, pressure: float) -> float:
-        """Slope of the torque law at a pressure [Pa], the swelling held: N m/Pa.
+        """Return d(torque)/d(pressure) [N m/Pa] of a chamber at `pressure` [Pa], with its lagged pressure held
+        constant.
 
         Raises
         ------
         InputError
-            With a hyperelastic wall: its growth is a state that a linear model does not have.
+            When the wall is hyperelastic, because a linear model has no state for its stretch.
         """
         if self.inflation_limit:
             raise InputError(
-                "the linear model and the controllers take a chamber with a rigid wall: fit a torque law without "
+                "linear models and controllers do not support a hyperelastic wall: fit a torque law without "
                 "inflation_limit for them"
             )
         return float(self.law_slope(float(pressure)))
 
     def law_slope(self, pressure: Any) -> Any:
-        """Slope of the law alone at a pressure [Pa], the swelling held, N m/Pa; any shape."""
+        """Return d(torque)/d(pressure) [N m/Pa] at a pressure [Pa] of any shape, for constant lagged pressure and a
+        rigid wall.
+        """
         p, form = np.asarray(pressure, dtype=float), laws.NUMBERS[self.law]
         rise = laws.lever_secant(p, p, self.torque, form)
         return self.lever_at(p) + p * (1.0 - self.swell_share) * rise
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Return a hashable key of all that the torque of an input depends on, except its joints."""
+        """Hashable key of all parameters that determine the input's torque, without the gains at the joints."""
         return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
 
     def sentences(self, *, alone: bool) -> list[str]:
-        """Law, valve and rubber, for people; `alone`: the only chamber needs no name."""
+        """Return sentences that describe the chamber's torque law, valve and rubber. With `alone`,
+        they omit its name.
+        """
         powers = ("p", *(f"p^{k}" for k in range(2, self.torque.size + 1)))
         law = " + ".join(f"{a:.4g} {p}" for a, p in zip(self.torque, powers, strict=True))
         if self.law != laws.POLYNOMIAL:
@@ -226,7 +248,7 @@ class Chamber:
         if valve:
             said.append(f"{who}valve: {', '.join(valve)}")
         if self.swell_share:
-            said.append(f"{who}swelling: share {self.swell_share:.3g}, {self.swell_time:.3g} s")
+            said.append(f"{who}viscoelastic lag: fraction {self.swell_share:.3g}, {self.swell_time:.3g} s")
         if self.inflation_limit:
             bound = f", J_m {self.inflation_jm:.4g}" if self.inflation_jm else ""
             said.append(f"{who}inflation: limit {self.inflation_limit:.4g} Pa, {self.inflation_time:.3g} s{bound}")
@@ -235,7 +257,7 @@ class Chamber:
         return said
 
     def kernel(self) -> symbols.ChamberConstants:
-        """Constants for the kernels."""
+        """Return the chamber's constants as a record for the compiled kernels."""
         return symbols.ChamberConstants(
             self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time,
             self.inflation_jm, laws.NUMBERS[self.law],
@@ -243,9 +265,10 @@ class Chamber:
 
 
 def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
-    """Fourth power of the hoop stretch at rest at `pressure` [Pa] towards `limit` [Pa]; 1 where the limit is 0.
+    """Return the equilibrium of the wall's hoop stretch to the fourth power at `pressure` [Pa]; 1 where `limit` [Pa] is
+    0.
 
-    Of Gent's rubber with `jm` above 0 it is finite at every pressure; without, infinite from the limit on.
+    With Gent's rubber (`jm` > 0) it is finite at every pressure. Otherwise it is infinite from the limit on.
     """
     push, jm = np.broadcast_arrays(pressure / np.where(limit, limit, np.inf), jm)
     y = np.where(push < 1.0, 1.0 / np.where(push < 1.0, 1.0 - push, 1.0), np.inf)
@@ -255,10 +278,12 @@ def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
 
 
 def rest_of_gent(push: float, jm: float) -> float:
-    """Fourth power of the hoop stretch at which a Gent wall rests at a pressure of `push` times its limit."""
+    """Return the equilibrium of a Gent wall's hoop stretch to the fourth power, at a pressure of `push` times
+    `inflation_limit`.
+    """
     wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
-    y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the rest
-    for _ in range(100):  # Newton from beyond the rest converges steadily: the rate is concave in y
+    y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the equilibrium
+    for _ in range(100):  # from beyond the equilibrium Newton converges monotonically: the rate is concave in y
         rate, slope = chamber.wall_rate(push, y, wall)
         y -= rate / slope
         if abs(rate) <= 1e-14 * abs(slope) * y:
@@ -267,25 +292,29 @@ def rest_of_gent(push: float, jm: float) -> float:
 
 
 def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
-    """Torques (N,) of laws at rest, with the growth of the walls of many chambers whose `values` (N,) are given."""
+    """Return the static torques (N,) [N m] of N chambers with inflating walls, from their torques without inflation, in
+    place.
+
+    `torque` (N,) are those of the laws, `values` holds the chambers' parameters as arrays (N,).
+    """
     soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
     torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft], values["inflation_jm"][soft]))
     return torque
 
 
 def remembering(values: Mapping[str, Array]) -> Array:
-    """Which of many chambers have slow states, (N,)."""
+    """Return for each of N chambers whether it has slow states (viscoelastic lag or inflation), as booleans (N,)."""
     return np.asarray((values["swell_share"] != 0) | (values["inflation_limit"] != 0))
 
 
-FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # what a model of one chamber calls its own
+FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # keyword arguments of a single chamber
 
 
 def check_chamber(made: Chamber) -> None:
-    """Raise InputError when a parameter of a chamber is not finite or not physical."""
+    """Raise InputError if a parameter of a chamber is not finite or not physical."""
     of = "model" if made.name == "chamber" else f"{type(made).__name__.lower()} {made.name!r}:"
     if made.swell_share > 1:
-        raise InputError(f"{of} swell_share must be at most 1, the whole of it, got {made.swell_share}")
+        raise InputError(f"{of} swell_share must be at most 1, because it is a fraction, got {made.swell_share}")
     check_law(made, of)
     plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
     check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if plain else ARRAYS[1:])
@@ -298,14 +327,17 @@ def check_chamber(made: Chamber) -> None:
 
 
 def check_law(made: Chamber, of: str) -> None:
-    """Raise InputError when a chamber's law is not known, or its numbers are not those of a law with a kernel."""
+    """Raise InputError if the name of a chamber's torque law is unknown, or the law's parameters are out of bounds."""
     if made.law not in laws.NUMBERS:
         raise InputError(f"{of} law must be one of {', '.join(laws.NUMBERS)}, got {made.law!r:.60}")
     if made.law == laws.POLYNOMIAL:
         return
     rows = laws.LAWS[int(laws.NUMBERS[made.law]) - 1].parameters
     if made.torque.size != len(rows):
-        raise InputError(f"{of} torque of the law {made.law!r} is {', '.join(rows)}, got {made.torque.size} number(s)")
+        raise InputError(
+            f"{of} torque of the law {made.law!r} must be its numbers {', '.join(rows)}, got "
+            f"{made.torque.size} number(s)"
+        )
     for value, (name, row) in zip(made.torque, rows.items(), strict=True):
         if not (np.isfinite(value) and row.lower <= value <= row.upper):
             raise InputError(

@@ -1,4 +1,4 @@
-"""Checks of the numbers given to a model and to a chamber."""
+"""Checks that parameters of a model or a chamber are finite numbers of the right sign and size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def numbers(name: str, value: Any) -> Array:
-    """Return `value` as a new one-dimensional array of floats; InputError if it is none."""
+    """Return `value` as a new one-dimensional array of floats; raise InputError if this is impossible."""
     try:
         a = np.atleast_1d(np.array(value, dtype=float))
     except (TypeError, ValueError):
@@ -26,26 +26,28 @@ def numbers(name: str, value: Any) -> Array:
 
 
 def one_number(name: str, value: Any) -> float:
-    """`value` as a number."""
+    """Return `value` as a float; raise InputError unless it is exactly one number."""
     if type(value) is float:
         return value
     a = numbers(name, value)
     if a.size != 1:
-        raise InputError(f"model {name} must be one number, got {a.size}")
+        raise InputError(f"model {name} must be one number, got {a.size} numbers")
     return float(a[0])
 
 
 def check_numbers(
     of: Any, what: str, positive: Sequence[str], not_negative: Sequence[str], free: Sequence[str],
 ) -> None:
-    """Refuse attributes of `of` that are not finite, of the wrong sign, or larger or smaller than any body's.
+    """Raise InputError if a named attribute of the object `of` is not finite, has the wrong sign or exceeds its
+    physical limit.
 
-    `what` stands before their names in the sentence; those of `free` may have any sign.
+    `what` begins the message. `positive`, `not_negative` and `free` are names of attributes; those in `free` may have
+    any sign.
     """
     for name in (*positive, *not_negative, *free):
         value = getattr(of, name)
         least, most = (value.min(initial=inf), value.max(initial=-inf)) if isinstance(value, Array) else (value, value)
-        if not (-inf < least and most < inf):  # not a number compares false
+        if not (-inf < least and most < inf):  # False for NaN
             raise InputError(f"{what} {name} must be finite, got {value}")
         if least <= 0 and name in positive:
             raise InputError(f"{what} {name} must be positive, got {value}")

@@ -1,9 +1,11 @@
-"""A chamber whose wall expands at once, in proportion to the pressure: its lever grows with the cube of its radius.
+"""Torque law of a chamber whose radius grows linearly with the pressure, so that its lever arm grows with the cube of
+the radius.
 
 tau = a p (1 + c p)^3
 
-Two numbers: a = A d at rest [N m/Pa] and c, the strain of the radius for each pascal. The bladder's A d = 2/3 r2^3
-(Sec. III-C) with r2 (1 + c p). A neo-Hookean tube (`equations.chamber.inflated`) begins so, with c = 1 / (4 limit).
+It has two parameters: a = A d at rest [N m/Pa], and c, the strain of the radius per pascal. The bladder's A d = 2/3
+r2^3 (Sec. III-C) with r2 (1 + c p). At low pressure a neo-Hookean tube (`equations.chamber.inflated`) behaves like
+this, with c = 1 / (4 limit).
 """
 
 from __future__ import annotations
@@ -16,12 +18,18 @@ Array = np.ndarray
 
 
 def coefficients(lever: float, compliance: float) -> Array:
-    """Coefficients (4,) [N m/Pa^i] of a p (1 + c p)^3."""
+    """Return the coefficients (4,) [N m/Pa^i] of p, p^2, p^3, p^4 in the elastic-wall law a p (1 + c p)^3.
+
+    a is `lever` [N m/Pa], c is `compliance` [1/Pa].
+    """
     return lever * np.array([1.0, 3.0 * compliance, 3.0 * compliance**2, compliance**3])
 
 
 def start(pressure: Array, torque: Array) -> dict[str, float]:
-    """From pressures [Pa] and torques [N m] at rest: a straight line through the cube roots of torque over pressure."""
+    """Return starting values for a fit of the elastic-wall law, from pressures (T,) [Pa] and static torques (T,) [N m].
+
+    They follow from a straight line through the cube roots of torque over pressure.
+    """
     pushed = pressure > 0
     root = np.cbrt(torque[pushed] / pressure[pushed])
     if np.unique(pressure[pushed]).size < 2:
@@ -33,8 +41,8 @@ def start(pressure: Array, torque: Array) -> dict[str, float]:
 TORQUE_LAW = TorqueLaw(
     "elastic_wall",
     {
-        "lever": LawParameter("N m/Pa", 0.0, np.inf, 0.0, "A d of a chamber at rest whose radius grows with pressure"),
-        "compliance": LawParameter("1/Pa", 0.0, 1e-4, 1e-7, "strain of its radius for each pascal"),
+        "lever": LawParameter("N m/Pa", 0.0, np.inf, 0.0, "A d at zero pressure, as the radius grows with pressure"),
+        "compliance": LawParameter("1/Pa", 0.0, 1e-4, 1e-7, "strain of the chamber's radius per pascal"),
     },
     coefficients, start, scale="lever",
 )

@@ -1,4 +1,4 @@
-"""A segment of the body that lengthens, and what it makes of the chain's inertia."""
+"""Extensible segments of an actuator, each with one uniform axial strain."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.checks import one_number
 from pliant.model.limits import check_limit
+from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 Array = np.ndarray
+CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring soften or stiffen, as those of a joint
 
 
 @dataclass(frozen=True)
 class Extension:
-    """A segment of the body that lengthens by one uniform strain, between two places along the unstretched body.
+    """An extensible segment of the actuator, with one uniform axial strain.
 
     Parameters
     ----------
@@ -26,9 +28,14 @@ class Extension:
     damping : float
         Axial force per rate of strain, N s.
     start, stop : float
-        Where the segment begins and ends along the chain from the origin, m; default: the whole body. What it holds of
-        a link, and of the part before the first joint, lengthens with it.
+        Start and end of the segment along the unstretched chain from the origin, m; default: the whole body. The parts
+        of links within it, and of the part before the first joint, lengthen.
     name : str
+    stiffening, cubic_stiffening : float, optional
+        s and a of an axial spring EA e (1 + s e + a e^2) of the strain e: the law of the joints' springs, which softens
+        with s < 0 and stiffens again with a > 0. None of both: a linear spring, which takes less time.
+    stiffening_bound : float, optional
+        f, by which s changes the slope at most: it stays within EA (1 - f) and EA (1 + f). Below 1; 0: no bound.
 
     Raises
     ------
@@ -47,6 +54,9 @@ class Extension:
     start: float = 0.0
     stop: float | None = None
     name: str = "body"
+    stiffening: float | None = None
+    cubic_stiffening: float | None = None
+    stiffening_bound: float | None = None
 
     def __post_init__(self) -> None:
         for field in ("stiffness", "damping", "start", *(() if self.stop is None else ("stop",))):
@@ -59,28 +69,47 @@ class Extension:
                 )
         check_limit(f"extension {self.name!r}:", "axial_stiffness", self.stiffness)
         check_limit(f"extension {self.name!r}:", "axial_damping", self.damping)
+        for field in (name for name in CURVES if getattr(self, name) is not None):
+            value = one_number(f"extension {self.name!r}: {field}", getattr(self, field))
+            object.__setattr__(self, field, value)
+            if not np.isfinite(value):
+                raise InputError(f"extension {self.name!r}: {field} must be finite, got {value}")
+            check_limit(f"extension {self.name!r}:", field, value)
+        if not 0 <= (self.stiffening_bound or 0.0) < 1:
+            raise InputError(
+                f"extension {self.name!r}: {SPRING_BOUND} must be from 0 to below 1, got {self.stiffening_bound}"
+            )
         if self.stop is not None and not self.stop > self.start:
             raise InputError(f"extension {self.name!r} must stop after its start at {self.start} m, got {self.stop}")
 
+    @property
+    def curved(self) -> bool:
+        """Whether the axial spring may soften or stiffen: a fit can begin where it does neither yet."""
+        return any(getattr(self, name) is not None for name in SPRING_TERMS)
+
     def end(self, length: float) -> float:
-        """Return where the segment ends on a body of a `length` [m], m."""
+        """Return the position [m] of the segment's end along an actuator of the given `length` [m]."""
         return length if self.stop is None else self.stop
 
 
 def shares(links: Array, base_length: float, extensions: Sequence[Extension]) -> Array:
-    """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
+    """Return the fraction (n + 1, S) of the base part and of each of n links that lies in each of S extensible
+    segments.
+
+    Row 0 is the part before the first joint.
+    """
     edges = np.concatenate([[0.0, base_length], base_length + np.cumsum(links)])
     length, found = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
     for s, extension in enumerate(extensions):
         overlap = np.minimum(edges[1:], extension.end(edges[-1])) - np.maximum(edges[:-1], extension.start)
         np.divide(np.maximum(overlap, 0.0), length, out=found[:, s], where=length > 0)
-    found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that meet but for rounding
+    found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that coincide except for rounding
     found[found < 1e-9] = 0.0
     return found
 
 
 def extensions_of(entries: Any) -> tuple[Extension, ...]:
-    """`entries` as a tuple of extensions; InputError for anything else."""
+    """Return one or several `Extension` objects as a tuple; raise InputError for anything else."""
     made = (entries,) if isinstance(entries, Extension) else tuple(entries)
     if not all(isinstance(e, Extension) for e in made):
         raise InputError(f"extensions must be Extension objects, got {entries!r:.80}")

@@ -1,4 +1,4 @@
-"""The model file: JSON with a versioned schema, the same numbers out as in."""
+"""Reading and writing of model files: JSON with a versioned schema, which preserves every number exactly."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ UNITS = {
     SPRING_BOUND: "1",
 }
 MIRRORED = (  # D4
-    "bend_sign is no entry of a model, which is in the base frame, where positive angles lead towards -x: remove it "
-    "and the checksum; where it is -1, change the sign of the x of gravity too, and give shapes and targets in that "
-    "frame"
+    "bend_sign is not an entry of a model file: models are in the base frame, where positive angles bend towards -x. "
+    "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
+    "shapes and targets in the base frame"
 )
 
 
 class StationEntry(BaseModel):
-    """One observed point in a model file."""
+    """Table of one observed point in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -52,7 +52,7 @@ class StationEntry(BaseModel):
 
 
 class SpaceEntry(BaseModel):
-    """Entries of a chain in space in a model file."""
+    """Table of the parameters of a chain in space in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     stiffness_ratio: float = 1.0
@@ -63,7 +63,7 @@ class SpaceEntry(BaseModel):
 
 
 class ValveEntry(BaseModel):
-    """The valve in a model file."""
+    """Table of the valve parameters in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     rise_time: float = 0.0
@@ -80,7 +80,7 @@ class ValveEntry(BaseModel):
 
 
 class ChamberEntry(BaseModel):
-    """One of several inputs in a model file: a chamber, or a tendon, which has a kind."""
+    """Table of one pressure chamber in a model file that has several inputs."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -98,7 +98,7 @@ class ChamberEntry(BaseModel):
 
 
 class TendonEntry(BaseModel):
-    """A tendon in a model file."""
+    """Table of one tendon in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     driven_by: Literal["tension", "displacement", "angle"]
@@ -116,7 +116,7 @@ class TendonEntry(BaseModel):
 
 
 class ExtensionEntry(BaseModel):
-    """A segment that lengthens in a model file."""
+    """Table of one extensible segment in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     name: str
@@ -124,10 +124,13 @@ class ExtensionEntry(BaseModel):
     damping: float = 0.0
     start: float = 0.0
     stop: float | None = None
+    stiffening: float | None = None
+    cubic_stiffening: float | None = None
+    stiffening_bound: float | None = None
 
 
 class MemoryEntry(BaseModel):
-    """The memory of the joints in a model file."""
+    """Table of the hysteresis parameters of joints and segments in a model file."""
 
     model_config = ConfigDict(extra="forbid")
     creep_share: list[float] = []
@@ -138,10 +141,14 @@ class MemoryEntry(BaseModel):
     boucwen_beta: float = 50.0
     boucwen_gamma: float = 50.0
     boucwen_exponent: float = 1.0
+    axial_creep_share: list[float] = []
+    axial_creep_time: list[float] = []
+    axial_slip_share: list[float] = []
+    axial_slip_strain: list[float] = []
 
 
 class ModelFile(BaseModel):
-    """The model file as it lies on disk."""
+    """All entries of a model file, with their types and default values."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
     schema_name: Literal["pliant-model"] = SCHEMA
@@ -164,7 +171,7 @@ class ModelFile(BaseModel):
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     space: SpaceEntry | None = None
-    torque: list[float] | None = None  # these eleven of the only chamber, or `chambers`
+    torque: list[float] | None = None  # this and the next ten are of a single chamber; else `chambers`
     joint_gain: list[float] | None = None
     valve: ValveEntry | None = None
     swell_share: float | None = None
@@ -183,7 +190,9 @@ class ModelFile(BaseModel):
     @field_validator("units")
     @classmethod
     def units_are_ours(cls, units: dict[str, str]) -> dict[str, str]:
-        """Numbers in other units would be read as if they were SI."""
+        """Check that the units stated in a model file are those of its schema, because all numbers are read in these
+        units.
+        """
         wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
         if wrong:
             raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
@@ -191,7 +200,7 @@ class ModelFile(BaseModel):
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
-    """The content of a model file."""
+    """Return the entries of a model file for `model` as a dict of plain values."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
     content |= plain(model)
     chambers = [input_entries(c) for c in model.chambers]
@@ -211,7 +220,9 @@ def model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
-    """The entries of one input: those of a tendon that follow from others are left out."""
+    """Return the model-file entries of one chamber or tendon. For a tendon, values that follow from
+    others are omitted.
+    """
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
         chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
@@ -220,19 +231,21 @@ def input_entries(law: Chamber) -> dict[str, Any]:
 
 
 def input_of(entries: dict[str, Any]) -> Chamber:
-    """The chamber or tendon of the entries of a model file."""
+    """Return the chamber or tendon described by the `entries` of its table in a model file."""
     own = {**entries, "valve": Valve(**entries["valve"])}
     return Tendon(**own) if "driven_by" in own else Chamber(**own)
 
 
 def plain(of: Any) -> dict[str, Any]:
-    """The fields of a dataclass, arrays as lists."""
+    """Return the fields of a dataclass instance as a dict, with arrays as lists."""
     values = {field.name: getattr(of, field.name) for field in dataclasses.fields(of)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write `model` as JSON to `path`, atomically, with a checksum; `load_model` gives back an equal model.
+    """Write `model` to the file `path` as JSON with a checksum. `load_model` reads an equal model from it.
+
+    The file is replaced atomically.
 
     Raises
     ------
@@ -254,24 +267,24 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 def checksum_of(content: dict[str, Any]) -> str:
-    """SHA-256 of a model file's entries but the checksum itself, whatever their order and layout."""
+    """Return the SHA-256 of the entries of a model file, without its checksum, independent of order and layout."""
     entries = {name: value for name, value in content.items() if name != "checksum"}
     return sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def load_model(path: str | Path) -> Model:
-    """Read a model file.
+    """Read a `Model` from a model file.
 
     Parameters
     ----------
     path : str or Path
-        JSON, as `save_model` and `pliant run` write it.
+        A JSON file written by `save_model` or `pliant run`.
 
     Raises
     ------
     InputError
-        When the file is absent, not JSON, of another schema, holds a non-physical number, or is not what was written:
-        its checksum differs. A file without one is taken as it is.
+        When the file is absent, not JSON or of another schema, has a non-physical number, or has changed since it was
+        saved (its checksum differs). The checksum of a file without one is not checked.
 
     Examples
     --------
@@ -292,7 +305,7 @@ def load_model(path: str | Path) -> Model:
 
 
 def read_model(text: bytes | str, where: str) -> Model:
-    """The model in the text of a model file; `where` it stands opens the sentence of an error."""
+    """Return the `Model` described by the JSON text of a model file. `where` names the file in error messages."""
     try:
         entries = ModelFile.model_validate_json(text)
     except ValidationError as error:
@@ -312,7 +325,7 @@ def read_model(text: bytes | str, where: str) -> Model:
         raise InputError(f"{where}: {error}") from None
     if entries.checksum and entries.checksum != checksum_of(json.loads(text)):
         raise InputError(
-            f"{where} is not what was written: its checksum differs. Copy it again; or, if you changed it on "
-            "purpose, remove its entry 'checksum'"
+            f"{where} was changed or damaged after it was saved: its checksum differs. Copy it again or, if you "
+            "changed it on purpose, remove its entry 'checksum'"
         )
     return model

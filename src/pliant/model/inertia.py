@@ -1,4 +1,4 @@
-"""Constants of the inertia of links, of one model or of many samples side by side."""
+"""Inertia constants of a chain's links, for one model or for a batch of models."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ Array = np.ndarray
 
 
 def inertia_constants(length: Array, mass: Array, tip_mass: Any, *, rod: bool) -> tuple[Array, Array, Array]:
-    """Return B (n, n, ...), rotary inertias (n, ...) [kg m^2] and first moments h (n, ...) [kg m] of links.
+    """Return coupling matrix B (n, n, ...) and rotary inertias (n, ...) [kg m^2], and first moments h (n, ...) [kg m],
+    of n links.
 
     Parameters
     ----------
     length, mass : array (n, ...)
-        m and kg; behind the links stand the samples of a batch.
+        Lengths [m] and masses [kg] of the links; further axes are samples of a batch.
     tip_mass : float or array (...)
-        kg
+        Mass at the last tip, kg.
     rod : bool
-        Whether a link is a uniform rod; otherwise its mass sits at its tip.
+        Whether links are uniform rods; otherwise their masses are at their tips.
     """
     n = len(length)
     B, h = np.empty((n, *length.shape)), np.empty(length.shape)

@@ -1,7 +1,8 @@
-"""Physical limits of a soft body, wide: the bounds of every number of a model, in one table.
+"""Physical limits of all model parameters, in one table.
 
-Beyond them stands a wrong unit or a damaged file, and arithmetic that overflows, divides by zero or never ends. Each is
-at least a factor of a thousand from anything that was built, and where a fit's bound is 0 its steps towards it fit in.
+A number beyond its limits means a wrong unit or a damaged file, and could cause overflow, division by zero or endless
+loops. Each limit is at least a factor of a thousand from any body that was built. Where the lower bound of a fit is 0,
+the steps of its numerical derivatives are within the limits.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ from typing import NamedTuple
 from pliant.errors import InputError
 from pliant.model.spring import SPRING_TERMS
 
-MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is no reduced model
-MOST_TERMS = 16  # of the torque law, and branches of each kind of memory
+MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is not a reduced model
+MOST_TERMS = 16  # of the torque law, and branches of each kind of hysteresis
 MOST_STATIONS = 4096
 
 
 class Limit(NamedTuple):
-    """Least and largest size of a number, its unit, and whether 0 is one too where the least is not."""
+    """Smallest and largest absolute value allowed for a parameter, its unit, and whether 0 is allowed as well."""
 
     least: float
     most: float
@@ -72,6 +73,10 @@ LIMITS = {
     "creep_time": Limit(1e-6, 1e12, "s"),
     "slip_share": Limit(0.0, 1e6, ""),
     "slip_angle": Limit(1e-9, 1e3, "rad"),
+    "axial_creep_share": Limit(0.0, 1e6, ""),
+    "axial_creep_time": Limit(1e-6, 1e12, "s"),
+    "axial_slip_share": Limit(0.0, 1e6, ""),
+    "axial_slip_strain": Limit(1e-9, 1e3, ""),
     "boucwen_share": Limit(0.0, 1e6, ""),
     "boucwen_beta": Limit(0.0, 1e9, "1/rad^n"),
     "boucwen_gamma": Limit(0.0, 1e9, "1/rad^n"),
@@ -80,16 +85,16 @@ LIMITS = {
 
 
 def check_limit(what: str, name: str, value: float) -> None:
-    """Raise InputError when a number of the model is larger, or nearer to 0, than any body's.
+    """Raise InputError if the absolute value of a parameter is outside its physical limits.
 
     Parameters
     ----------
     what : str
-        Where it stands, for the sentence: "model", "valve", "memory".
+        Owner of the parameter, for the message: "model", "valve", "memory".
     name : str
-        Its entry in `LIMITS`.
+        Name of the parameter in `LIMITS`.
     value : float
-        Finite; its sign is checked where the sign matters.
+        A finite number of any sign; its sign is checked elsewhere.
     """
     limit, size = LIMITS[name], abs(value)
     if limit.least <= size <= limit.most or (size == 0.0 and limit.zero):

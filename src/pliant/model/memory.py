@@ -1,10 +1,10 @@
-"""Hysteresis of the joints: creep, internal friction, Bouc-Wen."""
+"""Parameters of the joints' hysteresis: creep (Prony), internal friction (Maxwell-slip) and Bouc-Wen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -14,30 +14,39 @@ from pliant.model.limits import MOST_TERMS, check_limit
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve
-PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"))
+PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"),
+         ("axial_creep_share", "axial_creep_time"), ("axial_slip_share", "axial_slip_strain"))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Memory:
-    """Branches beside the spring of every joint, their stiffness in parts of the joint's own.
+    """Hysteresis of joints and extensible segments: creep, friction and Bouc-Wen branches in parallel with each spring,
+    with stiffnesses as fractions of its K or EA.
 
     Parameters
     ----------
     creep_share, creep_time : tuple of float
-        Prony branches: a spring of this share behind a dashpot that relaxes it within this time, s.
+        Prony branches: springs of this stiffness (fraction of K), each in series with a dashpot, with this relaxation
+        time, s.
     slip_share, slip_angle : tuple of float
-        Maxwell-slip elements: a spring of this share that slips where it is stretched by more than this angle, rad.
+        Maxwell-slip elements: springs of this stiffness (fraction of K) which slip when stretched beyond this angle,
+        rad.
     boucwen_share : float
-        Bouc-Wen branch: K share z beside K q. Written as alpha K q + (1 - alpha) K z, alpha = 1 / (1 + share).
+        Bouc-Wen branch: torque K share z in addition to K q. In the form alpha K q + (1 - alpha) K z,
+        alpha = 1 / (1 + share).
     boucwen_beta, boucwen_gamma, boucwen_exponent : float
         ``dz = dq - (beta |dq| |z|^{n-1} z + gamma dq |z|^n)``, A = 1; beta and gamma in 1/rad^n, n the exponent. The
         size of z stays below ``(beta + gamma)^{-1/n}``.
+    axial_creep_share, axial_creep_time : tuple of float
+        Prony branches beside the axial spring of every segment that lengthens, in parts of its EA, and times, s.
+    axial_slip_share, axial_slip_strain : tuple of float
+        Maxwell-slip elements of the same, which slip where they are stretched by more than this strain.
 
     Raises
     ------
     InputError
-        When a number is not finite, negative or missing its partner, or the Bouc-Wen branch could give energy away
-        that it was never given: it must hold ``beta >= |gamma|``, ``beta + gamma > 0`` and an exponent of at least 1.
+        When a number is negative or not finite, paired tuples differ in length, or the Bouc-Wen branch could generate
+        energy. It needs ``beta >= |gamma|``, ``beta + gamma > 0`` and an exponent of at least 1.
     """
 
     creep_share: tuple[float, ...] = ()
@@ -48,25 +57,34 @@ class Memory:
     boucwen_beta: float = 50.0
     boucwen_gamma: float = 50.0
     boucwen_exponent: float = 1.0
+    axial_creep_share: tuple[float, ...] = ()
+    axial_creep_time: tuple[float, ...] = ()
+    axial_slip_share: tuple[float, ...] = ()
+    axial_slip_strain: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             row = field.type.startswith("tuple")
             object.__setattr__(self, field.name, checked(field.name, value, row))
-        if (most := max(len(self.creep_share), len(self.slip_share))) > MOST_TERMS:
-            raise InputError(f"memory has at most {MOST_TERMS} branches of a kind, got {most}")
+        if (most := max(len(getattr(self, shares)) for shares, _ in PAIRS)) > MOST_TERMS:
+            raise InputError(
+                f"memory (hysteresis) has at most {MOST_TERMS} branches of a kind, got {most}: use fewer creep or slip "
+                "branches"
+            )
         for shares, others in PAIRS:
             row, other = getattr(self, shares), getattr(self, others)
             if len(row) != len(other):
-                raise InputError(f"memory {shares} and {others} go in pairs, got {len(row)} and {len(other)} numbers")
+                raise InputError(
+                    f"memory {shares} and {others} must have the same length, got {len(row)} and {len(other)} numbers"
+                )
             if min(other, default=1.0) == 0:
                 raise InputError(f"memory {others} must be positive, got {other}")
         beta, gamma = self.boucwen_beta, self.boucwen_gamma
         if not (beta >= abs(gamma) and beta + gamma > 0):
             raise InputError(
                 f"memory boucwen_beta must be at least |boucwen_gamma| and their sum positive, got {beta} and {gamma}: "
-                "otherwise the branch gives away energy that it was never given"
+                "otherwise the branch could generate energy"
             )
         if self.boucwen_exponent < 1:
             raise InputError(f"memory boucwen_exponent must be at least 1, got {self.boucwen_exponent}")
@@ -76,8 +94,18 @@ class Memory:
                 check_limit("memory", field.name, number)
 
     def __bool__(self) -> bool:
-        """Whether there is any branch."""
-        return bool(self.creep_share or self.slip_share or self.boucwen_share)
+        """Return whether there is any branch."""
+        return bool(self.creep_share or self.slip_share or self.boucwen_share or self.has_axial)
+
+    @property
+    def has_axial(self) -> bool:
+        """Return whether the segments that lengthen have any branch."""
+        return bool(self.axial_creep_share or self.axial_slip_share)
+
+    @property
+    def axial(self) -> Memory:
+        """Return the branches of the segments in the form of those of a joint, with strains in place of angles."""
+        return Memory(self.axial_creep_share, self.axial_creep_time, self.axial_slip_share, self.axial_slip_strain)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -88,38 +116,45 @@ class Memory:
 
     @property
     def instantaneous(self) -> float:
-        """Stiffness of all branches together before any of them slips, in parts of the joint's own."""
+        """Stiffness that all hysteresis branches add before any of them slips or relaxes, divided by the joint's K."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
     def law(self) -> symbols.MemoryLaw:
-        """The same numbers for the kernels."""
-        return symbols.MemoryLaw(
+        """Return the hysteresis parameters as arrays for the kernels, an `AxialMemoryLaw` if segments have branches."""
+        joints = symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
             boucwen_exponent=self.boucwen_exponent,
         )
+        if not self.has_axial:
+            return joints
+        return cast("symbols.MemoryLaw", symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4]))
 
 
 class Springpot(NamedTuple):
-    """A springpot laid out in branches: shares and times for `Memory`, and the spring that closes its slow end."""
+    """Prony branches that approximate a springpot, as `creep_share` and `creep_time` for `Memory`, and an additional
+    spring.
+    """
 
     creep_share: tuple[float, ...]
     creep_time: tuple[float, ...]  # s
-    spring: float  # in parts of the joint's own stiffness
+    spring: float  # stiffness over the joint's K
 
 
 def springpot(share: float, order: float, low: float, high: float) -> Springpot:
-    """Prony branches whose sum is ``share (i w / 1 rad/s)^order`` over a band, in parts of the joint's stiffness.
+    """Return Prony branches that approximate a springpot of stiffness ``share (i w / 1 rad/s)^order`` between two
+    frequencies [Hz].
 
-    Two branches a decade, from half a decade below the band to half a decade above it, rates w_j evenly spaced by r on
-    a logarithmic scale: ``share sin(pi a) / pi  ln(r) w_j^a``, a the order. What lies above them is one more branch
-    with the first two moments of all faster ones, a dashpot within the band. What lies below them is a spring: within
-    the band it cannot be distinguished from the joint's own, so it is handed back and not laid out.
+    There are two branches a decade, from half a decade below the band to half a decade above it. Their rates w_j are
+    evenly spaced by the ratio r on a logarithmic scale, and their shares are ``share sin(pi a) / pi  ln(r) w_j^a`` with
+    a the order. One more branch has the first two moments of all faster ones, and acts as a dashpot within the band.
+    All slower branches together act as a spring within the band. This spring cannot be distinguished there from the
+    joint's own, and is therefore returned separately.
 
     Parameters
     ----------
     share : float
-        Size of the response at 1 rad/s.
+        Size of the response at 1 rad/s, over the joint's K.
     order : float
         Between 0 (a spring) and 1 (a dashpot).
     low, high : float
@@ -128,12 +163,12 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
     Raises
     ------
     InputError
-        When the band is none, or too wide for the branches that a memory has, or order or share make no sense.
+        When the band is empty or too wide for the branches of a `Memory`, or order or share is out of range.
     """
     if not (0 < low < high < np.inf and 0 < order < 1 and 0 <= share < np.inf):
         raise InputError(
-            "a springpot needs a share that is not negative, an order between 0 and 1 and a band of rising positive "
-            f"frequencies in Hz, got share {share}, order {order} and {low} to {high} Hz"
+            "a springpot needs share >= 0, 0 < order < 1 and 0 < low < high in Hz, "
+            f"got share {share}, order {order} and {low} to {high} Hz"
         )
     root = 10.0 ** (1.0 / PER_DECADE)
     ends = 2.0 * np.pi * np.array([low / root, high * root])
@@ -141,8 +176,8 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
     count = int(np.ceil(PER_DECADE * width / np.log(10.0) - 1e-9))
     if count + 1 > MOST_TERMS:
         raise InputError(
-            f"a springpot from {low:g} to {high:g} Hz takes {count + 1} branches, a memory has at most {MOST_TERMS}: "
-            "choose a narrower band"
+            f"a springpot from {low:g} to {high:g} Hz needs {count + 1} branches, but a Memory has at most "
+            f"{MOST_TERMS}: choose a narrower band"
         )
     rates = ends[0] * np.exp(width / count * (np.arange(count) + 0.5))
     size = share * np.sin(np.pi * order) / np.pi
@@ -153,54 +188,57 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
 
 
 class Payne(NamedTuple):
-    """Payne's curve laid out in slip elements: shares and angles for `Memory`, and the spring that never slips."""
+    """Slip elements that approximate Payne's curve, as `slip_share` and `slip_angle` for `Memory`, and an additional
+    spring.
+    """
 
     slip_share: tuple[float, ...]
     slip_angle: tuple[float, ...]  # rad
-    spring: float  # in parts of the joint's own stiffness
+    spring: float  # stiffness over the joint's K
 
 
 def payne(share: float, angle: float, exponent: float, low: float, high: float) -> Payne:
-    """Slip elements that swings of amplitude A see as a stiffness ``share / (1 + (A / angle)^(2 m))``, m the exponent.
+    """Return slip elements whose stiffness falls with the amplitude A as in Payne's curve, ``share / (1 + (A /
+    angle)^(2 exponent))``.
 
-    Times A that is the torque of first loading. The elements make a polygon of it, and by Masing's rule every later
-    branch is the same curve twice as large, so that it rules loops and their loss too. Torque and slope agree at 0 and
-    at three amplitudes a decade from `low` to `high`. With v = 1 / (1 + (x / angle)^(2 m)), elements that slip beyond x
-    are together as stiff as ``share v (1 - 2 m + 2 m v)``, those that slip before hold the torque ``share 2 m x v
-    (1 - v)``; those between two amplitudes are one. What slips beyond the band is a spring: within it that cannot be
-    distinguished from the joint's own, so it is handed back and not laid out.
+    A is the amplitude of an oscillation, m the exponent. The stiffness times A is the torque of first loading. The
+    elements approximate it by a polygon, and by Masing's rule every later branch is the same curve twice as large, so
+    that it also determines loops and their loss. Torque and slope are exact at 0 and at three amplitudes a decade from
+    `low` to `high`. With v = 1 / (1 + (x / angle)^(2 m)), the elements that slip beyond x have together the stiffness
+    ``share v (1 - 2 m + 2 m v)``, and those that slip before it the torque ``share 2 m x v (1 - v)``. The elements
+    between two amplitudes are one. Elements that slip beyond the band act as a spring within it. This spring cannot be
+    distinguished there from the joint's own, and is therefore returned separately.
 
     Parameters
     ----------
     share : float
-        Stiffness of the smallest swings less that of the largest, in parts of the joint's own.
+        Stiffness of the smallest oscillations less that of the largest, over the joint's K.
     angle : float
-        Amplitude at which half of it is left, rad.
+        Amplitude at which half of this stiffness is left, rad.
     exponent : float
-        Above 0 and at most 1/2, a hyperbola whose torque is bounded; beyond it the torque would fall.
+        Above 0 and at most 1/2, where the curve is a hyperbola with bounded torque. Above 1/2 the torque would fall.
     low, high : float
         Ends of the band of amplitudes, rad.
 
     Raises
     ------
     InputError
-        When the band is none, or too wide for the elements that a memory has, or another number makes no sense.
+        When the band is empty or too wide for the elements of a `Memory`, or another number is out of range.
 
     Source: Kraus (1984), J. Appl. Polym. Sci.: Appl. Polym. Symp. 39, 75; in slip elements after Iwan (1966), J. Appl.
     Mech. 33, 893
     """
     if not (0 < low < high < np.inf and 0 < angle < np.inf and 0 < exponent <= 0.5 and 0 <= share < np.inf):
         raise InputError(
-            "Payne's curve needs a share that is not negative, a positive angle, an exponent above 0 and at most 0.5 "
-            f"and a band of rising positive angles in rad, got share {share}, angle {angle}, exponent {exponent} and "
-            f"{low} to {high} rad"
+            "Payne's curve needs share >= 0, angle > 0, 0 < exponent <= 0.5 and 0 < low < high in rad, "
+            f"got share {share}, angle {angle}, exponent {exponent} and {low} to {high} rad"
         )
     for size in (angle, low, high):
         check_limit("Payne's curve", "slip_angle", size)
     count = int(np.ceil(SLIP_PER_DECADE * np.log10(high / low) - 1e-9))
     if count + 1 > MOST_TERMS:
         raise InputError(
-            f"Payne's curve from {low:g} to {high:g} rad takes {count + 1} slip elements, a memory has at most "
+            f"Payne's curve from {low:g} to {high:g} rad needs {count + 1} slip elements, but a Memory has at most "
             f"{MOST_TERMS}: choose a narrower band"
         )
     x = low * (high / low) ** (np.arange(count + 1) / count)
@@ -214,7 +252,11 @@ def payne(share: float, angle: float, exponent: float, low: float, high: float) 
 
 
 def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:
-    """`value` as one number or a tuple of numbers, finite, and but for gamma not negative."""
+    """Return a hysteresis parameter as a number (`row` False) or a tuple of numbers; raise InputError unless finite and
+    not negative.
+
+    Only boucwen_gamma may be negative.
+    """
     try:
         a = np.asarray(value, dtype=float)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The model: a planar chain of rigid links with springs and dampers at its joints, driven by chambers."""
+"""The class `Model`: a chain of rigid links with springs and dampers at its joints, driven by chambers or tendons."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ SCALARS = ("tip_mass", "base_length", "base_angle")
 
 
 class ChainValues(ChamberValues, total=False):
-    """The keywords of `Model` but lengths and masses of links; those of a `Chamber` are of the only one."""
+    """Type of the keyword arguments of `Model`, without the lengths and masses of the links.
+
+    Those of `Chamber` are for a model with a single chamber.
+    """
 
     stiffness: Any
     damping: Any
@@ -57,7 +60,7 @@ class ChainValues(ChamberValues, total=False):
 
 
 class Values(ChainValues, total=False):
-    """The keywords of `Model`."""
+    """Type of all keyword arguments of `Model`."""
 
     link_length: Any
     link_mass: Any
@@ -72,41 +75,46 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class Model(ModelParameters):
-    """Parameters of the reduced-order model, all SI; Eqs. (1)-(5) of the paper say what they do.
+    """Parameters of the reduced-order model of a soft actuator, a chain of n rigid links, in SI units: those of Eqs.
+    (1)-(5).
+
+    They enter Eqs. (1)-(5) of the paper.
 
     Parameters
     ----------
     link_length, link_mass : array (n,)
-        Of each link, m and kg. A number stands for n equal ones, n being the longest of these arrays.
+        Length [m] and mass [kg] of each link. A single number applies to all n links, with n from the longest array.
     stiffness, damping, rest_angle : array (n,)
-        Of the joint before each link, N m/rad and N m s/rad; its angle without pressure, from the link before, rad.
+        Of the joint before each link: stiffness [N m/rad], damping [N m s/rad], and angle without pressure, from the
+        direction of the link before [rad].
     torque, joint_gain, valve, ...
-        Of the one chamber, whatever `Chamber` takes; the paper's is torque = (A d,).
-    chambers : tuple of Chamber, in their place
+        Parameters of a single `Chamber`; the paper's is torque = (A d,).
+    chambers : tuple of Chamber
+        Chambers and tendons, in place of the parameters of a single one.
     stiffening, cubic_stiffening : array (n,)
         s [1/rad] and a [1/rad^2] of springs K q (1 + s q + a q^2): s < 0 where a joint softens with its angle, a > 0
         where it stiffens again. The paper's are 0.  # D15
     stiffening_bound : array (n,)
-        f, by which s changes the slope of a spring at most: it stays within K (1 - f) and K (1 + f). Below 1, so that
-        no spring runs out of torque; 0: no bound. A neo-Hookean wall on a layer that does not stretch has 3/4.
+        f, a bound on the effect of s: without a, the slope of the spring stays within K (1 - f) and K (1 + f). f is
+        below 1, so that the slope stays positive; 0: no bound. A neo-Hookean wall on an inextensible layer has 3/4.
     mass_at : {"rod", "tip"}
-        A link is a uniform rod, or all its mass sits at its tip (the paper's frames taken literally).
+        Whether a link is a uniform rod, or has all its mass at its tip (the paper's frames taken literally).
     tip_mass : float
         Cap or load at the tip of the last link, kg.
     base_length, base_angle : float
-        Rigid part between the origin and the first joint, m, and its angle from +y, rad.
+        Length [m] of the rigid part between the origin and the first joint, and its angle from +y [rad].
     gravity : array (2,)
         Gravity in the base frame, m/s^2; (3,) in space.
     memory : Memory
-        Creep, friction and Bouc-Wen at the joints; none by default.
+        Hysteresis of the joints: creep, friction and Bouc-Wen; none by default.
     extensions : tuple of Extension
         Segments that lengthen, base first; none by default.
     space : Space, optional
-        What a chain in space has beyond one in a plane; a chain in a plane by default.
+        Properties of a chain in space; by default the chain is planar.
     stations : tuple of Station
         Observed points; the link tips when empty.
     source : dict
-        Where each number comes from, by name.
+        Source of each parameter, by its name.
 
     Raises
     ------
@@ -134,10 +142,10 @@ class Model(ModelParameters):
         self._take(values, n)
 
     def _take(self, values: dict[str, Any], n: int) -> None:
-        """Take `values` of some or all parameters of n links, and check those."""
+        """Store `values` of some or all parameters of n links, and check them."""
         for name in values.keys() & ARRAYS:
             values[name] = each_link(name, values[name], n) if name in PER_LINK else values[name]
-            values[name].setflags(write=False)  # a model never changes under its user
+            values[name].setflags(write=False)  # a model is immutable
         values |= {name: one_number(name, values[name]) for name in values.keys() & SCALARS}
         if "chambers" in values:
             values["chambers"] = tuple(with_gains(c, n) for c in chambers_of({}, values["chambers"]))
@@ -157,59 +165,68 @@ class Model(ModelParameters):
     __hash__ = None  # type: ignore[assignment]
 
     def card(self) -> Card:
-        """The body in numbers that one can check at a glance."""
+        """Return a printable summary of the model: links, actuation, valve, hysteresis and gravity."""
         return model_card(self)
 
     @property
     def chamber(self) -> Chamber:
-        """The only chamber.
+        """The single pressure chamber of this model.
 
         Raises
         ------
         InputError
-            When there are several: what asks for this takes one pressure.
+            When the model has several chambers.
         """
         if self.actuation.count > 1:
             raise InputError(
-                f"this takes a model of one chamber, and {self.name!r} has {self.actuation.count}: "
-                f"{self.actuation.listing}"
+                f"this function needs a model with one chamber, but {self.name!r} has {self.actuation.count}: "
+                f"{self.actuation.listing}; use a model with only one of them"
             )
         return self.chambers[0]
 
     @cached_property
     def actuation(self) -> Actuation:
-        """The inputs: how many, of which kind and unit, and what they make of joint torques and axial forces."""
+        """The inputs of the model: their number, kinds and units, and the joint torques and axial forces that they
+        cause.
+        """
         turns = self.space.turns if self.space else 1
         return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self), turns)
 
     @property
     def torque(self) -> Array:
-        """Torque law (k,) of the only chamber, N m/Pa^i."""
+        """Coefficients (k,) [N m/Pa^i] of the torque law of the model's single chamber."""
         return self.chamber.torque
 
     @property
     def joint_gain(self) -> Array:
-        """Share (n,) of the only chamber's torque that each joint feels."""
+        """Fraction (n,) of the single chamber's torque that acts at each joint."""
         return self.chamber.joint_gain
 
     @property
     def valve(self) -> Valve:
-        """The valve of the only chamber."""
+        """The valve of the model's single chamber."""
         return self.chamber.valve
 
     def torque_at(self, pressure: Any) -> Any:
-        """Torque of the only chamber at rest at gauge `pressure` [Pa], N m; see `Chamber.torque_at`."""
+        """Return the static torque [N m] of the model's single chamber at gauge `pressure` [Pa] of any shape.
+
+        It is that of `Chamber.torque_at`.
+        """
         return self.chamber.torque_at(pressure)
 
     def with_(self, **changes: Any) -> Model:
-        """A copy with some parameters changed, which are checked; those of a chamber change the only one."""
+        """Return a copy of the model with the given parameters changed and checked, for example
+        ``model.with_(stiffness=2.0)``.
+
+        Parameters of a `Chamber` change the single chamber of the model.
+        """
         if own := {k: v for k, v in changes.items() if k in FIELDS}:
             changes = {k: v for k, v in changes.items() if k not in FIELDS}
             changes["chambers"] = (replace(self.chamber, **own),)
         values: dict[str, Any] = {f.name: self.__dict__[f.name] for f in fields(self)}
         arrays = {name: numbers(name, changes[name]) for name in changes.keys() & ARRAYS}
         if not (changes.keys() <= values.keys() and {arrays[k].size for k in arrays.keys() & PER_LINK} <= {1, self.n}):
-            return Model(**values | changes)  # another number of links, or no parameter of a model
+            return Model(**values | changes)  # another number of links, or an unknown parameter
         made = object.__new__(Model)
         made.__dict__.update(values)
         made._take(changes | arrays, self.n)
@@ -222,14 +239,16 @@ Model.__signature__ = full_signature(Model, Values, KEYWORD_DEFAULTS)  # type: i
 
 
 def each_link(name: str, a: Array, n: int) -> Array:
-    """`a` (1,) or (n,) as (n,)."""
+    """Return a model parameter of one or n numbers as an array (n,), with one number for each link."""
     if n == 0 or a.size not in (1, n):
         raise InputError(f"model {name} must be one number or {n} (one for each link), got {a.size}")
     return np.repeat(a, n // a.size)
 
 
 def with_gains(chamber: Chamber, n: int) -> Chamber:
-    """The chamber with a gain for each of n joints."""
+    """Return the chamber with one `joint_gain` and one `cross_gain` for each of n joints, where a single number applied
+    to all.
+    """
     if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber
     return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n),

@@ -1,4 +1,4 @@
-"""The numbers of a model, and what follows from them alone."""
+"""The parameters of a model, and the lengths, masses and counts derived from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class ModelParameters(Shown):
-    """The parameters of a `Model`, which explains and checks them, with lengths, masses and counts."""
+    """The parameters of a `Model` and the lengths, masses and counts derived from them, without checks."""
 
     link_length: Array
     link_mass: Array
@@ -44,41 +44,43 @@ class ModelParameters(Shown):
 
     @property
     def n(self) -> int:
-        """Number of links."""
+        """Number n of links, which equals the number of joints."""
         return self.link_length.size
 
     @property
     def size(self) -> int:
-        """Number of coordinates: n + S, angles and strains of segments that lengthen; 2 n or 3 n in space."""
+        """Number N of coordinates: n angles (2 n or 3 n in space) and S strains of segments that lengthen."""
         return self.link_length.size * (self.space.turns if self.space else 1) + len(self.extensions)
 
     @cached_property
     def stretch_share(self) -> Array:
-        """Part (n + 1, S) of each link that lies in each segment; row 0 is the part before the first joint."""
+        """Fraction (n + 1, S) of the base part (row 0) and of each of n links that lies in each of S extensible
+        segments.
+        """
         return shares(self.link_length, self.base_length, self.extensions)
 
     @property
     def segment_length(self) -> Array:
-        """Length (S,) of each segment that lengthens, unstretched, m."""
+        """Unstretched lengths (S,) [m] of the S extensible segments."""
         return np.asarray(np.append(self.base_length, self.link_length) @ self.stretch_share)
 
     @property
     def length(self) -> float:
-        """Length from the origin to the last tip along the chain, m."""
+        """Length [m] of the actuator along its links, from the origin to the tip."""
         return float(self.base_length + self.link_length.sum())
 
     @property
     def mass(self) -> float:
-        """Moving mass, tip mass included, kg."""
+        """Moving mass [kg] of the actuator, the links and the tip mass."""
         return float(self.link_mass.sum() + self.tip_mass)
 
     @property
     def points(self) -> tuple[Station, ...]:
-        """The observed points: `stations`, or the link tips named link_1 ... link_n."""
+        """The observed points: the model's `stations` or, if it has none, the link tips, named link_1 ... link_n."""
         tips = (Station(f"link_{i + 1}", i, float(length)) for i, length in enumerate(self.link_length))
         return self.stations or tuple(tips)
 
     @property
     def first_joint(self) -> Array:
-        """Position of the first joint (2,), m."""
+        """Position (2,) [m] of the first joint in the base frame."""
         return self.base_length * np.array([-np.sin(self.base_angle), np.cos(self.base_angle)])

@@ -1,4 +1,4 @@
-"""Whether the numbers of a model can be those of a body."""
+"""Checks that the parameters of a model are physically possible."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OF_ANY_SIGN = ("rest_angle", *SPRING_TERMS, "gravity", "base_angle")
 
 
 def check_physical(model: ModelParameters, given: Collection[str]) -> None:
-    """Raise InputError when a parameter `given` to `model` is not finite or not physical."""
+    """Raise InputError if one of the `given` parameters of a model is not finite or not physical."""
     kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
     check_numbers(model, "model", *kinds)
     if "link_mass" in given:
@@ -28,7 +28,7 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
             check_limit("model", "link_mass", mass)
     if "stations" in given:
         check_stations(model)
-    choices = (  # sentences are filled in for what is wrong alone
+    choices = (  # messages are formatted only where a check fails
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
         (model.stiffening_bound.max(initial=0.0) < 1, "stiffening_bound must be below 1, got {0.stiffening_bound}"),
         (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
@@ -42,7 +42,7 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
 
 
 def check_stations(model: ModelParameters) -> None:
-    """Raise InputError when an observed point does not sit on the body, or is called like another."""
+    """Raise InputError if an observed point of a model is not on one of its links, or two have the same name."""
     names = [s.name for s in model.stations]
     if len(names) > MOST_STATIONS:
         raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")

@@ -1,4 +1,4 @@
-"""Properties of a chain in space that a planar one lacks."""
+"""Parameters that only a chain in space has, such as stiffness ratios, radius and base tilt."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALARS = ("stiffness_ratio", "twist_ratio", "radius")
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Parameters of a chain in space, all SI: its joints bend in two directions, and may twist.
+    """Parameters that make a model a chain in space, whose joints bend in two directions and may twist. SI units.
 
     A chain in space has its base at the origin and its base tangent along +z. The joint before each link turns by a
     rotation vector (a, b, 0) in the cross-section, then by a twist c about the link. The planar chain is the case
@@ -31,17 +31,17 @@ class Space:
     ----------
     stiffness_ratio : float
         Bending stiffness about the y axis of the cross-section over that about its x axis, which is the model's
-        `stiffness`; the dampers have the same ratio. 1: no direction is preferred.
+        `stiffness`; the dampers have the same ratio. 1: the same in all directions.
     twist_ratio : float
         Torsional stiffness over bending stiffness (GJ / EI; 1 / (1 + nu) of a round section). 0: the chain does not
         twist.
     rest_turn : array (n, 3)
-        Fixed rotation before each joint, a rotation vector in the frame of the link before, rad: the rest shape. One
-        row stands for all joints.
+        Rest shape: the fixed rotation before each joint, as a rotation vector [rad] in the frame of the link before.
+        One row applies to all joints.
     base_tilt : array (2,)
         Rotation of the clamped base about the x and y axes of the base frame, rad.
     radius : float
-        Of the cross-section, m: rotary inertia of the links. 0: thin rods, which cannot twist.
+        Radius of the cross-section, m, for the rotary inertia of the links. 0: thin rods, which cannot twist.
 
     Raises
     ------
@@ -67,7 +67,10 @@ class Space:
         if not 0 <= self.radius < MOST_RADIUS:
             raise InputError(f"space radius must be 0 to {MOST_RADIUS:g} m, got {self.radius}")
         if self.twist_ratio and not self.radius:
-            raise InputError("space: a chain that twists needs a radius [m]: a thin rod has no inertia about its axis")
+            raise InputError(
+                "space: a chain that twists needs a radius [m], because a thin rod has no inertia about its axis: set "
+                "radius"
+            )
         if np.linalg.norm(self.rest_turn, axis=1).max() >= pi:
             raise InputError("space rest_turn must turn each joint by less than pi rad: use more links")
 
@@ -80,16 +83,16 @@ class Space:
 
     @property
     def turns(self) -> int:
-        """Number of coordinates of each joint: 2, or 3 where it twists."""
+        """Number of angles of each joint: 2 swing angles, and a third one if the chain twists."""
         return 3 if self.twist_ratio else 2
 
     def rest_of(self, n: int) -> Array:
-        """Return the rest rotation vectors (n, 3) of n joints, rad."""
+        """Return the rotation vectors (n, 3) [rad] that describe the rest shape at each of n joints."""
         return np.array(np.broadcast_to(self.rest_turn, (n, 3)))
 
 
 def rows_of(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return `value` as a finite array of a shape, -1 for any length, that cannot be written to."""
+    """Return a parameter of `Space` as a finite, read-only array of the given `shape`, in which -1 means any length."""
     try:
         a = np.array(value, dtype=float)
         a = a.reshape(shape) if a.size else a
@@ -102,12 +105,12 @@ def rows_of(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def space_of(value: Any) -> Space | None:
-    """Return `value` as a `Space`: one, a mapping of its parameters, True for the defaults; None or False for none.
+    """Return `value` as a `Space` or None. A mapping gives its parameters, True means the defaults, False means None.
 
     Raises
     ------
     InputError
-        When it is none of these.
+        When `value` is none of these.
     """
     if value is None or value is False:
         return None
@@ -124,31 +127,36 @@ def space_of(value: Any) -> Space | None:
 
 
 def require_planar(model: Any, what: str) -> None:
-    """Raise InputError where a model moves in space and `what` takes chains in a plane alone."""
+    """Raise InputError if a model is a chain in space. `what` names the function that needs a planar one."""
     if model.space is not None:
         raise InputError(
-            f"{what} takes a chain in a plane, and {model.name!r} moves in space: simulate, Stepper, equilibrium, "
-            "modes, linearise, fit, predict, simulate_batch, KalmanFilter and estimate take it"
+            f"{what} needs a planar chain, but {model.name!r} is in space: use simulate, Stepper, equilibrium, modes, "
+            "linearise, fit, predict, simulate_batch, KalmanFilter or estimate, which accept it"
         )
 
 
 def check_space(model: Any) -> None:
-    """Raise InputError when a model in space has what only a chain in a plane has, or the other way round."""
+    """Raise InputError if a planar model has a parameter of chains in space, or a chain in space
+    one of planar models.
+    """
     size = 2 if model.space is None else 3
     if model.gravity.size != size:
         axes = "x, y" if size == 2 else "x, y, z"
         raise InputError(f"model gravity must be {size} numbers ({axes} in the base frame), got {model.gravity.size}")
     if model.space is None:
         if tendon := next((c.name for c in model.chambers if c.kind != Chamber.kind), ""):
-            raise InputError(f"tendon {tendon!r} pulls at a chain in space: give the model its space")
+            raise InputError(f"tendon {tendon!r} needs a model in space: set space = Space()")
         if across := next((c.name for c in model.chambers if c.cross_gain.any()), ""):
-            raise InputError(f"chamber {across!r} has a cross_gain, of joints in space: give the model its space")
+            raise InputError(f"chamber {across!r} has a cross_gain, which needs a model in space: set space = Space()")
         return
     if len(model.space.rest_turn) not in (1, model.n):
-        raise InputError(f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}")
+        raise InputError(
+            f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}: give one row for each "
+            "joint"
+        )
     planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle,
               "mass_at": model.mass_at == "tip"}  # fmt: skip
-    remedy = {"rest_angle": "give space its rest_turn", "base_angle": "give space its base_tilt"}
+    remedy = {"rest_angle": "set rest_turn of its space", "base_angle": "set base_tilt of its space"}
     for name, given in planar.items():
         if given:
-            raise InputError(f"a chain in space does not take {name}: {remedy.get(name, 'leave it out')}")
+            raise InputError(f"a chain in space has no {name}: {remedy.get(name, 'leave it out')}")

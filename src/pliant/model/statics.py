@@ -1,4 +1,4 @@
-"""Torques at rest over a record of pressures."""
+"""Static chamber and joint torques for a time series of pressures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = np.ndarray
 
 
 def torques_over(actuation: Actuation, pressure: Any) -> Array:
-    """Torque (T, C) of each chamber at rest at pressures (T, C), Pa; (T,) is enough for one. N m.
+    """Return the static torques (T, C) [N m] of C chambers for gauge pressures (T, C) [Pa] at T instants.
 
     Raises
     ------
     InputError
-        When there are not as many as chambers.
+        When the number of columns is not the number of chambers.
     """
     p = np.asarray(pressure, dtype=float)
     p = p[:, None] if p.ndim == 1 else p
@@ -31,5 +31,7 @@ def torques_over(actuation: Actuation, pressure: Any) -> Array:
 
 
 def joint_torques_over(actuation: Actuation, pressure: Any) -> Array:
-    """Torques (T, n) [N m] of the joints at rest; pressures as `torques_over` takes them."""
+    """Return the static torques (T, n) [N m] at n joints for gauge pressures (T, C) [Pa] of C
+    chambers at T instants.
+    """
     return np.asarray(torques_over(actuation, pressure) @ actuation.gain)

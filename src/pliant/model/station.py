@@ -1,4 +1,4 @@
-"""A point of the body whose motion is observed."""
+"""Observed points that are fixed to the links of a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pliant.errors import InputError
 
 
 class Station(NamedTuple):
-    """A point fixed to the body whose motion is observed: a marker, a link's tip, a spot of a fibre.
+    """An observed point fixed to a link of the model, such as a marker, a link tip or a point of an optical fibre.
 
     Parameters
     ----------
@@ -18,9 +18,9 @@ class Station(NamedTuple):
     link : int
         Index of the link that carries it, 0 the first; -1: the clamped base.
     along, across : float, m
-        From the link's joint along the link, and to its left, towards positive bending.
+        Distances from the link's joint along the link, and to its left, towards positive bending.
     aside : float, m
-        Of a chain in space: along the x axis of the link's frame; `across` is along -y of it.
+        For a chain in space: distance along the x axis of the link's frame; `across` is along its -y axis.
 
     Examples
     --------
@@ -37,14 +37,16 @@ class Station(NamedTuple):
 
 
 def station_of(entry: Any) -> Station:
-    """`entry` as a station with a name, an integer link and two lengths."""
+    """Return `entry` (name, link, along, ...) as a `Station`; raise InputError if it has not this form."""
     try:
         name, link, along, across, aside = Station(*entry)
         return Station(str(name), operator.index(link), float(along), float(across), float(aside))
     except (TypeError, ValueError):
-        raise InputError(f"a station is (name, link, along, across), m, link an integer; got {entry!r:.70}") from None
+        raise InputError(
+            f"a station is (name, link, along, across) with an integer link and lengths in m, got {entry!r:.70}"
+        ) from None
 
 
 def stations_of(entries: Iterable[Any]) -> tuple[Station, ...]:
-    """`entries` as stations."""
+    """Return the `entries` (name, link, along, ...), one for each observed point, as a tuple of `Station` objects."""
     return tuple(station_of(entry) for entry in entries)

@@ -1,4 +1,4 @@
-"""The summary of a model: the numbers to check at a glance."""
+"""The printed summary of a model."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import numpy as np
 
 from pliant.display import Card
 from pliant.drawing import body_svg
+from pliant.model.extension import Extension
 from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.model.spring import SPRING_TERMS, in_words
 
-BENT = (0.1, 0.2)  # rad, of each joint: how the drawing shows the side to which the body bends
+BENT = (0.1, 0.2)  # rad, of each joint: bent shapes in the drawing
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")
 
 
 def model_card(model: ModelParameters) -> Card:
-    """Links, drive, valve, memory, gravity; a body of equal links in one row."""
+    """Return the summary of a model as a printable card: links, actuation, valve, hysteresis and gravity."""
     table = np.column_stack([
         1e3 * model.link_length, 1e3 * model.link_mass, model.stiffness, model.damping, np.degrees(model.rest_angle)
     ])
@@ -28,14 +29,27 @@ def model_card(model: ModelParameters) -> Card:
 
 
 def chain(model: ModelParameters, turn: float) -> np.ndarray:
-    """Return base and link tips (n + 1, 2) [m] with every joint turned by `turn` [rad] from its rest angle."""
+    """Return the positions (n + 1, 2) [m] of the base and the link tips with every joint turned by `turn` [rad] from
+    its rest angle.
+    """
     angle = np.cumsum(model.rest_angle + turn)
     steps = model.link_length[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
+def curve(segment: Extension) -> str:
+    """Return by how much an axial spring softens or stiffens; "" for a linear one."""
+    if not segment.curved:
+        return ""
+    sizes = ", ".join(f"{term.letter} = {getattr(segment, name) or 0.0:.3g}" for name, term in SPRING_TERMS.items())
+    bound = f", slope by s at most {100 * segment.stiffening_bound:.3g} %" if segment.stiffening_bound else ""
+    return f", softens or stiffens with the strain ({sizes}{bound})"
+
+
 def sentences(model: ModelParameters) -> list[str]:
-    """Return sentences on the features that the model has beyond links."""
+    """Return the sentences of a model's summary: chambers, stiffness, hysteresis, masses, gravity
+    and observed points.
+    """
     said = [line for c in model.chambers for line in c.sentences(alone=len(model.chambers) == 1)]
     section = " to ".join(dict.fromkeys(f"{f(bending_stiffness(model)):.3g}" for f in (np.min, np.max)))
     said.append(f"bending stiffness EI = K l: {section} N m^2, {PLACEMENT[joint_placement(model)]}")
@@ -47,13 +61,15 @@ def sentences(model: ModelParameters) -> list[str]:
         springs = f"springs {in_words(used[-1])}, {'; '.join(sizes)}"
         if model.stiffening_bound.any():
             most = ", ".join(f"{100 * f:.3g} %" for f in np.unique(model.stiffening_bound))
-            springs += f"; what s does to the slope is at most {most} of K"
+            springs += f"; s changes the slope by at most {most} of K"
         said.insert(1, springs)
     for e, length in zip(model.extensions, model.segment_length, strict=True):
         damper = f", {e.damping:.4g} N s" if e.damping else ""
-        said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}")
-    if model.memory:
-        said.append(f"memory: {', '.join(model.memory.labels)}")
+        said.append(f"segment {e.name!r} of {1e3 * length:.4g} mm lengthens: EA {e.stiffness:.4g} N{damper}{curve(e)}")
+    if model.memory.labels:
+        said.append(f"hysteresis: {', '.join(model.memory.labels)}")
+    if model.memory.has_axial:
+        said.append(f"hysteresis of the segments: {', '.join(model.memory.axial.labels)}")
     if model.tip_mass:
         said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
     if model.mass_at == "tip":

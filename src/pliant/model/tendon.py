@@ -1,4 +1,4 @@
-"""A tendon as the input of a chain in space: pulled by a known force, drawn in by a length, or wound by a motor."""
+"""Tendons as inputs of a chain in space, driven by a force, a displacement or a motor angle."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ NUMBERS = ("lever", "line_stiffness", "pretension", "pulley", "friction", "slip_
 
 @dataclass(frozen=True, eq=False)
 class Tendon(Chamber):
-    """One tendon along a chain in space, or a pair of opposite ones on one motor; all SI.
+    """One tendon along a chain in space, or a pair of opposite tendons on one motor. SI units.
 
-    It pulls with the tension T = max(0, k (u - g . x) + T_0): g is its lever at each coordinate x, exact where the body
-    bends in arcs, u how far it is drawn in, k its stiffness with all that holds it. Driven by a tension, T is that.
-    Over a joint that swings by theta, friction leaves exp(-mu theta) of the tension to the rest of a tendon that is
-    drawn in, and exp(mu theta) where it is let out.
+    The tension is T = max(0, k (u - g . x) + T_0). g is the lever arm at each coordinate x, exact where the body bends
+    in arcs, u the length drawn in, and k the stiffness of the tendon with its attachments. With driven_by = "tension",
+    T is the input. Over a joint that swings by theta, friction multiplies the tension by exp(-mu theta) while the
+    tendon is drawn in, and by exp(mu theta) while it is let out.
 
     Parameters
     ----------
     driven_by : {"tension", "displacement", "angle"}
-        What the input is: a tension [N], a displacement of its end [m], or the angle of a motor [rad].
+        Kind of the input: a tension [N], a displacement of its end [m], or the angle of a motor [rad].
     lever : float
-        Distance of the path from the axis, m. What it turns at a joint is `lever` times joint_gain about the x axis and
-        times cross_gain about the y axis: -sin(alpha) and cos(alpha) at an azimuth alpha from x towards y, 0 beyond its
-        end; see `at_azimuth`.
+        Distance of the path from the axis, m. The lever arm at a joint is `lever` times joint_gain about the x axis,
+        and `lever` times cross_gain about the y axis. At an azimuth alpha from x towards y these gains are -sin(alpha)
+        and cos(alpha), and 0 beyond the tendon's end; see `at_azimuth`.
     line_stiffness : float
-        k, N/m; of a tendon that is not driven by its tension.
+        k, N/m; needed unless driven_by is "tension".
     pretension : float
         T_0, N; below 0 the tendon hangs slack by -T_0 / k.
     pulley : float
-        Radius of the motor's pulley, m; of a tendon driven by an angle.
+        Radius of the motor's pulley, m; needed if driven_by is "angle".
     pair : bool
-        Whether there are two opposite tendons on one motor: the second is let out by what the first is drawn in by.
+        Whether there are two opposite tendons on one motor: the second is let out as far as the first is drawn in.
     friction : float
         mu, coefficient of friction along the path.
     slip_rate : float
-        Rate of slip [m/s] over which friction changes its direction: it holds up to creep of about this rate.
+        Rate of slip [m/s] over which friction changes its direction: a tendon held by friction creeps at up to about
+        this rate.
     name, valve, joint_gain, cross_gain
-        As of a `Chamber`; the valve is the lag of the motor.
+        As for a `Chamber`; the valve is the lag of the motor.
 
     Raises
     ------
@@ -73,11 +74,13 @@ class Tendon(Chamber):
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
         check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"), ("pretension",))
         if self.elastic and not self.line_stiffness:
-            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]")
+            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]: set it")
         if (self.driven_by == "angle") != (self.pulley > 0):
-            raise InputError(f"{who} a pulley [m] goes with driven_by = 'angle', and with nothing else")
+            raise InputError(f"{who} set a pulley radius [m] if driven_by = 'angle', and leave it out otherwise")
         if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
-            raise InputError(f"{who} law, swell_share, inflation_limit and axial_gain are those of a chamber")
+            raise InputError(
+                f"{who} leave out law, swell_share, inflation_limit and axial_gain: only a pressure chamber has them"
+            )
         object.__setattr__(self, "kind", self.driven_by)
         object.__setattr__(self, "unit", DRIVEN[self.driven_by])
         law = {"tension": 1.0, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
@@ -86,31 +89,35 @@ class Tendon(Chamber):
 
     @classmethod
     def at_azimuth(cls, azimuth: float, joints: Any, **more: Any) -> Tendon:
-        """Return a tendon at an azimuth [rad] from x towards y.
+        """Return a tendon whose path lies at the `azimuth` [rad] on the cross-section, counted from x towards y.
 
         Parameters
         ----------
         joints : array (n,)
-            1 for each joint that it passes, 0 for those beyond its end; other numbers where it comes nearer to the
-            axis, in parts of `lever`.
+            1 for each joint that it passes, 0 for those beyond its end. Where the path is at another distance from the
+            axis, this distance over `lever`.
         **more
-            Everything else that a `Tendon` takes.
+            Other parameters of `Tendon`.
         """
         passed = np.asarray(joints, dtype=float)
         return cls(joint_gain=-np.sin(azimuth) * passed, cross_gain=np.cos(azimuth) * passed, **more)
 
     @property
     def elastic(self) -> bool:
-        """Whether its tension follows from its length: for each unit of the input `torque` is a force, N."""
+        """Whether the tendon's tension depends on its length, because its end displacement or motor
+        angle is the input.
+
+        In this case `torque` is the force per unit of the input.
+        """
         return self.driven_by != "tension"
 
     def constants(self) -> tuple[float, float, float, float]:
-        """Return stiffness [N/m], pretension [N], friction and slip rate [m/s], for the kernels."""
+        """Return the tendon's stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s]."""
         k, T0 = (self.line_stiffness, self.pretension) if self.elastic else (0.0, 0.0)
         return k, T0, self.friction, self.slip_rate
 
     def sentences(self, *, alone: bool) -> list[str]:  # noqa: ARG002  of the interface
-        """Return the path and the law, for people."""
+        """Return sentences that describe the tendon's path, input, stiffness and lag."""
         azimuth = np.degrees(np.arctan2(-self.joint_gain, self.cross_gain)) % 360.0
         turned = np.flatnonzero(np.hypot(self.joint_gain, self.cross_gain))
         shown = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"

@@ -1,7 +1,7 @@
-"""Torque laws by name: a few numbers with a meaning lay the numbers that the kernels take.
+"""Torque laws by name, and the conversion of their fit parameters to the coefficients of a chamber.
 
-A law that is a polynomial of the pressure is one file here; one that is not has a kernel, in a file of `equations`.
-Another package adds a polynomial by an entry point of the group ``pliant.torque_laws`` that leads to a `TorqueLaw`.
+A polynomial law is one file in this folder. Any other law has a kernel, in a file of `equations`. Other packages can
+add polynomial laws by an entry point of the group ``pliant.torque_laws`` that refers to a `TorqueLaw`.
 """
 
 from __future__ import annotations
@@ -23,26 +23,30 @@ BUILT_IN = {"elastic_wall": "pliant.model.elastic_wall:TORQUE_LAW"}
 
 @cache
 def torque_laws() -> tuple[TorqueLaw, ...]:
-    """All known laws: those with kernels and the built-in polynomials first, then those of installed packages."""
+    """Return all known torque laws: the built-in ones, then those that other installed packages provide."""
     others = tuple(offered(GROUP, BUILT_IN, TorqueLaw).values())
     if strange := [law.name for law in others if law.lever is not None]:
-        raise InputError(f"the torque law {strange[0]!r} of an installed package has a kernel: it must be a polynomial")
+        raise InputError(
+            f"the torque law {strange[0]!r} of an installed package has a function `lever`, but must be a polynomial: "
+            "give its `coefficients`"
+        )
     return (*LAWS, *others)
 
 
 @cache
 def law_parameters() -> dict[str, LawParameter]:
-    """The parameters of all known laws by the names that a fit uses."""
+    """Return the parameters of all known torque laws, by their names in a fit, such as "saturating_lever"."""
     return {f"{law.name}_{name}": row for law in torque_laws() for name, row in law.parameters.items()}
 
 
 def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
-    """Fields `law` and `torque` of a chamber by the law whose parameters are among `values`; none where there is none.
+    """Return the chamber parameters `law` and `torque` for the torque-law parameters among the fit values; {} if there
+    are none.
 
     Raises
     ------
     InputError
-        When one of its parameters is missing, or two laws are given.
+        When a parameter of the law is missing, or parameters of two laws are given.
     """
     laws = [law for law in torque_laws() if law.own(values)]
     if not laws:
@@ -53,10 +57,15 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
     law = laws[0]
     own = law.own(values)
     if missing := [f"{law.name}_{p}" for p in law.parameters if p not in own]:
-        raise InputError(f"the torque law {law.name!r} needs all of its numbers: {', '.join(missing)} is missing")
+        raise InputError(
+            f"the torque law {law.name!r} needs all of its numbers: {', '.join(missing)} is missing; fit it or give "
+            "its value"
+        )
     return {"law": law.name if law.lever else POLYNOMIAL, "torque": law.numbers(own)}
 
 
 def unfinished_law(name: str, wanted: set[str]) -> bool:
-    """Whether the parameter `name` is of a law of which another one, among `wanted`, has no value yet."""
+    """Return whether the torque law with the parameter `name` has another parameter in `wanted`, whose value is not yet
+    known.
+    """
     return any(law.own({name.rpartition(".")[2]: 0.0}) and law.own(dict.fromkeys(wanted, 0.0)) for law in torque_laws())

@@ -1,4 +1,4 @@
-"""The valve between the commanded and the actual pressure."""
+"""The valve or pressure regulator between commanded and actual pressure."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from pliant.model.limits import check_limit
 
 @dataclass(frozen=True)
 class Valve:
-    """A valve with dead time: ideal, first order with its own rise and fall, or second order; behind it an opening.
+    """A valve between commanded and actual pressure: dead time, then no lag, a first-order lag or a second-order lag.
 
     Parameters
     ----------
     rise_time, fall_time : float
-        Time constants of the first-order lag while the pressure rises and falls, s; 0 = none.
+        Time constants of the first-order lag while the pressure rises and falls, s; 0: none.
     rise_rate, fall_rate : float
-        Fastest rise and fall of the pressure, Pa/s: what a choked orifice lets through; 0 = no limit.
+        Largest rates of rise and fall of the pressure, Pa/s, as of a choked orifice; 0: no limit.
     settle_share, settle_time : float
-        This share of the pressure comes late, behind a further lag of settle_time, s: a regulator that closes the last
-        of its gap slowly. Share 0: none.
+        This fraction of the pressure has a further lag of time constant settle_time, s, as of a regulator that closes
+        the last of its gap slowly. Fraction 0: none.
     dead_band : float
-        What a regulator leaves of its command, Pa: it settles at u - dead_band above it, at u + dead_band below
-        -dead_band, and does nothing between.
+        Remaining error of a regulator, Pa: for a command u it settles at u - dead_band if u > dead_band, at
+        u + dead_band if u < -dead_band, and at 0 in between.
     opening_time : float
-        Of a chamber that fills and vents through an opening, s: the time in which choked flow would fill it from vacuum
-        to the pressure before the opening. Source: ISO 6358-1:2013, critical pressure ratio 0.5; see
-        `pliant.simulation.opening_loops`. 0: no opening that counts.
+        For a chamber that fills and vents through an opening, s: the time in which choked flow would fill it from
+        vacuum to the pressure before the opening. Source: ISO 6358-1:2013, critical pressure ratio 0.5; see
+        `pliant.simulation.opening_loops`. 0: no opening.
     dead_time : float
         Delay between command and first reaction, s.
     natural_frequency : float
-        Of a second-order valve, Hz; 0 = not second order.
+        Natural frequency of a second-order valve, Hz; 0: not of second order.
     damping_ratio : float
-        Of a second-order valve.
+        Damping ratio of a second-order valve.
 
     Raises
     ------
     InputError
-        When a value is negative or not finite, or first and second order are both asked for.
+        When a value is negative or not finite, or parameters of both first and second order are given.
     """
 
     rise_time: float = 0.0
@@ -69,6 +69,6 @@ class Valve:
         check_limit("valve", "settle_time", self.settle_time)
         first = self.rise_time or self.fall_time or self.rise_rate or self.fall_rate
         if self.natural_frequency and first:
-            raise InputError("a valve has rise_time and fall_time, or natural_frequency: set one kind, not both")
+            raise InputError("a valve has rise_time and fall_time, or natural_frequency: set only one of the two kinds")
         if self.natural_frequency and self.damping_ratio == 0:
             raise InputError("valve damping_ratio must be positive, got 0: the pressure would ring forever")

@@ -1,1 +1,1 @@
-"""Textbook pieces without physics: factorisations, splines, bases."""
+"""Numerical methods without physics: factorisations, splines, bases, curves, ring-down analysis."""

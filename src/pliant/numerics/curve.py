@@ -1,8 +1,8 @@
-"""Curvature -> shape: exact circular arcs in the plane, exponential steps of rigid motion in space.
+"""Curves from curvature (exact arcs in the plane, exponential steps in space), and arcs through points.
 
-The frame of the base: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component
-turns the tangent about +z, as everywhere in the plane. The frame is Bishop's: it does not turn about the tangent,
-hence it has no singularity where the curvature vanishes.
+The base frame: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component turns the
+tangent about +z, as everywhere in the plane. It is Bishop's frame: it does not turn about the tangent, and therefore
+has no singularity where the curvature vanishes.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+Array = np.ndarray
 SMALL = 1e-4  # rad: below it the series of sin(x)/x and its like are exact in double precision
 
 
 def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: float = 0.0) -> NDArray[np.float64]:
-    """Points (T, S, 2), m, of planar curves from the origin along +y.
+    """Return the points (T, S, 2) [m] of planar curves with given curvature, from the origin along +y.
 
-    Between two stations the curvature is their mean and the curve an exact arc:
+    Between two stations the curvature is the mean of the two, and the curve is a circular arc:
     p_{k+1} = p_k + ds sinc(a / 2) e(phi_k + a / 2),  a = kappa ds,  e(phi) = (-sin phi, cos phi)
 
     Parameters
@@ -31,7 +32,7 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
         Positive turns the tangent about +z.
     arc_length : (S,) array, m
     base_angle : float, rad
-        Of the tangent at the first station, from +y.
+        Angle of the tangent at the first station, from +y.
     """
     kappa, ds = _checked(curvature, arc_length, 2)
     bend = (kappa[:, 1:] + kappa[:, :-1]) / 2 * ds
@@ -46,7 +47,7 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
 def spatial_curve(
     curvature: ArrayLike, arc_length: ArrayLike, *, twist: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points and frames of curves in space, by fourth-order exponential steps (Magnus) on rigid motions.
+    """Return points and frames of curves in space with given curvature, by fourth-order exponential steps (Magnus).
 
     g' = g xi,  xi = (omega, v) = ((k2, phi', k1), e_y); curvature and twist are linear between stations. Constant
     curvature is integrated exactly.
@@ -57,7 +58,8 @@ def spatial_curve(
         (k1, k2) along m1 and m2: t' = k1 m1 + k2 m2.
     arc_length : (S,) array, m
     twist : (T, S) array, rad/m, optional
-        Give it when the curvature is that of a frame that turns with the material; none for Bishop's.
+        Rate at which the frame of the curvature components turns about the tangent, as for components in a frame fixed
+        to the material. None: Bishop's frame, which does not turn.
 
     Returns
     -------
@@ -86,7 +88,7 @@ def spatial_curve(
 def _exponential(
     turn: NDArray[np.float64], move: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exponential of (turn, move) (T, 3): rotations (T, 3, 3) and translations (T, 3)."""
+    """Return the exponential of (turn, move) (T, 3): rotations (T, 3, 3) and translations (T, 3)."""
     angle = np.linalg.norm(turn, axis=1)[:, None, None]
     x = np.where(angle > SMALL, angle, 1.0)
     sine = np.where(angle > SMALL, np.sin(x) / x, 1 - angle**2 / 6)
@@ -106,8 +108,49 @@ def _checked(
     kappa, s = np.asarray(curvature, dtype=np.float64), np.asarray(arc_length, dtype=np.float64)
     wanted = "(time, station)" if ndim == 2 else "(time, station, 2)"
     if kappa.ndim != ndim or s.ndim != 1 or kappa.shape[1] != s.size or (ndim == 3 and kappa.shape[2] != 2):
-        raise InputError(f"curvature must be {wanted} with one arc length a station, not {kappa.shape} and {s.shape}")
+        raise InputError(
+            f"curvature must have the shape {wanted}, with one arc length for each station, got {kappa.shape} and "
+            f"{s.shape}"
+        )
     ds = np.diff(s)
     if not (ds > 0).all():
-        raise InputError("arc length must increase strictly")
+        raise InputError("arc lengths must increase strictly from station to station: sort the stations by arc length")
     return kappa, ds
+
+
+def tangents(angle: Array) -> Array:
+    """Return the unit vectors (-sin, cos) (..., 2) at angles (...) [rad] from +y."""
+    return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+
+
+def arc_lengths(position: Array) -> Array:
+    """Return the lengths (T,) [m] of curves of circular arcs from the origin through the points (T, S, d), d = 2 or 3.
+
+    Each arc is tangent to the one before. The first begins at the origin along +y, in space along +z. The result is
+    exact where the curvature between the points is constant.
+    """
+    chords = np.diff(position, axis=1, prepend=0.0)
+    reach = np.linalg.norm(chords, axis=2)
+    if position.shape[2] == 3:
+        return _lengths_in_space(chords, reach)
+    angle = np.unwrap(np.arctan2(-chords[..., 0], chords[..., 1]), axis=1)
+    tangent = np.zeros(len(position))
+    total = np.zeros(len(position))
+    for k in range(reach.shape[1]):
+        half = angle[:, k] - tangent
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = tangent + 2 * half
+    return total
+
+
+def _lengths_in_space(chords: Array, reach: Array) -> Array:
+    """Return the lengths (T,) [m] of arcs over the chords (T, S, 3) of length `reach` (T, S), the first along +z."""
+    tangent = np.broadcast_to([0.0, 0.0, 1.0], chords[:, 0].shape)
+    total = np.zeros(len(reach))
+    for k in range(reach.shape[1]):
+        ahead = chords[:, k] / reach[:, k, None]
+        along = (tangent * ahead).sum(axis=1)
+        half = np.arctan2(np.linalg.norm(np.cross(tangent, ahead), axis=1), along)
+        total += reach[:, k] / np.sinc(half / np.pi)
+        tangent = 2 * along[:, None] * ahead - tangent  # the end tangent is the start tangent mirrored at the chord
+    return total

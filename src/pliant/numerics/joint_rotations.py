@@ -1,8 +1,8 @@
-"""Swings: rotations about an axis square to z, the least that take one direction to another; chains and frames of them.
+"""Swings, which are rotations by vectors (a, b, 0): the smallest rotation to a direction, and link frames.
 
-A swing (a, b) [rad] is the rotation vector (a, b, 0) in the frame of the link before: it takes z to
-(sin(v) b / v, -sin(v) a / v, cos(v)), v = |(a, b)|. Frames that follow a curve by swings alone do not twist about it
-(parallel transport), and are defined where the curve is straight.
+A swing (a, b) [rad] is the rotation vector (a, b, 0) in the frame of the link before. It takes z to (sin(v) b / v,
+-sin(v) a / v, cos(v)), v = |(a, b)|. Frames that follow a curve by swings alone do not twist about it (parallel
+transport), and are defined where the curve is straight.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-STRAIGHT = 1e-150  # sine of the angle below which a direction is z itself
+STRAIGHT = 1e-150  # sine of the angle below which a direction is taken as z
 
 
 def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
-    """Rotations (..., 3, 3) by swings (..., 2) [rad]."""
+    """Return the rotation matrices (..., 3, 3) of swings (..., 2) [rad]."""
     v = np.asarray(swing, dtype=np.float64)
     angle = np.linalg.norm(v, axis=-1)
     sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # sin(v)/v, (1 - cos v)/v^2
@@ -32,7 +32,7 @@ def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
-    """Swings (..., 2) [rad], of a length up to pi, that take z to the directions (..., 3) of any length but 0."""
+    """Return the swings (..., 2) [rad], at most pi in size, that take z to directions (..., 3) of any length > 0."""
     u = np.asarray(direction, dtype=np.float64)
     across = np.hypot(u[..., 0], u[..., 1])
     angle = np.arctan2(across, u[..., 2])
@@ -44,16 +44,16 @@ def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Swings (..., n, 2) [rad] of a chain whose links have the directions (..., n, 3).
+    """Return the swings (..., n, 2) [rad] of a chain whose links have the directions (..., n, 3).
 
     Link k has the frame R_k = R_{k-1} R_rest,k exp([a_k, b_k, 0]^), R_{-1} the identity, and points along its z.
 
     Parameters
     ----------
     directions : (..., n, 3) array
-        From base to tip, of any length but 0.
+        Directions from base to tip, of any length > 0.
     rest : (n, 3, 3) array, optional
-        Rest rotations. Default: none, so that the swings of a rest shape come out.
+        Rest rotations. Default: none, which returns the swings from a straight chain.
     """
     u = np.asarray(directions, dtype=np.float64)
     frame = np.broadcast_to(np.eye(3), (*u.shape[:-2], 3, 3))
@@ -66,7 +66,7 @@ def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None)
 
 
 def link_frames(swings: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Frames (..., n, 3, 3) of the links of a chain with swings (..., n, 2) [rad] and rest rotations (n, 3, 3)."""
+    """Return the frames (..., n, 3, 3) of the links, from swings (..., n, 2) [rad] and rest rotations (n, 3, 3)."""
     turns = swing_matrices(swings)
     turns = turns if rest is None else rest @ turns
     frames = np.empty_like(turns)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 
 def ldl_factor(A):
-    """Overwrite A (n, n), of which only the lower triangle is read, by its factors.
+    """Overwrite a symmetric matrix A (n, n) with its LDL^T factors; only its lower triangle is read.
 
-    Strictly below the diagonal: L; on it: 1/D, so that a solve has no division; above it: D L^T, so that the
-    factorisation has one division a column.
+    Strictly below the diagonal: L. On the diagonal: 1/D, so that a solve has no division. Above the diagonal: D L^T, so
+    that the factorisation has one division a column.
     """
     n = A.shape[0]
     for j in range(n):
@@ -28,7 +28,7 @@ def ldl_factor(A):
 
 
 def ldl_solve(A, b):
-    """Solve in place with the factors of `ldl_factor`; b (n,) becomes the solution."""
+    """Solve the linear system with the factors A (n, n) of `ldl_factor` in place; b (n,) becomes the solution."""
     n = A.shape[0]
     for i in range(1, n):
         value = b[i]

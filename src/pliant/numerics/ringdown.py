@@ -1,4 +1,4 @@
-"""Frequency, damping and settling of a measured or simulated response: what a ring-down tells without a model."""
+"""Features of a time series: its peak, a damped sine fitted to a free decay, and the decay's large and small swings."""
 
 from __future__ import annotations
 
@@ -8,46 +8,51 @@ from typing import NamedTuple
 import numpy as np
 
 Array = np.ndarray
-SHARE_NEEDED = 0.5  # of the variance of the detrended signal that the damped sine must explain
+SHARE_NEEDED = 0.5  # least fraction of the variance of the detrended signal explained by the damped sine
 PERIODS_NEEDED = 2.0
-MOST_DAMPED = 0.6  # damping ratio: one period later, a hundredth is left
-NOWHERE = 1e6  # deviations of the signal: a residual that is never taken
-FAR = 20.0  # of the logarithms that a fit seeks
+MOST_DAMPED = 0.6  # damping ratio at which a hundredth of the amplitude is left after one period
+NOWHERE = 1e6  # standard deviations of the signal: residual of invalid parameters
+FAR = 20.0  # limit of the logarithms of the fitted parameters
 RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
+LARGE = 1.0 / 3.0  # of the first swing: larger swings count as large
+SMALL = 1.0 / 6.0  # of the first swing: smaller swings count as small
+NOISE = 6.0  # standard deviations of the noise: least size of a swing
+LEAST_SWING = 0.01  # of the range of the signal: least size of a swing
 
 
 class RingDown(NamedTuple):
-    """A damped sine found in a free decay."""
+    """A damped sine fitted to a free decay."""
 
     frequency: float  # Hz, damped
     damping_ratio: float
     amplitude: float  # unit of the signal, at the start of the window
-    explained: float  # share of the variance (trend removed) that the damped sine explains
+    explained: float  # fraction of the variance (trend removed) that the damped sine explains
 
 
 def ring_down(time: Array, signal: Array) -> RingDown | None:
-    """Fit offset + slow exponential + damped sine to a free decay; None when there is no clear oscillation.
+    """Fit offset + slow exponential + damped sine to a free decay; return None when there is no clear oscillation.
 
     Parameters
     ----------
     time, signal : array (T,)
-        s (any origin) and any unit, evenly sampled within a few per cent, from just after the edge.
+        Times in s (any origin) and a signal of any unit, evenly sampled within a few per cent, from just after the edge
+        of the input.
 
     Returns
     -------
     RingDown or None
-        The log decrement is 2 pi zeta / sqrt(1 - zeta^2). The slow exponential stands for creep and filling.
+        The log decrement is 2 pi zeta / sqrt(1 - zeta^2). The slow exponential represents creep and filling.
     """
     t = np.asarray(time, dtype=float) - np.asarray(time, dtype=float)[:1]
     y = np.asarray(signal, dtype=float)
     if t.size < 16 or not np.isfinite(t + y).all() or np.ptp(y) == 0:
         return None
-    return found(t.tobytes(), y.tobytes())
+    return fitted_ring_down(t.tobytes(), y.tobytes())
 
 
 @lru_cache(maxsize=256)
-def found(time: bytes, signal: bytes) -> RingDown | None:
-    """As `ring_down`, of finite floats; each fit of a study asks for that of every record again."""
+def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
+    """Return the result of `ring_down` for arrays given as bytes; results are cached."""
     from scipy.optimize import least_squares
 
     t, y = np.frombuffer(time), np.frombuffer(signal)
@@ -58,7 +63,7 @@ def found(time: bytes, signal: bytes) -> RingDown | None:
     for f in peak_frequencies(t, y):
         start = [np.log(2 * np.pi * f), np.log(0.1 * 2 * np.pi * f), np.log(0.3 * span)]
         fits.append(least_squares(decay_residual, start, decay_jacobian, args=(t, y), method="lm", max_nfev=200))
-    for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part that bends twice
+    for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part without oscillation
         ring = oscillation(fit.x, t, y)
         if ring is not None:
             return ring._replace(amplitude=ring.amplitude * scale)
@@ -66,9 +71,10 @@ def found(time: bytes, signal: bytes) -> RingDown | None:
 
 
 def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
-    """The damped sine of `decay_basis`.
+    """Return the damped sine of the fitted parameters x (3,), or None.
 
-    None where it explains little, spans no two periods, hardly rings or does not return.
+    None where it explains too little of the signal, spans less than two periods, is damped too strongly or does not
+    return.
     """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
@@ -91,7 +97,7 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
-    """The strongest spectral peaks [Hz] of the signal with its slow part removed."""
+    """Return the strongest spectral peaks [Hz] of the signal, at most `count`, after removing its slow part."""
     slow = np.polynomial.Polynomial.fit(t, y, 3)(t)
     power = np.abs(np.fft.rfft((y - slow) * np.hanning(y.size), 4 * y.size))
     frequency = np.fft.rfftfreq(4 * y.size, float(np.median(np.diff(t))))
@@ -101,7 +107,10 @@ def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
 
 
 def decay_basis(x: Array, t: Array) -> Array:
-    """Columns that enter linearly: damped cosine and sine, constant, slow exponential."""
+    """Return the columns (T, 4) with linear weights: damped cosine, damped sine, constant, slow exponential.
+
+    x (3,) are the logarithms of angular frequency [rad/s], decay rate [1/s] and time constant of the exponential [s].
+    """
     omega, sigma, lag = np.exp(np.clip(x, -FAR, FAR))
     envelope = np.exp(-np.minimum(sigma * t, 700.0))
     return np.stack(
@@ -110,15 +119,15 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
-    """Residual after the best linear weights (variable projection)."""
-    if not np.isfinite(x).all():  # MINPACK steps so where a column of the Jacobian vanishes
+    """Return the residual (T,) with the best linear weights of `decay_basis` (variable projection)."""
+    if not np.isfinite(x).all():  # MINPACK makes such a step where a column of the Jacobian vanishes
         return np.full_like(y, NOWHERE)
     left, _, _ = directions(decay_basis(x, t))
     return np.asarray(y - left @ (left.T @ y))
 
 
 def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
-    """Derivatives (T, 3) of `decay_residual`.
+    """Return the derivatives (T, 3) of `decay_residual` by x.
 
     Source: Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems
     """
@@ -132,13 +141,99 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
         np.hstack([omega * wave[:, ::-1] * [-1.0, 1.0], constant]), np.hstack([-sigma * wave, constant]),
         np.hstack([constant, constant[:, :1], slow / lag]),
     ])
-    moved[np.abs(x) >= FAR] = 0.0  # where the basis does not follow
+    moved[np.abs(x) >= FAR] = 0.0  # the basis is constant beyond this limit
     along = (moved @ weights).T
     return np.asarray(left @ (left.T @ along - right @ (remaining @ moved).T / size[:, None]) - along)
 
 
 def directions(basis: Array) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of a basis without what rounding makes of columns that say the same."""
+    """Return the singular value decomposition of a basis without singular values at the level of rounding."""
     left, size, right = np.linalg.svd(basis, full_matrices=False)
     kept = size > len(basis) * np.finfo(float).eps * size[0]
     return left[:, kept], size[kept], right[kept]
+
+
+class Swings(NamedTuple):
+    """Frequency and damping of the swings of one size class; None where there are too few."""
+
+    amplitude: float | None  # half of the mean swing, unit of the signal
+    frequency: float | None  # Hz, from the mean time between turning points
+    damping_ratio: float | None  # from the decrement of successive swings
+
+
+NONE = Swings(None, None, None)
+
+
+def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
+    """Return frequency and damping of the large swings and of the small swings of a free decay.
+
+    A swing is the motion between two successive turning points, so that the final position need not be known. Large
+    swings exceed a third of the first one, small swings are below a sixth of it and clear of noise. The frequency is
+    that of the half periods between turning points. A damping ratio needs two successive swings, whose decrement ln(A_k
+    / A_{k+1}) is pi zeta / sqrt(1 - zeta^2).
+
+    Parameters
+    ----------
+    time, signal : array (T,)
+        Times in s and a signal of any unit, evenly sampled within a few per cent, from the release on.
+    """
+    t, y = np.asarray(time, dtype=float), np.asarray(signal, dtype=float)
+    if t.size < 16 or np.ptp(y) == 0:
+        return NONE, NONE
+    noise = float(np.median(np.abs(np.diff(y, 2)))) / 0.6745 / np.sqrt(6.0)
+    at, value = turning_points(t, y, max(NOISE * noise, LEAST_SWING * float(np.ptp(y))))
+    way = np.abs(np.diff(value))
+    if way.size == 0:
+        return NONE, NONE
+    large = way >= LARGE * way[0]
+    end = int(np.argmin(large)) if not large.all() else way.size
+    few = np.flatnonzero(way > SMALL * way[0])[-1] + 1
+    return swing_statistics(at, way, 0, end), swing_statistics(at, way, int(few), way.size)
+
+
+def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
+    """Return frequency and damping of the swings first ... last - 1.
+
+    `at` are the times of the turning points [s], `way` the sizes of the swings between them.
+    """
+    count = last - first
+    if count < 1:
+        return NONE
+    half = float(at[last] - at[first]) / count
+    ratio = None
+    if count > 1:
+        decrement = float(np.log(way[first] / way[last - 1])) / (count - 1) / np.pi
+        ratio = decrement / float(np.hypot(1.0, decrement))
+    return Swings(0.5 * float(way[first:last].mean()), 0.5 / half, ratio)
+
+
+def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
+    """Return times and values of the extremes of y, at least `least` apart in value, beginning with the first sample.
+
+    Each extreme is that of the parabola through the nearest three samples.
+    """
+    turns, way = [0], 0.0
+    for k in range(1, y.size):
+        move = y[k] - y[turns[-1]]
+        if way == 0.0:
+            if abs(move) >= least:
+                way = float(np.sign(move))
+                turns.append(k)
+        elif move * way >= 0:
+            turns[-1] = k
+        elif abs(move) >= least:
+            way = -way
+            turns.append(k)
+    inner = [k for k in turns[1:-1] if k > 0]  # the last one may not be a turning point
+    at, value = [t[0]], [y[0]]
+    for k in inner:
+        bend = y[k - 1] - 2.0 * y[k] + y[k + 1]
+        shift = 0.5 * (y[k - 1] - y[k + 1]) / bend if bend else 0.0
+        at.append(t[k] + shift * (t[k + 1] - t[k]))
+        value.append(y[k] - 0.25 * (y[k - 1] - y[k + 1]) * shift)
+    return np.array(at), np.array(value)
+
+
+def peak(values: Array) -> float:
+    """Return the value farthest from 0, with its sign, ignoring NaN (a vacuum has a negative peak)."""
+    return float(values.ravel()[np.nanargmax(np.abs(values))])

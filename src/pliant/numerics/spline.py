@@ -1,6 +1,6 @@
-"""Cubic splines as matrices: with fixed knots a spline is linear in its node values.
+"""Cubic splines as matrices: with fixed knots, a spline is linear in its node values.
 
-One matrix then serves all frames and all coordinates of a recording.
+One matrix therefore serves all frames and all coordinates of a recording.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BOUNDARIES = (NATURAL, NOT_A_KNOT, CLAMPED)
 def spline_matrix(
     knots: ArrayLike, at: ArrayLike, boundary: str, derivative: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Matrix of a cubic spline: its values are ``B @ nodes + slope[:, None] * base_tangent``.
+    """Return the matrix of a cubic spline, whose values are ``B @ nodes + slope[:, None] * base_tangent``.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def spline_matrix(
     at : (P,) array, m
         Where the spline is evaluated.
     boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
-        The last one takes the derivative with respect to the abscissa at the first knot as given, and
-        is not-a-knot at the last.
+        The last one prescribes the derivative with respect to the abscissa at the first knot, and is
+        not-a-knot at the last.
     derivative : int
         Order of the derivative that the matrix returns.
 
@@ -52,7 +52,7 @@ def spline_matrix(
     if boundary not in BOUNDARIES:
         raise ValueError(f"boundary must be one of {', '.join(BOUNDARIES)}, not {boundary!r}")
     if x.size < 3:
-        raise ValueError(f"a cubic spline needs at least 3 knots, but {x.size} came")
+        raise ValueError(f"a cubic spline needs at least 3 knots, got {x.size}")
     unit = np.eye(x.size + 1)
     condition: Any = ((1, unit[-1]), NOT_A_KNOT) if boundary == CLAMPED else boundary
     response = CubicSpline(x, unit[:-1], bc_type=condition)(np.asarray(at, dtype=np.float64), derivative)
@@ -60,7 +60,7 @@ def spline_matrix(
 
 
 def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64]:
-    """Matrix (P, S) that interpolates values at `stations` (S,) to `at` (P,) by Lagrange cubics.
+    """Return the matrix (P, S) which interpolates values at `stations` (S,) to `at` (P,) by Lagrange cubics.
 
     Each row holds at most four weights, those of the stations around the point; a point that falls on a
     station takes its value exactly. At least four stations, strictly increasing.
@@ -78,7 +78,7 @@ def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64
 
 
 def polynomial_slope_weights(x: ArrayLike, degree: int) -> NDArray[np.float64]:
-    """Weights (S,) whose sum with values at `x` (S,) is the slope at ``x[0]`` of their least-squares polynomial."""
+    """Return weights (S,) whose dot product with values at `x` is the slope at ``x[0]`` of their polynomial fit."""
     points = np.asarray(x, dtype=np.float64)
     span = points[-1] - points[0]
     vandermonde = np.vander((points - points[0]) / span, degree + 1, increasing=True)

@@ -1,7 +1,7 @@
-"""Cosine and sine of one angle together, without a call into a library.
+"""Cosine and sine of one angle together, without a call of a library function.
 
-Argument reduction by multiples of pi/2 in two parts, then the minimax polynomials of fdlibm (Sun Microsystems,
-k_cos.c and k_sin.c). Absolute error below 3e-16 for |x| < 1e5 rad; a test holds it to that.
+Argument reduction by multiples of pi/2 in two parts, then the minimax polynomials of fdlibm (Sun Microsystems, k_cos.c
+and k_sin.c). A test checks that the absolute error is below 3e-16 for |x| < 1e5 rad.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def cos_sin(x):
-    """(cos x, sin x) for real x, |x| < 1e5 rad."""
+    """Return (cos x, sin x) for real x [rad], |x| < 1e5 rad."""
     q = np.rint(x * 0.6366197723675814)
     r = (x - q * 1.5707963267341256) - q * 6.077100506506192e-11  # pi/2 = 33 bits + the rest
     z = r * r

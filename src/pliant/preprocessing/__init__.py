@@ -1,1 +1,1 @@
-"""From a recording to clean planar shapes: quality, clusters, alignment, clocks, resampling, curvature, tip."""
+"""Preprocess a recording to clean shapes: quality, marker clusters, alignment, time synchronisation, resampling, ..."""

@@ -1,7 +1,8 @@
-"""From tracker coordinates to the base frame: base at the origin, base tangent along +y of the plane, +z in space.
+"""Align a recording: from tracker coordinates to the base frame of the models.
 
-Both frames are one, its axes named anew: (x, y, z) in space is (z, x, y) of the plane, so that a body bends about +x
-there as it does about +z here.
+The base is at the origin. The base tangent points along +y in a planar recording and along +z in a spatial one. Both
+are the same frame with renamed axes: (x, y, z) in space is (z, x, y) of the plane. A body that bends about +x in space
+therefore bends about +z in the plane.
 """
 
 from __future__ import annotations
@@ -59,49 +60,51 @@ def align(
     arc_length: Sequence[float] | None = None,
     space: bool = False,
 ) -> xr.Dataset:
-    """Turn a tracked recording into the base frame of the models, in the plane or in space.
+    """Transform a tracked recording to the base frame of the models, planar or spatial.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Recording in frame ``tracker``. A ``planar`` one, whose base and tangent are known, is turned by pi about the
-        base tangent where it bends to the other side than `bend` says.
+        Recording in frame ``tracker``. A ``planar`` recording, whose base and tangent are known, is turned by pi about
+        the base tangent where it bends to the side opposite to `bend`.
     base : str, optional
         Station at the base. Default: ``base`` when there is one, else the first station.
     tangent : str or 3 numbers
         Direction of the body at the base; see `pliant.preprocessing.base.base_tangent`.
     plane : {"motion", "body", "input"}, an axis such as "+x" or "base:+x", or 3 numbers
-        Plane of bending, which contains the tangent: the one of the displacements from rest, of all points, the one
-        in which the first measured input bends the body, or given by its normal: an axis of the tracker, of the base
-        station's orientation at rest (markers on the base), or a vector. In space the normal is the axis x.
+        Plane of bending, which contains the tangent. ``"motion"``: plane of the displacements from the mean positions.
+        ``"body"``: plane of all points of the body. ``"input"``: plane in which the first measured input bends the
+        body. Otherwise the normal of the plane: an axis of the tracker, an axis of the base station's orientation at
+        rest, or a vector. In a spatial recording the normal is the axis x.
     bend : {"positive", "negative"} or None
-        The normal is chosen so that the body bends about +z (tip toward -x) or -z under the highest pressure
-        or, where none was measured, at the tip's largest excursion. None keeps a given normal as it is. With
-        ``plane="input"`` under the first input; in space a given normal is kept.
+        Sign of the normal: the body bends about +z (tip toward -x) or -z under the highest pressure or, where no
+        pressure was measured, at the largest displacement. With ``plane="input"`` the first input decides. None
+        keeps the normal; a given normal of a spatial recording is always kept.
     rest : (start, end), s, optional
-        Where the body is at rest. Default: `rest_window`.
+        Time during which the body is at rest. Default: `rest_window`.
     origin_offset : float or 3 floats, m
-        From the base station to the origin: along the tangent, or as a vector in tracker coordinates.
+        Offset from the base station to the origin: along the tangent, or as a vector in tracker coordinates.
     origin : 3 floats, m, optional
         The origin in tracker coordinates, where no station shows the base; instead of `origin_offset`.
     clamp_length : float, m, optional
-        For ``tangent="clamp"``.
+        Length of the clamp, for ``tangent="clamp"``.
     remove_base_motion : bool
-        Take the motion of the base station, which must have an orientation, out of every frame.
+        Whether to subtract the motion of the base station, which must have an orientation, from every frame.
     undo_jumps : bool
-        Undo jumps of orientation first; see `pliant.preprocessing.repair.undo_orientation_jumps`. Without
-        it, a recording with such jumps is refused, since its angles would be wrong.
+        Whether to undo jumps of orientation first; see `pliant.preprocessing.repair.undo_orientation_jumps`. With
+        False, a recording with such jumps is refused, since its angles would be wrong.
     arc_length : floats, m, optional
-        One per station. Default: that of the recording or, with eight stations or more, the polyline at rest.
+        Arc length of each station. Default: that of the recording or, with eight stations or more, of the polyline at
+        rest.
     space : bool
-        Keep three dimensions.
+        Whether to keep three dimensions.
 
     Returns
     -------
     xarray.Dataset
-        Planar recording, positions (T, S, 2), `angle` each station's rotation about +z since rest; or one in space
-        (frame ``spatial``), positions (T, S, 3), `quaternion` each station's rotation since rest, in the base frame.
-        Read the report with `alignment_of`.
+        Planar recording with positions (T, S, 2) and `angle`, the rotation of each station about +z since rest; or a
+        spatial one (frame ``spatial``) with positions (T, S, 3) and `quaternion`, the rotation of each station since
+        rest in the base frame. `alignment_of` returns the report.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def align(
     """
     check_recording(recording)
     if "position" not in recording or recording.attrs["frame"] == "spatial":
-        raise InputError("align needs positions; this recording is aligned in space already or holds none")
+        raise InputError("align needs positions, but this recording has none or is aligned already (frame spatial)")
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)
@@ -159,8 +162,8 @@ def _without_jumps(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
     if counts.any():
         jumps = ", ".join(f"{n} {c}" for n, c in zip(recording["station"].values, counts, strict=True) if c)
         raise InputError(
-            f"the orientation jumps by more than 30 degrees from frame to frame ({jumps}): undo the jumps of "
-            "symmetric marker clusters with undo_jumps, or leave the orientation out"
+            f"the orientation jumps by more than 30 degrees from frame to frame ({jumps}): for symmetric marker "
+            "clusters set undo_jumps = true, otherwise leave the orientation out"
         )
     return recording
 
@@ -170,7 +173,7 @@ def _base_index(recording: xr.Dataset, base: str | None) -> int:
     if base is None:
         return names.index("base") if "base" in names else 0
     if base not in names:
-        raise InputError(f"there is no station {base!r} to be the base; available: {', '.join(names)}")
+        raise InputError(f"base is {base!r}, but there is no such station; available: {', '.join(names)}")
     return names.index(base)
 
 
@@ -179,8 +182,8 @@ def _rest(recording: xr.Dataset, rest: Sequence[float] | None) -> tuple[NDArray,
     start, end = rest_window(recording) if rest is None else _pair(rest)
     window = (time >= start) & (time <= end)
     if not window.any():
-        raise InputError(f"the rest window {start:g} to {end:g} s holds no frame: the recording lasts from "
-                         f"{time[0]:g} to {time[-1]:g} s")  # fmt: skip
+        raise InputError(f"the rest window {start:g} to {end:g} s contains no frame: set rest within "
+                         f"{time[0]:g} to {time[-1]:g} s, the time of the recording")  # fmt: skip
     return window, (float(start), float(end))
 
 
@@ -188,22 +191,22 @@ def _pair(rest: Sequence[float]) -> tuple[float, float]:
     try:
         start, end = (float(value) for value in rest)
     except (TypeError, ValueError):
-        raise InputError(f"rest is two times in seconds, start and end, not {rest!r}") from None
+        raise InputError(f"rest must be two times in seconds, start and end, not {rest!r}") from None
     return start, end
 
 
 def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base: NDArray) -> NDArray:
-    """From the base's place (3,) to the origin: () along the tangent, or (3,)."""
+    """Return the offset from the base station (3,) to the origin: a length along the tangent (), or a vector (3,)."""
     if origin is not None:
         if not _is_zero(value) or np.shape(origin) != (3,):
-            raise InputError("origin is three numbers in metres, and stands in place of origin_offset")
+            raise InputError("origin must be three numbers in metres, and cannot be combined with origin_offset")
         return np.asarray(origin, dtype=np.float64) - base
     try:
         offset = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         offset = np.array([])
     if offset.shape not in ((), (3,)) or not np.isfinite(offset).all():
-        raise InputError(f"origin_offset is a length along the tangent or three numbers, in metres, not {value!r}")
+        raise InputError(f"origin_offset must be a length along the tangent or three numbers, in metres, not {value!r}")
     return offset
 
 
@@ -216,11 +219,11 @@ def _quaternion(recording: xr.Dataset) -> NDArray | None:
 
 
 def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
-    """(T, S, d) places relative to the origin in the directions of the (d, 3) `rows`."""
-    made = np.empty((*position.shape[:2], len(rows)))
+    """Return positions (T, S, d) relative to the origin in the directions of `rows` (d, 3)."""
+    result = np.empty((*position.shape[:2], len(rows)))
     for i in range(0, len(position), BLOCK_FRAMES):
-        made[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
-    return made
+        result[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
+    return result
 
 
 def _require_base(pose: NDArray, index: int, recording: xr.Dataset) -> None:
@@ -234,7 +237,7 @@ def _without_base_motion(
     position: NDArray, matrices: NDArray | None, index: int, place: NDArray, rotation: NDArray | None
 ) -> tuple[NDArray, NDArray | None]:
     if matrices is None or rotation is None:
-        raise InputError("the motion of the base can be removed only when the base has an orientation")
+        raise InputError("remove_base_motion needs the orientation of the base station, which this recording lacks")
     back = rotation @ np.swapaxes(matrices[:, index], -1, -2)
     moved = np.einsum("tij,tsj->tsi", back, position - position[:, index : index + 1]) + place
     return moved, back[:, None] @ matrices
@@ -242,7 +245,7 @@ def _without_base_motion(
 
 def _wanted_sign(bend: str) -> int:
     if bend not in ("positive", "negative"):
-        raise InputError(f"bend is 'positive', 'negative' or None, not {bend!r}")
+        raise InputError(f"bend must be 'positive', 'negative' or None, not {bend!r}")
     return 1 if bend == "positive" else -1
 
 
@@ -274,7 +277,7 @@ def _out_of_plane(position: NDArray, middle: NDArray, normal: NDArray) -> dict[s
 
 
 def _angles(matrices: NDArray | None, window: NDArray, normal: NDArray) -> NDArray | None:
-    """(T, S) rotation about the normal since rest, without jumps of a full turn."""
+    """Return the rotation (T, S) [rad] about the normal since rest, without jumps by a full turn."""
     if matrices is None:
         return None
     start = mean_rotation(matrices[window])
@@ -286,7 +289,7 @@ def _angles(matrices: NDArray | None, window: NDArray, normal: NDArray) -> NDArr
 
 
 def _orientations(matrices: NDArray | None, window: NDArray, rotation: NDArray) -> NDArray | None:
-    """(T, S, 4) rotation since rest in the axes of the base frame, without changes of sign along time."""
+    """Return the rotation (T, S, 4) since rest in the axes of the base frame, without sign changes along time."""
     if matrices is None:
         return None
     since = matrices @ np.swapaxes(mean_rotation(matrices[window]), -1, -2)
@@ -311,12 +314,12 @@ def _aligned(
     recording: xr.Dataset, place: NDArray, turned: dict[str, Any], arc: ArrayLike | None, report: Alignment
 ) -> xr.Dataset:
     attrs = dict(recording.attrs) | {"frame": report.frame, "alignment": json.dumps(asdict(report))}
-    made = make_recording(
+    result = make_recording(
         recording["time"].values, place, station=[str(n) for n in recording["station"].values], **turned,
         arc_length=arc, frame=report.frame, attrs=attrs,
     )  # fmt: skip
     others = recording.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
-    made = made.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
+    result = result.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
     space = report.frame == "spatial"
     frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
     frame += f"plane {report.plane}{' normal to x' if space else ''}"
@@ -325,8 +328,9 @@ def _aligned(
     lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, {'kept' if space else 'left out'}"]
     lines += clock_finding(recording)
     if report.flatness > VAGUE_PLANE:
-        lines.append(f"the plane is vague: the motion across it is {100 * report.flatness:.0f} % of that in it")
+        lines.append(f"the plane of bending is uncertain: the motion across it is {100 * report.flatness:.0f} % of "
+                     "the motion in it")
     if report.base_travel_m > 0:
         what = "removed" if report.base_motion_removed else "kept as part of the motion"
         lines.append(f"the base moved up to {1e3 * report.base_travel_m:.3g} mm; its motion is {what}")
-    return check_recording(append_history(made, *lines))
+    return check_recording(append_history(result, *lines))

@@ -1,4 +1,4 @@
-"""The report of an alignment: where the base frame lies in the tracker's, and how flat the motion is."""
+"""Report of an alignment: position of the base frame in tracker coordinates, and flatness of the motion."""
 
 from __future__ import annotations
 
@@ -14,30 +14,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Results and choices of `align`; stored as JSON in the attribute ``alignment`` of the recording.
+    """Report of `align`: its results and options; stored as JSON in the recording's attribute ``alignment``.
 
     Attributes
     ----------
     base : str
+        Name of the base station.
     origin : 3 floats, m
-        In tracker coordinates.
+        Origin of the base frame in tracker coordinates.
     rotation : 3 x 3 floats
         Rows are the base frame's axes in tracker coordinates: in the plane x, y (base tangent) and z (normal of the
         plane); in space x (normal of the plane), y and z (base tangent).
     tangent, plane : str
-        How they were found.
+        Options by which tangent and plane were determined.
     bending : int
         Sign of the rotation about +z at the largest excursion, or under the highest pressure.
     rest_s : (start, end)
+        Rest window, s.
     flatness : float
-        Second to first singular value across the tangent: 0 a plane, 1 none distinguished.
+        Second over first singular value across the tangent: 0 for planar motion, 1 where no plane is preferred.
     out_of_plane_rms_m, out_of_plane_max_m : float
-        Displacement along the normal from each station's mean place, over all stations and frames.
+        Displacement along the normal from each station's mean position, over all stations and frames.
     out_of_plane_share : float
-        Its share of the whole displacement (root mean squares).
+        Ratio of the displacement along the normal to the whole displacement (root mean squares).
     base_travel_m : float
-        Largest distance of the base from its rest place.
+        Largest distance of the base station from its rest position, m.
     base_motion_removed : bool
+        Whether the motion of the base was subtracted.
     frame : {"planar", "spatial"}
     """
 
@@ -58,21 +61,21 @@ class Alignment:
 
     @property
     def normal(self) -> tuple[float, ...]:
-        """Normal of the plane of bending, in tracker coordinates."""
+        """Unit normal of the plane of bending, in tracker coordinates."""
         return self.rotation[0 if self.frame == "spatial" else 2]
 
     @property
     def base_tangent(self) -> tuple[float, ...]:
-        """Direction of the body at the base, in tracker coordinates."""
+        """Unit tangent of the body at the base, in tracker coordinates."""
         return self.rotation[2 if self.frame == "spatial" else 1]
 
 
 def alignment_of(recording: xr.Dataset) -> Alignment:
-    """Report of the alignment that made a recording; InputError when it was not aligned here."""
+    """Return the `Alignment` report of an aligned recording; raise InputError where the recording has none."""
     try:
         values = json.loads(recording.attrs["alignment"])
         rotation = tuple(tuple(row) for row in values["rotation"])
         pairs = {"origin": tuple(values["origin"]), "rest_s": tuple(values["rest_s"])}
         return Alignment(**(values | pairs | {"rotation": rotation}))
     except (KeyError, TypeError, ValueError):
-        raise InputError("this recording carries no report of an alignment") from None
+        raise InputError("this recording has no report of an alignment: align it with pliant first") from None

@@ -1,4 +1,4 @@
-"""Angles without places: what is in them, and how they are brought to the rest pose and the sign of the pressure."""
+"""Recordings of angles without positions: their quality, rest pose and sign."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
 def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
-    """Fields of `Quality` that a recording of angles alone has: gaps, spikes, noise, turn and step of each station."""
+    """Return the fields of `Quality` for a recording of angles: gaps, spikes, noise, range and step per station."""
     names = [str(n) for n in recording["station"].values]
     angle = recording["angle"].values
     columns = angle[..., None]
@@ -34,14 +34,14 @@ def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def sensor_noise(angle: NDArray) -> NDArray:
-    """(S,) standard deviation of angles' noise, rad: that of the numbers, or of the steps that they come in."""
+    """Return the standard deviation (S,) [rad] of each angle's noise, or of its rounding where that is coarse."""
     plain = np.nan_to_num(detectors.noise_level(angle[..., None]))
     steps = np.array(coarse_steps(angle)) / np.sqrt(12.0)
     return np.where(steps > 0, steps, plain)
 
 
 def coarse_steps(angle: NDArray) -> list[float]:
-    """Step in which each station's sensor counts, rad, where it is coarse beside the range of the angle; else 0."""
+    """Return the resolution [rad] of each station's sensor where it is coarse against its range; else 0."""
     steps = [detectors.quantum(a) for a in angle.T]
     return [q if q > COARSE * (np.nanmax(a) - np.nanmin(a)) else 0.0
             for q, a in zip(steps, angle.T, strict=True)]  # fmt: skip
@@ -49,24 +49,25 @@ def coarse_steps(angle: NDArray) -> list[float]:
 
 def angle_sentences(facts: dict[str, float]) -> list[str]:
     """Return a sentence for each station whose angle sensor has a coarse resolution; `facts`: its step in degrees."""
-    return [f"the angle of {name} comes in steps of {step:.2g} degrees: {step / np.sqrt(12.0):.2g} degrees of noise"
+    return [f"the angle of {name} has a resolution of {step:.2g} degrees, which acts as {step / np.sqrt(12.0):.2g} "
+            "degrees of noise"
             for name, step in facts.items()]  # fmt: skip
 
 
 def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dataset:
-    """Angles measured from the rest pose, turning to the positive side under positive pressure.
+    """Return a recording with angles relative to the rest pose, signed so that positive pressure turns positive.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        A recording of angles without places; where its pressure was measured, on the clock of the angles.
+        A recording of angles without positions; a pressure must have its times synchronised with the angles.
     rest : (start, end), s, optional
-        When the body was at rest. Default: found, see `rest_window`.
+        Start and end of the rest. Default: `rest_window`.
 
     Returns
     -------
     xarray.Dataset
-        Every constant that was taken off and every sign that was changed is in its history.
+        The history lists every constant that was subtracted and every sign that was changed.
 
     Raises
     ------
@@ -81,21 +82,22 @@ def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) ->
     turned = angle - zero
     names = [str(n) for n in recording["station"].values]
     offsets = ", ".join(f"{n} {np.degrees(z):.3g}" for n, z in zip(names, zero, strict=True))
-    lines = [f"angles are measured from the rest at {start:.3g} to {end:.3g} s, degrees taken off: {offsets}"]
+    lines = [f"angles are relative to the rest at {start:.3g} to {end:.3g} s, subtracted degrees: {offsets}"]
     backward = [k for k in range(len(names)) if turns_back(recording, turned[:, k])]
     turned[:, backward] *= -1.0
     if backward:
         lines.append(f"positive pressure turned {', '.join(names[k] for k in backward)} to the negative side: the sign "
-                     "is turned")  # fmt: skip
+                     "was changed")  # fmt: skip
     kept = recording.assign(angle=recording["angle"].copy(data=turned))
     kept["angle"].attrs = {**recording["angle"].attrs, "reference": "rest"}
     return append_history(kept, *lines)
 
 
 def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
-    """Whether an angle (T,) from rest goes to the negative side under pressure, or most where none was measured.
+    """Return whether an angle (T,) from rest turns negative under pressure.
 
-    Of several chambers each may bend to its own side: nothing is turned.
+    Without a measured pressure its largest magnitude decides. With several chambers the result is False, as each may
+    bend to its own side.
     """
     seen = np.isfinite(angle)
     if not seen.any():

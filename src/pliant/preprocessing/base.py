@@ -1,4 +1,4 @@
-"""Base and directions of an alignment: which station is the base, the tangent there, the plane of bending."""
+"""Determine the base frame of an alignment: the tangent at the base and the plane of bending."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 AXIS_NAME = re.compile(r"(base:)?([+-])([xyz])")
-DENSE = 10  # stations of a body whose end was found, not marked
+DENSE = 10  # stations: from here on the end of the body was detected in a picture, not marked
 TANGENTS = "'chord', 'clamp', an axis of the tracker such as '+x', an axis of the base such as 'base:+z', or a vector"
 PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tangent
 
 
 def unit_vector(value: ArrayLike, what: str) -> NDArray:
-    """Unit vector of three finite numbers; InputError names `what` when it is none."""
+    """Return the unit vector of three finite numbers; raise InputError that names `what` for anything else."""
     try:
         vector = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -37,18 +37,19 @@ def unit_vector(value: ArrayLike, what: str) -> NDArray:
 def base_tangent(
     option: Any, rest: NDArray, base: int, rotation: NDArray | None, clamp_length: float | None
 ) -> NDArray:
-    """Unit tangent at the base, in tracker axes.
+    """Return the unit tangent of the body at the base, in tracker axes.
 
     Parameters
     ----------
     option : str or 3 numbers
         ``"chord"``: from the base to the last station. ``"clamp"``: line through the stations within
-        `clamp_length` of the base, or the first three; of ten stations and more the second to the fourth, since the
-        end of a line that was found in a picture is its least certain point. ``"+x"``: axis of the tracker.
-        ``"base:+z"``: axis of the base station's orientation at rest. Or the vector itself.
+        `clamp_length` of the base, by default the first three. With ten stations or more the default is the second to
+        the fourth, since the end of a line found in a picture is its least certain point. ``"+x"``: axis of the
+        tracker. ``"base:+z"``: axis of the base station's orientation at rest. Or a vector of three numbers.
     rest : (S, 3) array, m
-        Stations at rest.
+        Positions of the stations at rest.
     base : int
+        Index of the base station.
     rotation : (3, 3) array or None
         Orientation of the base at rest.
     clamp_length : float or None, m
@@ -57,18 +58,18 @@ def base_tangent(
         return unit_vector(option, "tangent")
     if option == "chord":
         if base == len(rest) - 1:
-            raise InputError("the last station is the base, so there is no chord: give the tangent")
+            raise InputError("the last station is the base, so there is no chord: set tangent to another option")
         return unit_vector(rest[-1] - rest[base], "the chord from the base to the last station")
     if option == "clamp":
         return _clamp_tangent(rest[base:], clamp_length)
     axis = named_axis(option, rotation)
     if axis is None:
-        raise InputError(f"tangent is {TANGENTS}, not {option!r}")
+        raise InputError(f"tangent must be {TANGENTS}, not {option!r}")
     return axis
 
 
 def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
-    """Unit vector of an axis of the tracker (``"+x"``) or of the base at rest (``"base:+x"``); None for other names.
+    """Return the unit vector of an axis of the tracker ("+x") or of the base at rest ("base:+x"), else None.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
     Raises
     ------
     InputError
-        When the axis is one of the base and the base has no orientation.
+        When the axis is of the base and the base has no orientation.
     """
     found = AXIS_NAME.fullmatch(name)
     if found is None:
@@ -89,7 +90,8 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
     if found.group(1) is None:
         return axis
     if rotation is None:
-        raise InputError(f"the axis {name!r} needs the base's orientation, but the base has none at rest")
+        raise InputError(f"the axis {name!r} needs the orientation of the base station, which has none at rest: "
+                         "choose another axis")
     return rotation @ axis
 
 
@@ -100,8 +102,8 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
     count = min(3, len(body)) if clamp_length is None else int((arc <= clamp_length).sum())
     if count < 2:
         raise InputError(
-            f"the clamp's tangent needs two stations, but {count} lie in the clamp"
-            + ("" if clamp_length is None else f" of {1e3 * clamp_length:.3g} mm: lengthen clamp_length")
+            f"tangent = 'clamp' needs two stations in the clamp, but there is {count}"
+            + ("" if clamp_length is None else f" within {1e3 * clamp_length:.3g} mm: increase clamp_length")
         )
     points = body[:count]
     direction = np.linalg.svd(points - points.mean(0))[2][0]
@@ -109,10 +111,11 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
 
 
 def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
-    """Unit normal of the plane in which the first input bends the body, positive where the input is.
+    """Return the unit normal of the plane in which the first input bends the body.
 
-    The displacement of the station that moves most is taken for linear in all inputs together; the direction is that
-    of the first one's coefficients across the tangent.
+    The displacement of the station that moves most is fitted as linear in all inputs. The direction of the bending is
+    that of the first input's coefficients, perpendicular to the tangent. A positive input bends the body about the
+    normal in the positive sense.
 
     Parameters
     ----------
@@ -126,11 +129,12 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     Raises
     ------
     InputError
-        When no input was measured, or the first one moves nothing across the tangent.
+        When no input was measured, or the first input causes no motion perpendicular to the tangent.
     """
     inputs = inputs_at(recording, recording["time"].values)
     if not inputs.shape[1]:
-        raise InputError("plane 'input' needs a measured input, but the recording holds none: state another plane")
+        raise InputError("plane = 'input' needs a measured input, but the recording holds none: set plane to "
+                         "another option")
     across = (position - pose) @ (np.eye(3) - np.outer(tangent, tangent))
     moved = across[:, int(np.argmax(np.nan_to_num(detectors.rms_deviation(across))))]
     known = np.isfinite(moved).all(-1) & np.isfinite(inputs).all(-1)
@@ -138,39 +142,43 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     design = np.column_stack([np.ones(int(known.sum())), inputs[known] / np.where(size > 0, size, 1.0)])
     gain = np.linalg.lstsq(design, moved[known], rcond=None)[0][1]
     if np.linalg.norm(gain) < max(6.0 * still_noise(position), 1e-6):
-        raise InputError("the first input moves nothing across the base tangent beyond the noise: state the plane")
+        raise InputError("the first input causes no motion across the base tangent beyond the noise: set plane to "
+                         "another option")
     return np.cross(tangent, gain / np.linalg.norm(gain))
 
 
 def bending_normal(
     option: Any, tangent: NDArray, position: NDArray, about: dict[str, NDArray], noise: float
 ) -> tuple[NDArray, float]:
-    """Unit normal of the plane of bending, square to the tangent, and how flat the data are.
+    """Return the unit normal of the plane of bending, perpendicular to the tangent, and the flatness of the data.
 
     Parameters
     ----------
     option : {"motion", "body"} or 3 numbers
-        Plane of the displacements from rest, of all points of the body, or its normal.
+        Plane of the displacements from rest ("motion"), plane of all points of the body ("body"), or the normal.
     tangent : (3,) array
     position : (T, S, 3) array, m
     about : dict
-        From where the displacements count: ``motion`` the stations' places (S, 3), ``body`` the origin (3,), m.
+        Reference of the displacements: ``motion`` the mean positions of the stations (S, 3), ``body`` the origin
+        (3,), m.
     noise : float, m
+        Noise of the positions; a smaller motion defines no plane.
 
     Returns
     -------
     normal : (3,) array
     ratio : float
-        Second to first singular value square to the tangent: 0 for a plane, 1 when no plane is distinguished.
+        Second over first singular value perpendicular to the tangent: 0 for planar data, 1 where no plane is preferred.
     """
     if not isinstance(option, str):
         normal = unit_vector(option, "plane, a normal,")
         normal = normal - (normal @ tangent) * tangent
         if np.linalg.norm(normal) < PARALLEL:
-            raise InputError("the normal of the plane must not be parallel to the base tangent")
+            raise InputError("plane, given as a normal, must not be parallel to the base tangent")
         return normal / np.linalg.norm(normal), 0.0
     if option not in ("motion", "body"):
-        raise InputError(f"plane is 'motion', 'body' or a normal of three numbers, not {option!r}")
+        raise InputError(f"plane must be 'motion', 'body', 'input', an axis such as '+x', or a normal of three "
+                         f"numbers, not {option!r}")
     square = np.eye(3) - np.outer(tangent, tangent)
     scatter = np.zeros((3, 3))
     for rows in detectors.seen_points(position, about[option]):
@@ -182,15 +190,15 @@ def bending_normal(
     largest = max((np.abs(rows @ main).max(initial=0.0) for rows in detectors.seen_points(position, about[option])),
                   default=0.0)
     if largest < max(6.0 * noise, 1e-6):
-        what = "nothing moves" if option == "motion" else "nothing bends"
-        raise InputError(f"{what} across the base tangent beyond the noise: give the plane's normal")
+        what = "no station moves" if option == "motion" else "the body does not bend"
+        raise InputError(f"{what} across the base tangent beyond the noise: set plane to the normal of the plane")
     normal = np.cross(directions[:, 2], tangent)
     normal = normal * (np.sign(normal[np.argmax(np.abs(normal))]) or 1.0)
     return normal, float(values[1] / values[2])
 
 
 def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
-    """(3, 3) mean orientation of the base over the frames of the rest window; None without one."""
+    """Return the mean orientation (3, 3) of the base over the frames of the rest window; None without one."""
     if quaternion is None:
         return None
     matrix = mean_rotation(to_matrix(quaternion[window, base]))
@@ -198,7 +206,7 @@ def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray
 
 
 def still_noise(position: NDArray) -> float:
-    """Noise in metres of the median station; zero when it is not known."""
+    """Return the noise [m] of the station with median noise; 0 where it is unknown."""
     noise = detectors.by_blocks(detectors.noise_level, position)
     noise = noise[np.isfinite(noise)]
     return float(np.median(noise)) if noise.size else 0.0

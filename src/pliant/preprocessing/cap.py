@@ -1,8 +1,8 @@
-"""Find the tip: a cap of constant curvature, mounted at the tip, shows in the curvature along the fibre.
+"""Find the tip of a body in fibre curvature by a cap of constant curvature that is mounted at the tip.
 
-The template along the fibre is [mean of the body | k_c over L_c | tail], seen through the gauge of the sensor.
-It slides over every frame; the place with the least squared error is refined below the sample, and the frames
-in which the cap differs from the body agree on one tip.
+The template along the fibre is [mean of the body | k_c over L_c | tail], averaged over the gauge of the sensor. It
+slides over every frame, and the position with the least squared error is refined below one sample. The frames in which
+the cap differs from the body vote for one tip.
 
 Paper: Sec. II ("a cap with a constant curvature at the tip")
 """
@@ -15,39 +15,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.preprocessing.cap_template import CapTemplate
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-PLATEAU_TOLERANCE = 0.25  # of k_c: how far the plateau and the tail may be from what they should be
-LEAST_CONTRAST = 0.15  # of k_c: a body closer than that to the cap hides its edge
+PLATEAU_TOLERANCE = 0.25  # of k_c: accepted deviation of the plateau and the tail
+LEAST_CONTRAST = 0.15  # of k_c: a body whose curvature is closer to the cap's hides its edge
 CLEAR_CONTRAST = 0.3  # of k_c
 NEEDED_CONFIDENCE = 0.5
 MAD_GATE = 4.0
+REFINEMENTS = 5  # without noise the fourth is exact to rounding
 
 
 @dataclass(frozen=True)
 class Tip:
-    """End of the body and start of the cap.
+    """End of the body, where the cap begins, with its uncertainty and the numbers of frames used.
 
     Attributes
     ----------
     found : bool
-        False when the cap cannot be distinguished from the body, or there is none; `arc_length` is then NaN.
+        False where there is no cap, or it cannot be distinguished from the body; `arc_length` is then NaN.
     arc_length : float, m
-        Median over the frames that agree.
+        Median over the frames that agree on the tip.
     standard_deviation : float, m
-        Standard deviation of the frames that agree, robust.
+        Robust standard deviation over the frames that agree.
     confidence : float
-        0 to 1: share of frames with a clear cap that agree, times how far the cap stands out from the body.
+        0 to 1: fraction of the frames with a clear cap that agree, times the contrast of cap and body.
     status : str
-        A sentence.
+        The result in one sentence.
     per_frame : (T,) array, m
         Tip of every frame; NaN where a frame shows no cap.
     frames_used, frames_without_cap, frames_ambiguous, frames_rejected : int
-        Agreeing; no plateau of the cap's curvature; body too close to the cap's curvature; off the consensus.
+        Numbers of frames that agree; that show no plateau of the cap's curvature; whose body is too close to the cap's
+        curvature; that deviate from the median.
     """
 
     found: bool
@@ -71,27 +72,27 @@ def find_tip(
     gauge_length: float | None = None,
     tail_curvature: float = 0.0,
 ) -> Tip:
-    """Find the tip in curvatures over time and along the fibre.
+    """Find the tip of a body in curvature over time and along the fibre.
 
     Parameters
     ----------
     curvature : (T, S) array, 1/m
-        Signed, evenly spaced; a frame with NaN is left out and counted as one without cap.
+        Signed, at evenly spaced samples; a frame with NaN is left out and counted as one without a cap.
     spacing : float, m
-        Distance of the samples.
+        Distance between neighbouring samples.
     cap_curvature : float, 1/m
-        Signed like `curvature`.
+        Curvature of the cap, with the same sign convention as `curvature`.
     cap_length : float, m
-        Of the fibre in the cap.
+        Length of the fibre in the cap.
     gauge_length : float, m, optional
-        Length over which the sensor averages; default, and least, one spacing.
+        Length over which the sensor averages; default and minimum: `spacing`.
     tail_curvature : float, 1/m
-        Of the fibre that runs on behind the cap.
+        Curvature of the fibre behind the cap.
 
     Returns
     -------
     Tip
-        Arc length counts from the first sample.
+        The tip, at an arc length from the first sample.
 
     Raises
     ------
@@ -117,14 +118,15 @@ def _template(
     kappa: NDArray[np.float64], spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float
 ) -> CapTemplate:
     if kappa.ndim != 2:
-        raise InputError(f"curvature must have shape (time, station), but has {kappa.shape}")
+        raise InputError(f"curvature must have the shape (time, station), not {kappa.shape}")
     numbers = (spacing, cap_curvature, cap_length, width, tail)
     if not np.isfinite(numbers).all() or spacing <= 0 or cap_curvature == 0:
-        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive, curvature not zero")
+        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive and cap_curvature "
+                         "not zero")
     if cap_length < 2 * width:
         raise InputError(
-            f"a cap of {cap_length * 1e3:g} mm cannot be seen through a gauge of {width * 1e3:g} mm: "
-            "it must be at least twice as long"
+            f"a cap of {cap_length * 1e3:g} mm cannot be resolved by a gauge of {width * 1e3:g} mm: "
+            "the cap must be at least twice as long"
         )
     template = CapTemplate(spacing, cap_curvature, cap_length, width, tail)
     if kappa.shape[1] < template.samples:
@@ -142,9 +144,9 @@ def _consensus(
     spacing: float,
 ) -> Tip:
     without, ambiguous = int((~capped).sum()), int((capped & ~clear).sum())
-    counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body that bends like the cap"
+    counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body curved like the cap"
     if not clear.any():
-        why = "the body bends as the cap does" if ambiguous else "there is no cap of this curvature and length"
+        why = "the body is curved like the cap" if ambiguous else "there is no cap of this curvature and length"
         return Tip(False, np.nan, np.nan, 0.0, f"No tip: {why} ({counted}).", place, 0, without, ambiguous, 0)
     candidates = place[clear]
     median = float(np.median(candidates))
@@ -157,7 +159,7 @@ def _consensus(
     steady = 1.0 / (1.0 + (deviation / (2 * spacing)) ** 2)
     confidence = float(share * outstanding * steady)
     rejected = int((~agree).sum())
-    counted += f", {rejected} off the consensus"
+    counted += f", {rejected} far from the median"
     found = confidence >= NEEDED_CONFIDENCE
     if found:
         status = f"Tip at {tip * 1e3:.2f} mm, confidence {confidence:.2f}, from {int(agree.sum())} of {counted}."
@@ -165,3 +167,77 @@ def _consensus(
         status = f"No tip: the frames do not agree, confidence {confidence:.2f} ({counted})."
     used = int(agree.sum())
     return Tip(found, tip if found else np.nan, sd, confidence, status, place, used, without, ambiguous, rejected)
+
+
+class CapTemplate:
+    """Curvature of body, cap and tail averaged over the gauge length `width`, to be located in a fibre."""
+
+    def __init__(self, spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float) -> None:
+        self.spacing, self.cap_curvature, self.cap_length = spacing, cap_curvature, cap_length
+        self.width, self.tail = width, tail
+        side = max(3, int(np.ceil((cap_length / 2 + width) / spacing)))
+        self.before = side
+        self.samples = 2 * side + int(np.ceil(cap_length / spacing)) + 1
+        self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
+
+    def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the fractions (T, M) of body and of tail in every sample, for cap edges at `edge` (T,) [m]."""
+        low = self.s - self.width / 2
+        body = np.clip((edge[:, None] - low) / self.width, 0.0, 1.0)
+        tail = np.clip((low + self.width - edge[:, None] - self.cap_length) / self.width, 0.0, 1.0)
+        return body, tail
+
+    def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the tip positions (T,) [m], and body, plateau and tail curvature with their standard error (4, T)."""
+        body, tail = (share[0] for share in self.shares(np.zeros(1)))
+        fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail
+        weight = float(body @ body)
+        b = (kappa @ self._sliding(body, kappa.shape[1]) - fixed @ body) / weight
+        squared = np.square(kappa) @ self._sliding(np.ones_like(body), kappa.shape[1])
+        squared += fixed @ fixed - weight * b**2 - 2 * kappa @ self._sliding(fixed, kappa.shape[1])
+        best = squared.argmin(axis=1)
+        rows = np.arange(len(kappa))
+        window = kappa[rows[:, None], best[:, None] + np.arange(self.samples)]
+        edge, mean = self._refine(window, b[rows, best])
+        return (best + self.before) * self.spacing + edge, self._levels(window, edge, mean)
+
+    def _sliding(self, weights: NDArray[np.float64], stations: int) -> NDArray[np.float64]:
+        """Return a matrix (S, S - M + 1) whose columns hold the weights at every position of the window."""
+        columns = np.arange(stations - self.samples + 1)
+        matrix = np.zeros((stations, columns.size))
+        matrix[columns[None, :] + np.arange(self.samples)[:, None], columns[None, :]] = weights[:, None]
+        return matrix
+
+    def _refine(
+        self, window: NDArray[np.float64], mean: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Refine the edge (at most one sample from 0) and the mean curvature of the body by Gauss-Newton."""
+        edge = np.zeros(len(window))
+        for _ in range(REFINEMENTS):
+            body, tail = self.shares(edge)
+            residual = window - mean[:, None] * body - self.tail * tail - self.cap_curvature * (1 - body - tail)
+            on_body, on_tail = (body > 0) & (body < 1), (tail > 0) & (tail < 1)
+            slope = (mean[:, None] - self.cap_curvature) * on_body + (self.cap_curvature - self.tail) * on_tail
+            slope = slope / self.width
+            a11, a12, a22 = (slope * slope).sum(1), (slope * body).sum(1), (body * body).sum(1)
+            g1, g2 = (slope * residual).sum(1), (body * residual).sum(1)
+            determinant = a11 * a22 - a12**2
+            safe = determinant + (determinant == 0)  # 0 where no sample lies across an edge: the mean has settled
+            edge = np.clip(edge + (a22 * g1 - a12 * g2) / safe, -self.spacing, self.spacing)
+            mean = mean + (a11 * g2 - a12 * g1) / safe
+        return edge, mean
+
+    def _levels(
+        self, window: NDArray[np.float64], edge: NDArray[np.float64], mean: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the measured curvature of body, plateau and tail, and the standard error of the plateau.
+
+        A cap of two gauge lengths or more holds a whole sample, and so does the tail.
+        """
+        body, tail = self.shares(edge)
+        inside, behind = 1 - body - tail > 0.999, tail > 0.999
+        plateau = (window * inside).sum(1) / inside.sum(1)
+        end = (window * behind).sum(1) / behind.sum(1)
+        scatter = np.where(inside, window - plateau[:, None], np.where(behind, window - end[:, None], 0.0))
+        freedom = np.maximum(inside.sum(1) + behind.sum(1) - 2, 1)
+        return np.stack([mean, plateau, end, np.sqrt(np.square(scatter).sum(1) / freedom / inside.sum(1))])

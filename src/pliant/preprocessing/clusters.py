@@ -1,4 +1,4 @@
-"""Marker clusters to stations: markers on one rigid part become one station with a pose."""
+"""Assemble marker clusters to stations: the markers on one rigid part become one station with a pose."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ PASSES = 4  # of averaging the shape; it settles to rounding in two
 
 
 class Cluster(FileMapping):
-    """Markers of one station.
+    """Markers of one station, with the point that is its position.
 
     Attributes
     ----------
     markers : list of str
         Names of markers; ``*`` and ``?`` stand for any characters.
     point : str, optional
-        Marker that is the station's place. Default: the centroid of the markers.
+        Marker at the position of the station. Default: the centroid of the markers.
     offset : 3 floats, m, optional
-        From that point to the station's place, along the tracker's axes in the first frame.
+        Offset from `point` to the position of the station, along the tracker's axes in the first frame.
     role : {"base", "body", "tip"}, optional
         Default: base when the station's name begins with ``base``.
     """
@@ -46,14 +46,14 @@ class Cluster(FileMapping):
 def assemble(
     recording: xr.Dataset, mapping: Mapping[str, Any], *, tolerance_mm: float = 1.0
 ) -> xr.Dataset:
-    """Replace markers by stations, one for each cluster.
+    """Return a recording in which each cluster of markers is replaced by one station.
 
     Parameters
     ----------
     recording : xarray.Dataset
         Recording whose stations are markers.
     mapping : dict
-        From base to tip: station name -> list of marker names, or a dict as in `Cluster`.
+        List of marker names, or a dict with the entries of `Cluster`, by station name, from base to tip.
     tolerance_mm : float
         Largest deviation from rigidity in mm, as the 95th percentile over frames of the root-mean-square
         residual of the markers.
@@ -68,12 +68,13 @@ def assemble(
     Raises
     ------
     InputError
-        For an unknown marker (the message lists those there are), a marker in two clusters, two base
+        For an unknown marker (the message lists the known ones), a marker in two clusters, two base
         clusters, or markers that do not move as one rigid part.
     """
     check_recording(recording)
     if "position" not in recording or recording.attrs["frame"] != "tracker":
-        raise InputError("clusters are assembled from tracked positions, before the alignment")
+        raise InputError("clusters are assembled from positions in the tracker's frame: assemble them before the "
+                         "alignment")
     clusters = _load(mapping)
     members = _members(clusters, [str(n) for n in recording["station"].values])
     shape = (recording.sizes["time"], len(members))
@@ -87,21 +88,21 @@ def assemble(
     unused = [str(n) for n in recording["station"].values if str(n) not in used]
     if unused:
         history.append(f"{len(unused)} marker(s) belong to no cluster and were left out: {', '.join(unused)}")
-    made = make_recording(
+    assembled = make_recording(
         recording["time"].values, place, station=list(members),
         quaternion=quaternion if np.isfinite(quaternion).any() else None, attrs=dict(recording.attrs),
     )  # fmt: skip
     others = recording.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
     others = others.drop_dims("station", errors="ignore")
-    made = others.merge(made, combine_attrs="override").assign_attrs(made.attrs)
+    assembled = others.merge(assembled, combine_attrs="override").assign_attrs(assembled.attrs)
     rigidity = ("station", residual,
                 {"units": "m", "long_name": "deviation of the markers from a rigid body"})  # fmt: skip
-    return check_recording(append_history(made.assign_coords(rigidity=rigidity), *history))
+    return check_recording(append_history(assembled.assign_coords(rigidity=rigidity), *history))
 
 
 def _load(mapping: Mapping[str, Any]) -> dict[str, Cluster]:
     if not mapping:
-        raise InputError("no cluster is given: name at least one station and its markers")
+        raise InputError("there is no cluster: name at least one station and its markers")
     clusters = {}
     for name, value in mapping.items():
         options = {"markers": [value]} if isinstance(value, str) else value
@@ -110,8 +111,8 @@ def _load(mapping: Mapping[str, Any]) -> dict[str, Cluster]:
     bases = [n for n, c in clusters.items() if _role(n, c) == "base"]
     if len(bases) > 1:
         raise InputError(
-            f"{len(bases)} base clusters are given: {', '.join(bases)}; there is one base, so put all its "
-            'markers into one cluster or give the others role = "body"'
+            f"{len(bases)} clusters have the role base: {', '.join(bases)}; put all markers of the base into one "
+            'cluster, or set role = "body" for the others'
         )
     return clusters
 
@@ -134,30 +135,31 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
             for marker in found:
                 if owner.setdefault(marker, name) != name:
                     raise InputError(f"marker {marker!r} belongs to two stations, {owner[marker]!r} and "
-                                     f"{name!r}: a marker sits on one rigid part")  # fmt: skip
+                                     f"{name!r}: assign it to one of them")  # fmt: skip
                 if marker not in members[name]:
                     members[name].append(marker)
         if cluster.point is not None and cluster.point not in members[name]:
-            raise InputError(f"point {cluster.point!r} of station {name!r} is none of its markers: "
+            raise InputError(f"point {cluster.point!r} of station {name!r} is not among its markers: "
                              f"{', '.join(members[name])}")  # fmt: skip
         if not members[name]:
-            raise InputError(f"station {name!r} has no marker")
+            raise InputError(f"station {name!r} has no marker: name its markers")
     return members
 
 
 def _station(
     recording: xr.Dataset, name: str, cluster: Cluster, markers: list[str], tolerance: float
 ) -> tuple[NDArray, NDArray, float, str]:
-    """Position (T, 3), quaternion (T, 4), rigidity and a line of history."""
+    """Return position (T, 3), quaternion (T, 4), rigidity [m] and a history line of one station."""
     points = recording["position"].sel(station=markers).values
     complete = np.isfinite(points).all((1, 2))
     if not complete.any():
-        raise InputError(f"the markers of station {name!r} are never seen all at once")
+        raise InputError(f"the markers of station {name!r} are not all seen in any frame: leave out a marker that "
+                         "is often hidden")
     shape = points[np.argmax(complete)]
     unturned = np.full((len(points), 4), np.nan)
     if not _fixes_orientation(shape):
         if cluster.offset is not None:
-            raise InputError(f"station {name!r} has no orientation to carry an offset: it needs three markers "
+            raise InputError(f"station {name!r} has an offset, which needs an orientation: give it three markers "
                              "that are not on one line")  # fmt: skip
         place = points.mean(1) if cluster.point is None else points[:, markers.index(cluster.point)]
         lost = int(np.isnan(place).any(1).sum())
@@ -192,7 +194,7 @@ def _fixes_orientation(shape: NDArray) -> bool:
 
 
 def _mean_shape(first: NDArray, points: NDArray) -> NDArray:
-    """Mean of the (T, N, 3) points in a frame that moves with them; centred, turned as in the first frame."""
+    """Return the mean of points (T, N, 3) in a frame that moves with them; centred, turned as in the first frame."""
     shape = first
     centred = points - points.mean(1, keepdims=True)
     for _ in range(PASSES):
@@ -202,7 +204,7 @@ def _mean_shape(first: NDArray, points: NDArray) -> NDArray:
 
 
 def _poses(shape: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Rotation (T, 3, 3), centre (T, 3) and residual (T,) of each frame, from the markers that are seen."""
+    """Return rotation (T, 3, 3), centre (T, 3) and residual (T,) of each frame, from the markers that are seen."""
     frames = len(points)
     rotation = np.full((frames, 3, 3), np.nan)
     centre, residual = np.full((frames, 3), np.nan), np.full(frames, np.nan)

@@ -1,7 +1,7 @@
-"""Curvature over arc length and time from points.
+"""Compute curvature over arc length and time from positions.
 
-The best way is to fit the curvature, not the points: kappa(s) = sum_j c_j b_j(s) is integrated to positions and
-fitted to them by Gauss-Newton. Differentiating the points by a Savitzky-Golay filter is the fast way.
+The method "basis" is the most accurate: kappa(s) = sum_j c_j b_j(s) is integrated to positions and fitted to the points
+by Gauss-Newton. The method "savgol" differentiates the points by a Savitzky-Golay filter and is faster.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 METHODS = ("basis", "savgol", "spline")
-UNEVEN = 0.01  # largest relative deviation of the spacing that a Savitzky-Golay filter may see
+UNEVEN = 0.01  # largest relative deviation of the spacing for a Savitzky-Golay filter
 POLYNOMIAL = 4
 
 
@@ -32,20 +32,20 @@ def curvature_of(
     smoothing: float | None = None,
     window: int = 51,
 ) -> xr.DataArray:
-    """Curvature of a body over time and arc length.
+    """Compute the curvature of a body over time and arc length from its positions.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Positions along one body. Planar recordings give signed curvature (positive turns about +z);
-        three-dimensional ones its magnitude, not by the basis.
+        Positions along one body. Planar recordings give signed curvature (positive about +z). Three-dimensional
+        ones give its magnitude, by the methods "savgol" and "spline" only.
     method : {"basis", "savgol", "spline"}
         Least-squares curvature basis; Savitzky-Golay derivatives (evenly spaced stations); or the cubic spline through
         the stations, which follows their noise.
     terms : int, optional
         Number of basis functions; default a quarter of the stations, 4 to 20.
     smoothing : float, m^5, optional
-        Factor of int kappa''(s)^2 ds beside the sum of squared distances (m^2); default by generalised
+        Weight of int kappa''(s)^2 ds against the sum of squared distances (m^2). Default: by generalised
         cross-validation on a few frames.
     window : int
         Samples of the Savitzky-Golay filter, odd.
@@ -53,13 +53,13 @@ def curvature_of(
     Returns
     -------
     xarray.DataArray
-        (time, arc_length), 1/m. Attributes tell the method, the frames left out for missing stations and, for
-        the basis, the root-mean-square distance of the fit from the points.
+        Curvature (time, arc_length), 1/m. Attributes hold the method, the number of frames left out for missing
+        stations and, for the basis, the root-mean-square distance of the fit from the points.
 
     Raises
     ------
     InputError
-        When the recording or an option does not allow the method.
+        When the method does not suit the recording or an option is invalid.
     """
     import xarray as xr
 
@@ -92,7 +92,7 @@ def curvature_of(
 
 
 def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], window: int = 51) -> NDArray[np.float64]:
-    """Curvature (T, S), 1/m, of positions (T, S, d) by Savitzky-Golay derivatives of order 4.
+    """Compute the curvature (T, S) [1/m] of positions (T, S, d) by Savitzky-Golay derivatives of order 4.
 
     kappa = (x' y'' - y' x'') / (x'^2 + y'^2)^(3/2); in three dimensions |r' x r''| / |r'|^3
 
@@ -102,7 +102,7 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
         When the stations are unevenly spaced or fewer than the window.
     """
     if window % 2 == 0 or not POLYNOMIAL < window <= s.size:
-        raise InputError(f"the window must be odd, above {POLYNOMIAL} and at most {s.size} stations, not {window}")
+        raise InputError(f"window must be odd, above {POLYNOMIAL} and at most {s.size} stations, not {window}")
     spacing = np.diff(s)
     uneven = float(np.abs(spacing / spacing.mean() - 1).max())
     if uneven > UNEVEN:
@@ -110,12 +110,12 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
             f"Savitzky-Golay needs evenly spaced stations, but the spacing deviates by {100 * uneven:.1f} %: "
             "resample along arc length first, or use method='basis'"
         )
-    near = position - position[:, s.size // 2, None]  # where the body lies is no matter, and costs digits
+    near = position - position[:, s.size // 2, None]  # a constant offset does not matter, but would cost digits
     return turning(*(rows @ near for rows in differences(s.size, window, float(spacing.mean()))))
 
 
 def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Curvature (T, S), 1/m, of curves with first and second derivatives (T, S, d); in space without a sign."""
+    """Return the curvature (T, S) [1/m] of curves from first and second derivatives (T, S, d); unsigned for d = 3."""
     if first.shape[2] == 2:
         across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     else:
@@ -125,10 +125,10 @@ def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
 
 
 def differences(stations: int, window: int, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rows (S, S) that give the first and the second derivative, 1/m and 1/m^2, of numbers at evenly spaced stations.
+    """Return matrices (S, S) of the first and second derivative [1/m, 1/m^2] at evenly spaced stations.
 
-    They are those of the polynomial that fits the `window` stations about each one best; near the ends, of the last
-    whole window. SciPy's own takes 0.4 s to import.
+    The derivatives are those of the polynomial that best fits the `window` stations about each one. Near the ends the
+    last whole window is used. SciPy's own function takes 0.4 s to import.
 
     Source: Savitzky, Golay, Analytical Chemistry 36(8), 1964
     """

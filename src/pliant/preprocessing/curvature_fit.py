@@ -1,4 +1,4 @@
-"""Planar curvature by least squares on positions: Gauss-Newton on a few coefficients, all frames at once."""
+"""Fit planar curvature to positions by least squares: Gauss-Newton on a few coefficients, all frames at once."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.basis import legendre_basis, legendre_integrals, legendre_roughness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CHUNK = 64  # frames at a time
 ITERATIONS = 12
-SETTLED = 1e-9  # change of the angle, rad
-GROUPS = 24  # means of stations for the start of the iteration
+SETTLED = 1e-9  # convergence: change of the angle per step, rad
+GROUPS = 24  # groups of stations, whose means give the initial guess
 FINEST = 100  # quadrature intervals along the body, at least
 SAMPLE_FRAMES = 20  # for the choice of the smoothing
 
 
 @dataclass(frozen=True)
 class CurvatureFit:
-    """Curvature (T, S) at the stations, 1/m, and how well its integral meets the points."""
+    """Result of `fit_curvature`: curvature (T, S) [1/m] at the stations, and the residual of the fit.
+
+    `terms` and `smoothing` are the settings used, `rms_distance` [m] the root-mean-square distance of the fitted curve
+    from the points, and `unsettled` the number of frames that did not converge.
+    """
 
     curvature: NDArray[np.float64]
     terms: int
@@ -39,7 +42,7 @@ def fit_curvature(
     terms: int | None = None,
     smoothing: float | None = None,
 ) -> CurvatureFit:
-    """Fit kappa(s) = sum_j c_j P_j, start point and start angle of every frame to its points.
+    """Fit planar curvature kappa(s) = sum_j c_j P_j, a start point and a start angle to the points of each frame.
 
     Minimises sum_k |p(s_k) - p_k|^2 + smoothing * int kappa''^2 ds with
     p(s) = p_0 + int (-sin phi, cos phi) ds,  phi(s) = phi_0 + int kappa ds.
@@ -48,9 +51,11 @@ def fit_curvature(
     ----------
     position : (T, S, 2) array, m
     s : (S,) array, m
+        Arc lengths of the stations.
     terms : int, optional
+        Number of basis functions. Default: a quarter of the stations, 4 to 20.
     smoothing : float, m^5, optional
-        Default: generalised cross-validation, which takes the noise of the points to be independent.
+        Default: by generalised cross-validation, which assumes independent noise of the points.
 
     Returns
     -------
@@ -58,7 +63,7 @@ def fit_curvature(
     """
     count = int(np.clip(s.size // 4, 4, 20)) if terms is None else terms
     if not 1 <= count <= 2 * s.size - 4:
-        raise InputError(f"the number of terms must lie between 1 and {2 * s.size - 4}, not {count}")
+        raise InputError(f"terms must be between 1 and {2 * s.size - 4}, not {count}")
     if smoothing is not None and smoothing < 0:
         raise InputError(f"smoothing must not be negative, but is {smoothing}")
     model = _Model(s, count)
@@ -76,7 +81,7 @@ def fit_curvature(
 
 
 class _Model:
-    """Positions as a function of (x_0, y_0, phi_0, c); quadrature by two Gauss points an interval."""
+    """Positions as a function of (x_0, y_0, phi_0, c), by quadrature with two Gauss points per interval."""
 
     def __init__(self, s: NDArray[np.float64], terms: int) -> None:
         length = float(s[-1])
@@ -95,9 +100,9 @@ class _Model:
         self.roughness[3:, 3:] = legendre_roughness(length, terms)
 
     def start(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Parameters (T, 3 + m) from a linear fit to the angles of the chords between means of a few stations.
+        """Return initial parameters (T, 3 + m) by a linear fit to the angles of chords between means of stations.
 
-        LinkAngles between neighbours would be too short for the noise of dense stations.
+        Chords between neighbouring stations would be too short for the noise of dense stations.
         """
         group = np.arange(self.s.size) * min(GROUPS, self.s.size) // self.s.size
         mean = (group[None, :] == np.arange(group[-1] + 1)[:, None]).astype(float)
@@ -113,7 +118,7 @@ class _Model:
     def linearised(
         self, parameters: NDArray[np.float64], position: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Residual (T, 2 S) and its Jacobian (T, 2 S, 3 + m)."""
+        """Return the residual (T, 2 S) and its Jacobian (T, 2 S, 3 + m)."""
         frames, stations = position.shape[:2]
         tangent = parameters[:, 2:3] + parameters[:, 3:] @ self.integrals.T
         c, w = np.cos(tangent) * self.weights, np.sin(tangent) * self.weights
@@ -128,7 +133,7 @@ class _Model:
     def solve(
         self, position: NDArray[np.float64], smoothing: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Parameters (T, 3 + m), distances (T, S), m, and the number of frames that did not settle."""
+        """Return parameters (T, 3 + m), distances (T, S) [m] and the number of frames that did not converge."""
         parameters = self.start(position)
         penalty = smoothing * self.roughness
         scale = np.abs(self.station_integrals).max(axis=0)
@@ -148,7 +153,7 @@ class _Model:
         return parameters, distance, int(moving.sum())
 
     def cross_validated(self, position: NDArray[np.float64]) -> float:
-        """Smoothing with the least score of generalised cross-validation, pooled over a few frames."""
+        """Return the smoothing with the lowest score of generalised cross-validation over a sample of frames."""
         sample = position[np.unique(np.linspace(0, len(position) - 1, SAMPLE_FRAMES).astype(int))]
         values = 2 * self.s.size
         _, jacobian = self.linearised(self.start(sample), sample)
@@ -164,9 +169,36 @@ class _Model:
         return best
 
     def _sums(self, values: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Running integrals (T, S - 1, m) at the stations after the first, of values (T, G) times columns (G, m)."""
+        """Return running integrals (T, S - 1, m) at all stations but the first: values (T, G) times columns (G, m)."""
         many = self.points_per_station
         cells = values[:, ::many, None] * columns[::many]
         for k in range(1, many):
             cells += values[:, k::many, None] * columns[k::many]
         return np.cumsum(cells, axis=1, out=cells)
+
+
+def legendre_basis(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
+    """Return the Legendre polynomials P_0 ... P_{terms-1} of x = 2 s / length - 1 as columns (S, terms)."""
+    return np.asarray(np.polynomial.legendre.legvander(2.0 * s / length - 1.0, terms - 1), dtype=np.float64)
+
+
+def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
+    """Return the integrals of `legendre_basis` from 0 to `s`, as columns (S, terms).
+
+    int P_j dx = (P_{j+1} - P_{j-1}) / (2 j + 1), which vanishes at x = -1 for j > 0
+    """
+    values = np.polynomial.legendre.legvander(2.0 * s / length - 1.0, terms)
+    integrals = np.empty((s.size, terms))
+    integrals[:, 0] = s
+    degree = np.arange(1, terms)
+    integrals[:, 1:] = (values[:, 2:] - values[:, :-2]) / (2 * degree + 1) * length / 2
+    return integrals
+
+
+def legendre_roughness(length: float, terms: int) -> NDArray[np.float64]:
+    """Return the matrix (terms, terms) of int f''(s)^2 ds for f = sum of c_j P_j, by exact quadrature."""
+    x, w = np.polynomial.legendre.leggauss(terms)
+    second = np.polynomial.legendre.legder(np.eye(terms), 2, axis=0) if terms > 2 else np.zeros((1, terms))
+    values = np.polynomial.legendre.legval(x, second).T * (2.0 / length) ** 2
+    roughness: NDArray[np.float64] = values.T @ (values * (w * length / 2)[:, None])
+    return roughness

@@ -1,4 +1,4 @@
-"""Cut lead, cap and tail off a fibre, so that only the body is left; cut a recording in time."""
+"""Cut a recording in time, or cut the lead, cap and tail of a fibre off the body."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pliant.preprocessing.arc_length import station_arc_length, whole_frames
 from pliant.recording.schema import append_history, check_recording
 
 FEWEST_FRAMES = 10
-TOUCH = 1e-9  # m: a station so near an end belongs to the body
+TOUCH = 1e-9  # m: a station that is this close to an end belongs to the body
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,17 +20,18 @@ if TYPE_CHECKING:
 
 
 def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
-    """The part of a recording between two times [s] of the shape's clock, its inputs and all else on that clock too.
+    """Return the part of a recording, shape and inputs, between the times `start` and `end` [s].
 
     Parameters
     ----------
     recording : xarray.Dataset
-        Inputs and shape on one clock.
+        A recording whose inputs and shape have synchronised times.
+    start, end : float, s
 
     Raises
     ------
     InputError
-        When less than ten frames lie between them.
+        When fewer than ten frames lie between them.
     """
     clocks = [name for name in ("time", "pressure_time", "input_time") if name in recording.coords]
     at = {name: recording[name].to_numpy() for name in clocks}
@@ -38,7 +39,7 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
     if len(kept["time"]) < FEWEST_FRAMES:
         first, last = at["time"][[0, -1]]
         raise InputError(
-            f"{len(kept['time'])} frames lie between {start:g} and {end:g} s, {FEWEST_FRAMES} are needed: the "
+            f"{len(kept['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: the "
             f"recording runs from {first:.6g} to {last:.6g} s"
         )
     line = f"cut to {start:g} to {end:g} s: {len(kept['time'])} of {len(at['time'])} frames"
@@ -46,10 +47,10 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
 
 
 def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
-    """Cut the lead before `base` and cap and tail behind `tip` off a recording; arc length then starts at 0.
+    """Return the part of a shape between the arc lengths `base` and `tip`; its arc length then starts at 0.
 
-    Positions at exactly `base` and `tip` are interpolated by a local cubic; a recording with orientations is
-    cut at whole stations instead.
+    Lead, cap and tail are cut off. Positions at exactly `base` and `tip` are interpolated by a local cubic. A recording
+    with orientations is cut at whole stations instead.
 
     Parameters
     ----------
@@ -61,20 +62,22 @@ def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        With a line of history. Pressure is kept, strain is not.
+        The body, with a line in its history. Pressure is kept, strain is dropped.
 
     Raises
     ------
     InputError
-        When less than four stations lie between `base` and `tip`.
+        When fewer than four stations lie between `base` and `tip`.
     """
     position, _, _ = whole_frames(recording)
     s, _ = station_arc_length(recording, position)
     if not 0 <= base < tip <= s[-1] + TOUCH:
-        raise InputError(f"the body must lie within 0 to {s[-1]:.6g} m of the fibre, not {base:.6g} to {tip:.6g} m")
+        raise InputError(f"base and tip must be within 0 to {s[-1]:.6g} m of the fibre, base first, not {base:.6g} "
+                         f"to {tip:.6g} m")
     inside = np.flatnonzero((s >= base - TOUCH) & (s <= tip + TOUCH))
     if inside.size < 4:
-        raise InputError(f"only {inside.size} station(s) lie between {base:.6g} and {tip:.6g} m; four are needed")
+        raise InputError(f"only {inside.size} station(s) lie between {base:.6g} and {tip:.6g} m, but four are "
+                         "needed: move base or tip")
     cut = recording.isel(station=inside).drop_vars("strain", errors="ignore")
     if {"quaternion", "angle"} & set(recording.data_vars):
         at, start = s[inside], s[inside[0]]
@@ -95,7 +98,7 @@ def _with_exact_ends(
     inside: NDArray[np.intp],
     ends: tuple[float, float],
 ) -> tuple[xr.Dataset, NDArray[np.float64]]:
-    """The cut recording with stations at exactly both ends, and the arc lengths of its stations."""
+    """Return the cut recording with stations at exactly both ends, and the arc lengths of its stations."""
     names, at = [str(n) for n in cut["station"].values], s[inside]
     points = [cut["position"].values]
     neighbours = max(0, inside[0] - 2), max(0, min(inside[-1] - 1, s.size - 4))

@@ -1,6 +1,6 @@
-"""Detectors of faults in tracked positions: plain functions on arrays, which change nothing.
+"""Detect faults in tracked positions; these functions take arrays and change nothing.
 
-All take position as (T, S, 3) or (T, S, 2) in metres with NaN for drop-outs, and time as (T,) in seconds.
+Positions are (T, S, 3) or (T, S, 2) in metres with NaN for drop-outs, times are (T,) in seconds.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 BLOCK_STATIONS = 16
 BLOCK_FRAMES = 512
 MAD = 0.6745  # median absolute deviation of a unit normal
-SPIKE_RATIO = 10.0  # how far a fault stands out of its surroundings
+SPIKE_RATIO = 10.0  # least ratio of a fault to its surroundings
 WINDOW = 6
 ORIENTATION_JUMP = np.deg2rad(30.0)
-GRID_SHARE, OFF_GRID = 0.5, 0.2  # distinct values in parts of all; how far off a whole number a distance may be
-FLOOR_SHARE = 3e-3  # faults below this share of the station's travel are no faults
+GRID_SHARE, OFF_GRID = 0.5, 0.2  # most distinct values relative to all; tolerance of a whole number
+FLOOR_SHARE = 3e-3  # faults below this fraction of the station's peak displacement are ignored
 
 
 def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArray, overlap: int = 0) -> NDArray:
-    """A detector of single stations on a few stations at a time: its intermediate arrays stay small.
+    """Apply a detector to a few stations at a time, to limit memory, and return the joint result.
 
-    It is given the stations' share of `known` arrays (S,) too. Its result has the stations last; with `overlap` = 1 one
-    for each pair of neighbours.
+    `known` are arrays (S,) of which the detector receives the values of its stations. Its result has the stations last.
+    With `overlap` = 1 it has one value for each pair of neighbours.
     """
     first = range(0, max(position.shape[1] - overlap, 1), BLOCK_STATIONS)
     blocks = [slice(i, i + BLOCK_STATIONS + overlap) for i in first]
@@ -37,14 +37,14 @@ def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArr
 
 
 def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
-    """Places (N, axes) relative to `about`, a few frames at a time; points with a missing coordinate are left out."""
+    """Yield points (N, d) relative to `about`, a few frames at a time; points with NaN are left out."""
     for i in range(0, len(position), BLOCK_FRAMES):
         points = (position[i : i + BLOCK_FRAMES] - about).reshape(-1, position.shape[-1])
         yield points[np.isfinite(points).all(1)]
 
 
 def mean_place(position: NDArray) -> NDArray:
-    """(S, 3) mean over time of what was seen; NaN for a station that never was."""
+    """Return the mean position (S, 3) of each station over time; NaN for a station that was never seen."""
     total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
     for i in range(0, len(position), BLOCK_FRAMES):
         part = position[i : i + BLOCK_FRAMES]
@@ -55,7 +55,7 @@ def mean_place(position: NDArray) -> NDArray:
 
 
 def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """(T,) bool: a frame that equals the one before it in every number (drop-outs in the same places)."""
+    """Return a mask (T,) of frames that equal the previous frame in every number, drop-outs included."""
     same, seen = np.ones(len(position), dtype=bool), np.zeros(len(position), dtype=bool)
     for values in (position, quaternion):
         if values is None:
@@ -69,10 +69,10 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
 
 
 def noise_level(position: NDArray) -> NDArray:
-    """(S,) noise per coordinate in metres, from third differences; NaN with fewer than 8 frames.
+    """Return the noise (S,) [m] per coordinate of each station, by third differences; NaN below 8 frames.
 
-    Third differences of white noise have sqrt(20) times its deviation, and smooth motion hardly any; the
-    median keeps fast stretches and faults out.
+    Third differences of white noise have sqrt(20) times its deviation, and smooth motion has hardly any. The median
+    excludes fast motion and faults.
     """
     if len(position) < 8:
         return np.full(position.shape[1], np.nan)
@@ -81,9 +81,9 @@ def noise_level(position: NDArray) -> NDArray:
 
 
 def quantum(values: NDArray) -> float:
-    """The step in which a sensor counts, in the unit of the values (T,); 0 where they lie on no grid.
+    """Return the resolution of a sensor, in the unit of its values (T,); 0 where the values are on no grid.
 
-    They do where few of them differ and every distance of neighbours is a whole number of the smallest.
+    Values are on a grid where few of them differ and every distance of neighbours is a whole number of the smallest.
     """
     seen = values[np.isfinite(values)]
     levels = np.unique(np.round(seen, 12))
@@ -96,7 +96,7 @@ def quantum(values: NDArray) -> float:
 
 
 def travel(position: NDArray) -> NDArray:
-    """(S,) largest distance in metres between a station and its median place; NaN where never seen."""
+    """Return the peak displacement (S,) [m] of each station from its median position; NaN where never seen."""
     distance = _lengths(position - _nanmedian(position))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -104,17 +104,17 @@ def travel(position: NDArray) -> NDArray:
 
 
 def rms_deviation(position: NDArray) -> NDArray:
-    """(S,) root-mean-square distance in metres between a station and its mean place."""
+    """Return the root-mean-square distance (S,) [m] of each station from its mean position."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=1))
 
 
 def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
-    """(T, S) bool: single frames in which a station is elsewhere and back again; `floor` is the `fault_floor` if known.
+    """Return a mask (T, S) of single frames in which a station leaves its path and returns.
 
-    The residual against the cubic through two neighbours on each side must stand out of its surroundings,
-    and the steps to and from the frame must oppose each other.
+    The residual against the cubic through two neighbours on each side must exceed its surroundings by far, and the
+    steps to and from the frame must oppose each other. `floor` is the `fault_floor`, where it is known.
     """
     found = np.zeros(position.shape[:2], dtype=bool)
     if len(position) < 2 * WINDOW:
@@ -132,13 +132,13 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
 
 
 def without_spikes(position: NDArray) -> NDArray:
-    """Position with its `spikes` made NaN; the same array where there are none."""
+    """Return the positions with `spikes` replaced by NaN; the same array where there are none."""
     found = by_blocks(spikes, position)
     return np.where(found[..., None], np.nan, position) if found.any() else position
 
 
 def spikes_bridged(position: NDArray) -> NDArray:
-    """Position with each of its `spikes` at the middle of the frames beside it; the same array where there are none."""
+    """Return the positions with each of the `spikes` replaced by the mean of the two neighbouring frames."""
     found = by_blocks(spikes, position)  # none in the first and the last frame
     if not found.any():
         return position
@@ -148,9 +148,9 @@ def spikes_bridged(position: NDArray) -> NDArray:
 
 
 def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDArray:
-    """(T, S) bool: frames at which a station has jumped and stays; a step over a gap in time is none.
+    """Return a mask (T, S) of frames at which a station has jumped and stays; steps over time gaps do not count.
 
-    The step is compared with what the velocities before and after it make plausible.
+    The step is compared with the velocities before and after it.
     """
     found = np.zeros(position.shape[:2], dtype=bool)
     if len(position) < 2 * WINDOW:
@@ -171,15 +171,15 @@ def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDA
 
 
 def sign_flips(quaternion: NDArray) -> NDArray:
-    """(S,) count of frames whose quaternion has the opposite sign of the one before, at about the same pose."""
+    """Return the number (S,) of frames in which a quaternion has the opposite sign at about the same pose."""
     product = (quaternion[1:] * quaternion[:-1]).sum(2)
     return (product < -np.cos(0.5 * ORIENTATION_JUMP)).sum(0)
 
 
 def orientation_jumps(quaternion: NDArray) -> NDArray:
-    """(S,) count of turns by more than 30 degrees from one sighting to the next.
+    """Return the number (S,) of rotations by more than 30 degrees between two successive sightings.
 
-    A tracker that cannot tell the orientations of a symmetric marker cluster apart jumps between them.
+    A tracker that cannot distinguish the orientations of a symmetric marker cluster jumps between them.
     """
     counts = []
     for s in range(quaternion.shape[1]):
@@ -190,17 +190,17 @@ def orientation_jumps(quaternion: NDArray) -> NDArray:
 
 
 def stretched(position: NDArray, share: float) -> NDArray:
-    """(T, S - 1) bool: spacing between neighbours that differs from its median by more than `share`."""
+    """Return a mask (T, S - 1) of spacings that differ from their median by more than the fraction `share`."""
     spacing = _lengths(np.diff(position, axis=1))
     middle = _nanmedian(spacing)
     return np.abs(spacing - middle) > share * middle
 
 
 def out_of_plane_share(position: NDArray) -> float:
-    """Share of the motion (root mean square) square to the plane of bending.
+    """Return the fraction of the motion (root mean square) out of the plane of bending.
 
-    That plane holds the mean chord from the first station to the last and the direction across it in which
-    most of the motion is; a single station's plane is the one that holds most of its motion.
+    That plane contains the mean chord from the first to the last station and the direction perpendicular to the chord
+    with most motion. The plane of a single station is the one with most of its motion.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -218,12 +218,12 @@ def out_of_plane_share(position: NDArray) -> float:
 
 
 def fault_floor(noise: NDArray, travel: NDArray) -> NDArray:
-    """(S,) least size of a fault in metres, from `noise_level` and `travel`."""
+    """Return the smallest displacement (S,) [m] that counts as a fault, from noise and peak displacement."""
     return SPIKE_RATIO * np.nan_to_num(noise) + FLOOR_SHARE * np.nan_to_num(travel)
 
 
 def _lengths(vectors: NDArray) -> NDArray:
-    """(...) of vectors (..., 2 or 3): NumPy takes six times as long to add up so few."""
+    """Return the lengths (...) of vectors (..., 2 or 3), faster than NumPy for so few components."""
     return np.sqrt(sum(vectors[..., k] ** 2 for k in range(vectors.shape[-1])))
 
 
@@ -232,10 +232,10 @@ def _floor_of(position: NDArray) -> NDArray:
 
 
 def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
-    """(T, S) bool: above the floor and far above the median of the frames around it.
+    """Return a mask (T, S) of values above the floor and far above the median of the frames around them.
 
-    That median leaves out the frame itself and those nearer than `hole`; few frames are above the floor, so
-    it is taken for them alone.
+    The median leaves out the frame itself and frames closer than `hole`. It is computed for values above the floor
+    only, which are few.
     """
     found = np.zeros(size.shape, dtype=bool)
     rows, columns = np.nonzero(size > floor)
@@ -247,7 +247,7 @@ def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
 
 
 def _nanmedian(values: NDArray) -> NDArray:
-    """Median over the first dimension, NaN where nothing was seen: ten times as fast as NumPy where some is missing."""
+    """Return the median over the first dimension, NaN where all is NaN; ten times as fast as NumPy's."""
     ordered, seen = np.sort(values, axis=0), np.count_nonzero(~np.isnan(values), axis=0)[None]  # NaN comes last
     low, high = (np.take_along_axis(ordered, np.maximum(k, 0), axis=0)[0] for k in ((seen - 1) // 2, seen // 2))
     return 0.5 * (low + high)

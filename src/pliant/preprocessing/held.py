@@ -1,4 +1,4 @@
-"""Values that a logger holds: stations frozen at their last place, and inputs recorded as staircases."""
+"""Detect held values in a recording: stations that a tracker froze, and inputs recorded as staircases."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-LEAST_REPEATS = 3  # frames in a row that repeat the one before: fewer happen by chance
-GRID_STEPS = 3.0  # of its resolution: a station whose next step is smaller may have been slow
-BEYOND_NOISE = 6.0  # noise levels by which another station must move meanwhile
-LEAP = 3.0  # of the next step: a body that was at rest all the time begins to move with a smaller one
-LEAST_CHANGES = 20  # of an input: fewer are steps and pulses
-ALIKE, SHORTER = 0.6, 0.1  # of the intervals between changes: near the median one; shorter, as those of noise are
+LEAST_REPEATS = 3  # consecutive repeated frames: fewer occur by chance
+GRID_STEPS = 3.0  # resolutions: a station whose next step is smaller may only be slow
+BEYOND_NOISE = 6.0  # noise levels by which another station must move during the repeats
+LEAP = 3.0  # times the next step: a body at rest starts to move with a smaller step
+LEAST_CHANGES = 20  # changes of an input: fewer are steps and pulses, not a staircase
+ALIKE, SHORTER = 0.6, 0.1  # fractions of intervals: at least near the median; at most shorter, as by noise
 Span = tuple[float, float, int]  # first and last time [s] and number of repeated frames
 
 
 def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return where a tracker held the last place of a station while the body moved, (T, S) bool.
+    """Return a mask (T, S) of frames in which a tracker repeated the last position while the body moved.
 
     Such a station repeats every number for at least three frames, then steps by more than its resolution, while another
-    one moved; or all stations repeat theirs, then leap. The frame that is repeated is not marked.
+    station moved. Or all stations repeat their numbers, then leap. The first frame of the repeated values is not
+    marked.
 
     Parameters
     ----------
@@ -60,9 +61,10 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
 
 
 def stopped(position: NDArray, flat: NDArray) -> NDArray:
-    """Return where a tracker repeated all its numbers `flat` (T, S, D) and then leapt, (T,) bool.
+    """Return a mask (T,) of frames in which a tracker repeated all numbers `flat` (T, S, D) before a leap.
 
-    The leap is larger than the step after it, the wait longer than those of a picture that is slower than its clock.
+    The leap must be larger than the step after it, and the wait longer than the repeats of a tracker that is slower
+    than its log.
     """
     found = np.zeros(len(position), dtype=bool)
     again = _repeats(flat.reshape(len(flat), -1))
@@ -81,13 +83,13 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
 
 
 def runs(flags: NDArray) -> list[tuple[int, int]]:
-    """Return the first and one past the last index of each run of at least `LEAST_REPEATS` true flags (T,)."""
+    """Return (first, last + 1) of each run of at least `LEAST_REPEATS` true flags in `flags` (T,)."""
     edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in zip(edge[::2], edge[1::2], strict=True) if b - a >= LEAST_REPEATS]
 
 
 def _repeats(values: NDArray) -> NDArray:
-    """(T,) bool: equals the frame before in every number that was seen, and some were."""
+    """Return a mask (T,) of frames that equal the previous frame in every number that was seen."""
     now, before = values[1:], values[:-1]
     lost = np.isnan(now)
     same = ((now == before) | (lost & np.isnan(before))).all(axis=1) & ~lost.all(axis=1)
@@ -95,7 +97,7 @@ def _repeats(values: NDArray) -> NDArray:
 
 
 def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, tuple[Span, ...]]:
-    """Return the spans of each frozen station; `marked` (T, S) is that of `frozen`."""
+    """Return the spans (first s, last s, frames) of each frozen station from the mask `marked` (T, S)."""
     return {
         name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s]))
         for s, name in enumerate(names) if marked[:, s].any()
@@ -103,12 +105,12 @@ def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, 
 
 
 def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with NaN where a station's position froze (repeated one value); the same object if none did.
+    """Return the recording with NaN where `frozen` marks a station; the same object where it marks none.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        With positions as the tracker made them; one without is returned as it is.
+        A recording with unprocessed positions; a recording without positions is returned unchanged.
     """
     if "position" not in recording:
         return recording
@@ -122,7 +124,7 @@ def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
 
 
 def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[str]:
-    """Return one sentence for each frozen station, with the longest spans; one for all `stations` where they agree."""
+    """Return one sentence per frozen station with its longest spans, or one for all `stations` if equal."""
     said = []
     together = len(spans) == stations > 1 and len(set(spans.values())) == 1
     for name, listed in list(spans.items())[: 1 if together else None]:
@@ -132,15 +134,15 @@ def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[
         whose = f"all {stations} stations are" if together else f"{name} is"
         when = "and then leap" if together else "while others move"
         said.append(f"{whose} frozen in {sum(span[2] for span in listed)} frames {when} ({where}{more}): "
-                    "the tracker repeated the last place; studies leave these frames out")  # fmt: skip
+                    "the tracker repeated the last position; studies leave these frames out")  # fmt: skip
     return said
 
 
 def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
-    """Return samples and seconds between the updates of each input that was logged faster than it was updated.
+    """Return the update interval (samples, seconds) of each input that was logged faster than it was updated.
 
-    An input is held where the intervals between its changes are nearly all alike and longer than a sample, and most
-    changes are larger than its resolution. The only pressure of a recording is called ``p``.
+    An input is held where the intervals between its changes are nearly equal and longer than a sample, and most changes
+    are larger than its resolution. The only pressure of a recording has the name ``p``.
     """
     found = {}
     for one in recorded_inputs(recording):
@@ -151,7 +153,7 @@ def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
 
 
 def _interval(values: NDArray) -> int:
-    """Samples from one change of a held input to the next; 1 where it is not held."""
+    """Return the number of samples from one change of a held input to the next; 1 where it is not held."""
     step = np.diff(values)
     changed = np.flatnonzero(np.nan_to_num(step))
     if changed.size < LEAST_CHANGES:
@@ -165,23 +167,24 @@ def _interval(values: NDArray) -> int:
 
 
 def staircase_sentences(held: dict[str, tuple[int, float]]) -> list[str]:
-    """Return one sentence for the inputs that share an interval."""
+    """Return one sentence for all inputs with the same update interval."""
     said = []
     for every, seconds in sorted(set(held.values())):
         names = ", ".join(n for n, v in held.items() if v == (every, seconds))
         said.append(f"held inputs: {names}, a new value every {every} samples ({1e3 * seconds:.3g} ms); "
-                    'staircase = "lines" draws straight lines between the changes')  # fmt: skip
+                    'set staircase = "lines" to interpolate linearly between the changes')  # fmt: skip
     return said
 
 
 def lines_between_changes(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with straight lines between the changes of held inputs; others stay as they are.
+    """Return the recording with held inputs replaced by straight lines between their changes.
 
-    A value that stays longer than one and a half intervals is kept until one interval before the next change.
+    Other inputs are unchanged. A value that stays longer than one and a half intervals is kept until one interval
+    before the next change.
     """
     held = staircases(recording)
     if not held:
-        return append_history(recording, "no input is held: none was made of straight lines")
+        return append_history(recording, "no input is a staircase: none was changed")
     changed: dict[str, NDArray] = {}
     columns = {"pressure": 0, "actuation": 0}
     for one in recorded_inputs(recording):
@@ -195,7 +198,7 @@ def lines_between_changes(recording: xr.Dataset) -> xr.Dataset:
 
 
 def _lines(time: NDArray, values: NDArray, every: int) -> NDArray:
-    """(P,) linear between the samples at which `values` change; missing samples stay missing."""
+    """Return values (P,) that are linear between the samples at which `values` change; NaN stays NaN."""
     seen = np.isfinite(values)
     rows = np.flatnonzero(seen)
     new = rows[np.concatenate([[True], np.diff(values[rows]) != 0])]

@@ -1,4 +1,4 @@
-"""Labels that a tracker exchanges: found by continuity, undone or left out on request."""
+"""Detect stations whose labels a tracker exchanged, and undo the exchange or leave those stations out."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-SHORTER = 0.25  # labels are exchanged where that makes the steps of their points so much shorter
-FAST = 4.0  # steps of a station's median step, below which none is suspected
-LONGEST_GAP_S = 0.2  # between two sightings that are still compared
+SHORTER = 0.25  # labels are exchanged where that shortens the steps of their points to this fraction
+FAST = 4.0  # median steps of a station: a shorter step is not suspected
+LONGEST_GAP_S = 0.2  # s between two measured samples that are compared
 
 
 def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
-    """(T, S) label that each station carries in each frame; 0, 1, ... where no labels are exchanged.
+    """Return the index (T, S) of the label under which each station appears in each frame.
 
-    Frames in which a station leaps are looked at: if the points go on where the labels of others lead, they have
-    exchanged labels. The order that most frames have is the right one.
+    The index is 0, 1, ... where no labels are exchanged.
+
+    Frames in which a station leaps are examined. Where points continue under the labels of other points, those have
+    exchanged labels. The order that most frames have is taken as right.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
 
 
 def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, int]:
-    """Frames in which labels are exchanged, by the names of the stations, such as {"p2-p3": 20}."""
+    """Return the number of frames with exchanged labels by the names of the stations, such as {"p2-p3": 20}."""
     order = label_order(position, time)
     wrong = order != np.arange(len(names))
     found: dict[str, int] = {}
@@ -62,19 +64,19 @@ def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, i
 
 
 def undo_swaps(recording: xr.Dataset) -> xr.Dataset:
-    """Give every station the label that continues its motion, in the frames in which labels are exchanged."""
+    """Return the recording with exchanged labels undone, so that each station continues its own motion."""
     return _repaired(recording, undo=True)
 
 
 def exclude_swaps(recording: xr.Dataset) -> xr.Dataset:
-    """Make gaps of the stations whose labels are exchanged, in those frames."""
+    """Return the recording with NaN for stations in frames in which their labels are exchanged."""
     return _repaired(recording, undo=False)
 
 
 def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("exchanged labels are found from positions, but the recording holds none")
+        raise InputError("detecting exchanged labels needs positions, but the recording holds none")
     names = [str(n) for n in recording["station"].values]
     order = label_order(recording["position"].values, recording["time"].values)
     listed = ", ".join(
@@ -93,7 +95,7 @@ def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
 
 
 def _last_seen(position: NDArray) -> NDArray[np.intp]:
-    """(T, S) last frame before each frame in which a station was seen; -1 before the first."""
+    """Return the last frame (T, S) before each frame in which a station was seen; -1 where there is none."""
     seen = np.isfinite(position).all(2)
     frame = np.where(seen, np.arange(len(position))[:, None], -1)
     before = np.maximum.accumulate(frame, axis=0)
@@ -101,7 +103,7 @@ def _last_seen(position: NDArray) -> NDArray[np.intp]:
 
 
 def _suspects(position: NDArray, last: NDArray[np.intp], time: NDArray) -> NDArray[np.intp]:
-    """Frames in which a station steps farther than it mostly does, clear of the noise."""
+    """Return the frames in which a station steps much farther than its median step and its noise."""
     sizes = (detectors.by_blocks(f, position) for f in (detectors.noise_level, detectors.travel))
     floor = detectors.fault_floor(*sizes)
     columns = np.arange(position.shape[1])
@@ -117,9 +119,9 @@ def _suspects(position: NDArray, last: NDArray[np.intp], time: NDArray) -> NDArr
 
 
 def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: int) -> NDArray[np.intp] | None:
-    """(S,) label under which each station's point goes on at frame t; None where each keeps its own.
+    """Return the label (S,) under which each station's point continues at frame t; None without a change.
 
-    A point that is hidden at frame t may have given its label to another one, and takes a label that is left.
+    The label of a point that is hidden at frame t may be on another point. The hidden point then gets a free label.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -147,7 +149,7 @@ def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: i
 def _expected(
     position: NDArray, last: NDArray[np.intp], time: NDArray, t: int, which: NDArray[np.intp]
 ) -> NDArray:
-    """Places of the stations `which` at frame t, as their last two sightings continue."""
+    """Return the expected positions of the stations `which` at frame t, extrapolated from their last two sightings."""
     one = last[t, which]
     two = last[one, which]
     place = position[one, which]
@@ -157,7 +159,7 @@ def _expected(
 
 
 def _cycles(order: NDArray[np.intp]) -> list[list[int]]:
-    """Groups of stations that exchange labels among themselves."""
+    """Return the groups of stations that exchange labels among themselves."""
     left, found = {i for i, label in enumerate(order) if label != i}, []
     while left:
         start = min(left)

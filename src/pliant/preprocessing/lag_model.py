@@ -1,4 +1,4 @@
-"""A body of second order between pressure and motion, with creep: it tells an offset of clocks from the body's lag."""
+"""Second-order model of the body's lag with creep, which separates a clock offset from that lag."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-FEWEST = 10  # samples of motion and of pressure
-HOLE_STEPS, HOLE_S = 6.0, 0.1  # a hole in a log is longer than so many of its steps, and than this time
-CREEP_S = 1.0  # of the slow share of the response
-SETTLE_S = 0.5  # after a hole or the log's start, before motion counts again
+FEWEST = 10  # fewest samples of motion and of pressure
+HOLE_STEPS, HOLE_S = 6.0, 0.1  # a gap in a log is longer than this number of its steps, and than this time
+CREEP_S = 1.0  # s: time constant of the slow part of the response
+SETTLE_S = 0.5  # s after a gap or the start of the log, during which motion is ignored
 MOST_SAMPLES = 40_000
 STARTS = ((1.0, 1.0), (4.0, 0.2), (10.0, 0.2), (0.3, 1.5))  # Hz, damping ratio
-HYSTERESIS = 0.03  # of the pressure's range: a loop so wide looks like a delay where the pressure is slow
+HYSTERESIS = 0.03  # of the pressure's range: width of a loop that looks like a delay under slow pressure
 EDGE_SHARE, EDGE_TIMES_S = 0.15, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-BLOCK_S = 0.5  # residuals that lie closer are correlated
+BLOCK_S = 0.5  # s: closer residuals are correlated
 
 
 class TimeSeries(NamedTuple):
-    """Values in time."""
+    """Values (T, K) at times (T,) with weights (T,)."""
 
     time: NDArray  # (T,) s
     values: NDArray  # (T, K)
-    weight: NDArray  # (T,) 0 where nothing was seen
+    weight: NDArray  # (T,) 0 where no value was measured
 
 
 class Fitted(NamedTuple):
-    """An offset and what it leaves."""
+    """Result of `fit_lag`: a clock offset with its uncertainty and the response of the body."""
 
-    delay: float
-    uncertainty: float
+    delay: float  # s
+    uncertainty: float  # s
     drift: float
     drift_uncertainty: float
-    explained: float  # share of the motion's variance where both were recorded
-    share: float  # the same, of all the motion that was recorded
-    frequency: float
-    damping: float
-    inside: float  # share of the shape's frames that the log covers
-    after_motion: bool  # whether the log begins with its pressure up
+    explained: float  # fraction of the motion's variance where pressure and motion were recorded
+    share: float  # fraction of the variance of all recorded motion
+    frequency: float  # Hz
+    damping: float  # ratio
+    inside: float  # fraction of the shape's frames that the pressure log covers
+    after_motion: bool  # whether the pressure is already high when its log begins
 
 
 def body_course(recording: xr.Dataset) -> TimeSeries:
-    """Main common course of all that moves; spikes and gaps carry no weight."""
+    """Return the first principal component of all motion as a `TimeSeries`; spikes and gaps have weight 0."""
     if "position" in recording:
         columns = without_spikes(recording["position"].values).reshape(recording.sizes["time"], -1)
     else:
@@ -58,37 +58,37 @@ def body_course(recording: xr.Dataset) -> TimeSeries:
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, seen = first_component(columns)
     if np.ptp(course[seen]) == 0:
-        raise InputError("the motion is constant: there is nothing to compare clocks by")
+        raise InputError("the motion is constant: its clock cannot be compared with the pressure's")
     time = recording["time"].values
     return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
 
 
 def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
-    """(T,) main common course of the columns, and where it was seen."""
+    """Return the first principal component (T,) of the columns, and a mask (T,) of complete rows."""
     if values.shape[1] == 0:
-        raise InputError(f"clocks need at least {FEWEST} samples of motion")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion")
     seen = np.isfinite(values).all(1)
     if seen.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
         often = np.isfinite(values).sum(0)
         values = values[:, often >= np.quantile(often, 0.5)]
         seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"clocks need at least {FEWEST} samples of motion in which every station is seen")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is seen")
     centred = values - values[seen].mean(0)
     weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
     return centred @ weights, seen
 
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
-    """The pressure, main course first, then each chamber where there are several; gaps bridged."""
+    """Return the pressure as a `TimeSeries`: the first principal component, then each chamber; gaps are filled."""
     values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     clock = recording["pressure_time"].values
     seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"clocks need at least {FEWEST} samples of pressure")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure")
     values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
     if not (np.ptp(values, axis=0) > 0).any():
-        raise InputError("the pressure is constant: there is nothing to compare clocks by")
+        raise InputError("the pressure is constant: its clock cannot be compared with the shape's")
     values = values[:, np.ptp(values, axis=0) > 0]
     values = (values - values.min(0)) / np.ptp(values)
     main, _ = first_component(values)
@@ -96,7 +96,7 @@ def pressure_course(recording: xr.Dataset) -> TimeSeries:
 
 
 def holes(clock: NDArray) -> list[tuple[float, float]]:
-    """(start, end) of each hole in a log, s of its clock."""
+    """Return (start, end) [s] of each gap in the times of a log."""
     step = np.diff(clock)
     wide = np.flatnonzero(step > max(HOLE_STEPS * float(np.median(step)), HOLE_S))
     return [(float(clock[i]), float(clock[i + 1])) for i in wide]
@@ -106,9 +106,9 @@ def fit_lag(
     body: TimeSeries, pressure: TimeSeries, guess: float, *, starts: Sequence[tuple[float, float]] = STARTS,
     drift: bool = False, evaluations: int = 40,
 ) -> Fitted:
-    """Offset near a guess, by least squares over offset, frequency, damping and, where asked, drift.
+    """Fit the clock offset near `guess` [s] by least squares over offset, frequency, damping and, optionally, drift.
 
-    `starts` are pairs of frequency in Hz and damping ratio.
+    `starts` are pairs of initial frequency [Hz] and damping ratio. `evaluations` limits the evaluations from each.
     """
     from scipy.optimize import least_squares
 
@@ -138,7 +138,7 @@ def fit_lag(
 
 
 class LagFrame:
-    """The motion that overlaps with a pressure delayed by about `guess`, and the response that should explain it."""
+    """Least-squares problem of `fit_lag`: the motion that overlaps with a pressure delayed by about `guess` [s]."""
 
     def __init__(self, body: TimeSeries, pressure: TimeSeries, guess: float, *, drift: bool) -> None:
         clock = pressure.time
@@ -163,12 +163,12 @@ class LagFrame:
         self.scale = np.array([0.01, 0.3, 0.5, 1e-4][: 4 if drift else 3])
 
     def residual(self, x: NDArray) -> NDArray:
-        """(K,) of the motion, in its standard deviations, at offset, log frequency, log damping and drift."""
+        """Return the residual (K,) of the motion, in standard deviations, at x: offset, log Hz, log damping, drift."""
         basis = self.response(x)
         return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])
 
     def response(self, x: NDArray) -> NDArray:
-        """(K, columns) of the second-order responses and their slow shares, and a constant."""
+        """Return the least-squares columns (K, columns): second-order responses, their slow parts and a constant."""
         from scipy.signal import lfilter, lfilter_zi
 
         numerator, denominator = second_order(np.exp(x[1]), np.exp(x[2]), self.step)
@@ -181,7 +181,7 @@ class LagFrame:
         return np.stack([*(np.interp(at, self.grid, c) for c in columns.T), np.ones_like(at)], axis=1)
 
     def standard_errors(self, x: NDArray, residual: NDArray) -> NDArray:
-        """Standard deviations of the parameters, with residuals correlated within half a second."""
+        """Return the standard errors of the parameters, with residuals correlated within half a second."""
         tiny = np.array([1e-4, 1e-3, 1e-3, 1e-6][: x.size])
         slope = np.stack([(self.residual(x + d) - self.residual(x - d)) / (2 * s)
                           for s, d in zip(tiny, np.diag(tiny), strict=True)], axis=1)  # fmt: skip
@@ -194,7 +194,7 @@ class LagFrame:
 
 
 def edge_time(pressure: TimeSeries) -> float:
-    """Time that the pressure takes through its range where it changes fastest, s; noise alone is no edge."""
+    """Return the time [s] in which the pressure would cross its range at its fastest rate; noise is ignored."""
     course = pressure.values[:, 0]
     for window in EDGE_TIMES_S:
         ahead = np.interp(pressure.time + window, pressure.time, course)
@@ -205,7 +205,11 @@ def edge_time(pressure: TimeSeries) -> float:
 
 
 def second_order(hertz: float, ratio: float, step: float) -> tuple[NDArray, NDArray]:
-    """Discrete filter of a second-order response of unit gain by the trapezoidal rule, which shifts nothing in time."""
+    """Return numerator and denominator of a discrete second-order filter of unit gain.
+
+    It uses the trapezoidal rule, which shifts nothing in time. `hertz` is the natural frequency, `ratio` the damping
+    ratio and `step` the sampling interval [s].
+    """
     half = 0.5 * step * 2 * np.pi * hertz
     rest = np.array([1 + 2 * ratio * half + half**2, 2 * half**2 - 2, 1 - 2 * ratio * half + half**2])
     return half**2 * np.array([1.0, 2.0, 1.0]) / rest[0], rest / rest[0]

@@ -1,4 +1,4 @@
-"""A drawing of a raw recording for notebooks: the body at a few instants, and the path of its last station."""
+"""Draw a raw recording for notebooks: the body at a few instants, and the path of its last station."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import xarray as xr
 
 from pliant.drawing import body_svg
 
-INSTANTS, MOST_FRAMES, MOST_STATIONS = 5, 400, 60  # drawn; of a longer or denser recording every so many
+INSTANTS, MOST_FRAMES, MOST_STATIONS = 5, 400, 60  # that are drawn; a longer or denser recording is thinned
 
 
 def recording_svg(recording: xr.Dataset, title: str) -> str:
-    """Return the body at five instants from the first to the farthest as an SVG element, on the plane of its motion.
+    """Return an SVG drawing of the body at five instants, in the plane of its motion.
 
-    The first station is at the base of the drawing, the line to the last one upright. Stations in doubt are drawn as
-    they were recorded.
+    The instants run from the first frame to the largest displacement of the last station. The first station is at the
+    bottom, the line from it to the last station upright. Stations with faults are drawn as recorded.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def recording_svg(recording: xr.Dataset, title: str) -> str:
     Returns
     -------
     str
-        Empty where no two frames show all stations, or there are fewer than two of these.
+        Empty where fewer than two frames show all stations, or there are fewer than two stations.
     """
     if "position" not in recording or min(recording.sizes["time"], recording.sizes["station"]) < 2:
         return ""
@@ -43,7 +43,7 @@ def recording_svg(recording: xr.Dataset, title: str) -> str:
 
 
 def on_plane(position: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Return positions (T, S, 2): across the line from first to last station, where most motion is, and along it.
+    """Return positions (T, S, 2) in the plane of most motion: across and along the line of first to last station.
 
     `whole` holds the indices of frames that show all stations.
     """

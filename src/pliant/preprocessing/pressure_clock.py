@@ -1,4 +1,4 @@
-"""The clock of a pressure that has one of its own: how many samples, how fast, and which of them are missing."""
+"""Sampling of a pressure with its own times: sample count, rate, and missing samples."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
-NEAR = 0.2  # of the usual step: a step that differs by less from a whole number of them is that many
-REGULAR = 0.6  # of all steps: so many are near such a number where a clock is regular; 0.4 are by chance
+NEAR = 0.2  # of the usual step: tolerance of a whole number of steps
+REGULAR = 0.6  # fraction of steps near a whole number where a clock is regular; 0.4 by chance
 MOST_NAMED = 5
 Gap = tuple[int, float, float, int]  # sample before it, its start and length [s], samples missing
 
 
 def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
-    """Return what is known of the clock of a pressure, as fields of `Quality`; none where it is that of the shape.
+    """Return the fields of `Quality` for a pressure with its own times; {} where it has those of the shape.
 
-    A step of a regular clock that is longer than 1.5 usual ones is a gap, with as many samples missing as fit into it.
+    A step of a regular clock that is longer than 1.5 usual steps is a gap, with as many missing samples as fit into it.
     """
     if "pressure" not in recording:
         return {}
@@ -29,7 +29,7 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
     if len(time) < 2:
         return found
     step = np.diff(time)
-    usual = float(np.median(step[step <= 1.5 * np.percentile(step, 25)]))  # where many are missing, not the median one
+    usual = float(np.median(step[step <= 1.5 * np.percentile(step, 25)]))  # not the median: many samples may be missing
     found["pressure_rate_hz"] = 1.0 / usual
     if np.mean(np.abs(step / usual - np.rint(step / usual)) < NEAR) < REGULAR:
         return found | {"pressure_steps_s": (float(step.min()), float(step.max()))}
@@ -41,9 +41,9 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def clock_sentences(samples: int, gaps: tuple[Gap, ...], steps: tuple[float, ...]) -> list[str]:
-    """Return what a user should know of that clock, one sentence each."""
+    """Return one sentence for an irregular clock of the pressure or for its gaps."""
     if steps:
-        return [f"the clock of the pressure is irregular: steps of {steps[0]:.3g} to {steps[1]:.3g} s"]
+        return [f"the times of the pressure are irregular: steps of {steps[0]:.3g} to {steps[1]:.3g} s"]
     if not gaps:
         return []
     missing, longest = sum(gap[3] for gap in gaps), max(gaps, key=lambda gap: gap[2])
@@ -51,4 +51,4 @@ def clock_sentences(samples: int, gaps: tuple[Gap, ...], steps: tuple[float, ...
     more = f" and {len(gaps) - MOST_NAMED} more" if len(gaps) > MOST_NAMED else ""
     count = f"{missing} of {samples + missing} samples of the pressure are missing, in {len(gaps)} gap(s)"
     length = f"the longest gap is {longest[2]:.3g} s ({longest[3]} missing) at {longest[1]:.4g} s"
-    return [f"{count} behind sample {where}{more}; {length}"]
+    return [f"{count} after sample {where}{more}; {length}"]

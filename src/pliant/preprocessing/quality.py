@@ -1,4 +1,4 @@
-"""Contents and faults of a recording: found and counted, never repaired."""
+"""Summarise the contents of a recording and count its faults, without changing it."""
 
 from __future__ import annotations
 
@@ -25,65 +25,67 @@ from pliant.recording.schema import check_recording
 if TYPE_CHECKING:
     import xarray as xr
 
-IRREGULAR_SHARE = 0.2  # a step of the clock is irregular beyond this share of the median step
+IRREGULAR_SHARE = 0.2  # a time step is irregular beyond this fraction of the median step
 GAP_RATIO = 2.5  # and a gap beyond this multiple of it
 STRETCH_SHARE = 0.05
 DENSE_STATIONS = 8  # chords between fewer stations change with bending, so their spacing is not judged
 STANDING_SHARE = 0.03
 LEAST_TRAVEL = 0.01  # of the extent
-OF_A_LOG = {"duration_s": "pressure_duration_s", "rate_hz": "pressure_rate_hz"}  # whose clock is the only one
+OF_A_LOG = {"duration_s": "pressure_duration_s", "rate_hz": "pressure_rate_hz"}  # of a recording without a shape
 
 
 @dataclass(frozen=True, repr=False)
 class Quality(Shown):
-    """Findings about a recording; see `quality`.
+    """Contents and faults of a recording, as `quality` returns them.
 
     Attributes
     ----------
     frames, stations : int
+        Numbers of frames and of stations.
     duration_s, rate_hz : float
-        The rate is that of the median step of the clock.
+        Duration, and frame rate by the median time step.
     irregular_steps : int
-        Steps of the clock that differ by more than 20 % from the median one.
+        Number of time steps that differ by more than 20 % from the median step.
     gaps : tuple of (start_s, length_s)
-        Steps of more than 2.5 times the median one.
+        Time steps of more than 2.5 times the median step.
     repeated_frames : int
-        Frames that equal the one before in every number.
+        Number of frames that equal the previous frame in every number.
     missing, spikes, station_jumps, sign_flips, orientation_jumps, orientation_spikes : dict
-        Counts per station (frames); stations without any are left out.
+        Numbers of affected frames by station; stations without any are left out.
     frozen : dict
-        Stations whose last place the tracker repeated while others moved: (first s, last s, frames) of each span.
+        Spans (first s, last s, frames) in which the tracker repeated the last position of a station, by station.
     frame_jumps_s : tuple of float
         Times at which more than half of the stations jumped at once.
     stretched : dict
-        Frames per pair of neighbours whose spacing differs by more than 5 % from its median.
+        Numbers of frames in which the spacing of two neighbours differs by more than 5 % from its median, by pair.
     swapped : dict
-        Frames in which stations exchange their labels, by their names (``a-b``).
+        Numbers of frames in which stations exchange their labels, by their names (``a-b``).
     standing : tuple of str
-        Stations that stand still while others move, such as a base.
+        Stations that do not move while others move, such as a base.
     noise_m, travel_m : dict
-        Per station: noise of one coordinate, and largest distance from the median place.
+        Noise of one coordinate, and peak displacement from the median position, by station.
     noise_deg, travel_deg, step_deg : dict
-        The same of stations with an angle and no place, degrees; and the steps in which a coarse sensor counts.
+        Noise and peak rotation [degrees] of stations with an angle and no position, and the resolution of coarse
+        sensors, by station.
     out_of_plane_share : float
-        Share of the motion (root mean square) outside the plane of bending: the one through the chord from
-        the first to the last station that holds most of the motion.
+        Fraction of the motion (root mean square) out of the plane of bending. That plane contains the chord from the
+        first to the last station and most of the motion.
     pressure_kpa : dict
-        Per chamber: (smallest, largest).
+        Pressure range (smallest, largest) by chamber.
     input_range : dict
-        Per input other than pressure: (smallest, largest, unit), in N, mm or degrees.
+        Range (smallest, largest, unit) of each input other than pressure, in N, mm or degrees.
     input_held : dict
-        Inputs recorded as staircases, pressures among them: (samples, seconds) from one update to the next.
+        Update interval (samples, seconds) of inputs recorded as staircases, pressures included.
     pressure_samples, pressure_duration_s, pressure_rate_hz : int, float, float
-        Of a pressure with a clock of its own.
+        Number of samples, duration and rate of a pressure whose times differ from the shape's.
     pressure_gaps : tuple of (sample, start_s, length_s, missing)
-        Of that clock: behind which sample, counted from 1, how many are missing.
+        Gaps of that pressure: after sample number `sample`, counted from 1, `missing` samples are missing.
     pressure_steps_s : tuple of float
-        Shortest and longest step of that clock, where it is irregular.
+        Shortest and longest time step of that pressure, where its steps are irregular.
     findings : tuple of str
-        One sentence for each thing that a user should know, the doubts among them.
+        One sentence for each fault or remark, the sentences of `doubts` included.
     doubts : dict
-        What makes it implausible, by the name of the check; see `pliant.preprocessing.plausibility`.
+        Sentences of the plausibility checks that found a problem, by check; see `pliant.preprocessing.plausibility`.
     drawing : str
         The body at a few instants as SVG, which a notebook shows; not part of `to_dict`.
     """
@@ -125,7 +127,7 @@ class Quality(Shown):
     drawing: str = ""
 
     def summary(self) -> str:
-        """Text that one can read at a glance."""
+        """Return the contents and findings as text, one line each."""
         if self.frames:
             of = f"{self.stations} station(s)" if self.stations else "strain"
             lines = [f"{self.frames} frames of {of}{spanned(self.duration_s, self.rate_hz)}"]
@@ -134,13 +136,13 @@ class Quality(Shown):
         else:
             of = f" of {len(self.pressure_kpa)} chambers" if len(self.pressure_kpa) > 1 else ""
             lines = [f"log of {self.pressure_samples} pressure samples{of}{spanned(self.duration_s, self.rate_hz)}"]
-            lines.append("it holds no shape: give it to a study as pressure_file, or to `pliant new` by --from beside "
-                         "the recording of the shape")  # fmt: skip
+            lines.append("it holds no shape: use it in a study as pressure_file, or pass it to `pliant new --from` "
+                         "after the recording of the shape")  # fmt: skip
         if self.frames and self.pressure_samples:
             clock = spanned(self.pressure_duration_s, self.pressure_rate_hz)
-            lines.append(f"pressure on a clock of its own: {self.pressure_samples} samples{clock}")
-        for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "travel"),
-                                                   (self.travel_deg, self.noise_deg, "degrees", 1.0, "turn")):
+            lines.append(f"pressure with its own times: {self.pressure_samples} samples{clock}")
+        for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "displacement"),
+                                                   (self.travel_deg, self.noise_deg, "degrees", 1.0, "rotation")):
             seen = [v for v in travel.values() if np.isfinite(v)]
             noise = [v for v in noises.values() if np.isfinite(v)]
             if seen:
@@ -152,26 +154,26 @@ class Quality(Shown):
             lines.append(f"pressure {name}: {low:.3g} to {high:.3g} kPa")
         for name, (low, high, unit) in self.input_range.items():
             lines.append(f"input {name}: {low:.3g} to {high:.3g} {unit}")
-        lines += [f"! {finding}" for finding in self.findings] or ["nothing suspicious was found"]
+        lines += [f"! {finding}" for finding in self.findings] or ["no faults were found"]
         return "\n".join(lines)
 
     def card(self) -> Card:
-        """The summary, as it is shown."""
+        """Return the summary and the drawing as a card for notebooks."""
         title, *lines = self.summary().splitlines()
         return Card(title, lines, drawing=self.drawing)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain dict for JSON."""
+        """Return the fields as a dict for JSON, without the drawing."""
         return {name: value for name, value in asdict(self).items() if name != "drawing"}
 
 
 def spanned(duration: float, rate: float) -> str:
-    """Return duration and rate behind a count; a single sample has neither."""
+    """Return ", <duration> s at <rate> Hz" for the end of a sentence; "" for a single sample."""
     return f", {duration:.2f} s at {rate:.4g} Hz" if np.isfinite(rate) else ""
 
 
 def quality(recording: xr.Dataset) -> Quality:
-    """Find and count what is suspicious in a recording; nothing is changed.
+    """Return the contents of a recording and its suspicious features; the recording is not changed.
 
     Parameters
     ----------
@@ -181,7 +183,7 @@ def quality(recording: xr.Dataset) -> Quality:
     Returns
     -------
     Quality
-        Counts and one sentence per finding; ``summary()`` is text for a terminal, a notebook draws the body too.
+        Counts and one sentence per finding. ``summary()`` returns a text; a notebook also shows a drawing of the body.
 
     Examples
     --------
@@ -219,7 +221,7 @@ def quality(recording: xr.Dataset) -> Quality:
 
 
 def standing_stations(recording: xr.Dataset) -> tuple[str, ...]:
-    """Stations that stand still while others move, as `quality` finds them, without the rest of its work."""
+    """Return the names of the stations that do not move while others move."""
     position = recording["position"].values
     repeated = detectors.repeated_frames(
         position, recording["quaternion"].values if "quaternion" in recording else None
@@ -279,7 +281,7 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def _stretched(part: np.ndarray) -> np.ndarray:
-    """Frames of each pair of neighbours with a spacing off its median."""
+    """Return the number of frames in which the spacing of each pair of neighbours differs from its median."""
     return np.asarray(detectors.stretched(part, STRETCH_SHARE).sum(0))
 
 
@@ -324,13 +326,13 @@ def _listed(counts: dict[str, int]) -> str:
 def _sentences(q: Quality) -> list[str]:
     said = []
     if q.irregular_steps:
-        said.append(f"the clock is irregular: {q.irregular_steps} of {q.frames - 1} steps differ by more than "
+        said.append(f"the times are irregular: {q.irregular_steps} of {q.frames - 1} steps differ by more than "
                     "20 % from the median step")  # fmt: skip
     if q.gaps:
         longest = max(q.gaps, key=lambda gap: gap[1])
         said.append(f"{len(q.gaps)} gap(s) in time, the longest {longest[1]:.3g} s at {longest[0]:.3g} s")
     if q.repeated_frames:
-        said.append(f"{q.repeated_frames} of {q.frames} frames repeat the one before "
+        said.append(f"{q.repeated_frames} of {q.frames} frames repeat the previous frame "
                     f"({100 * q.repeated_frames / q.frames:.1f} %)")  # fmt: skip
     for counts, what in (
         (q.missing, "drop-outs"), (q.spikes, "spikes of one frame"), (q.station_jumps, "sudden jumps"),
@@ -369,4 +371,4 @@ def _hardly_moves(recording: xr.Dataset, q: Quality) -> list[str]:
     ).any():
         return []
     still = np.nanmax(list(q.travel_m.values())) < LEAST_TRAVEL * extent(recording["position"].values)
-    return ["the recording hardly moves: its largest travel is below 1 % of its extent"] if still else []
+    return ["the body hardly moves: its largest displacement is below 1 % of its extent"] if still else []

@@ -1,4 +1,4 @@
-"""Repairs that a user asks for by name; each counts what it changed and says so in the history."""
+"""Repair faults of a recording on request; each function reports in the history what it changed."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ SAME_SYMMETRY = np.deg2rad(25.0)
 
 
 def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
-    """Interpolate drop-outs of positions linearly in time, if the stretch between two sightings is short.
+    """Return the recording with short drop-outs of positions filled by linear interpolation in time.
 
     Parameters
     ----------
     recording : xarray.Dataset
     longest_s : float, s
-        Longest time between the two sightings around a gap. Longer gaps and those at the ends stay NaN.
+        Longest time between the two measured samples around a gap. Longer gaps and gaps at the ends stay NaN.
 
     Returns
     -------
     xarray.Dataset
-        Orientation and angle are not filled.
+        The recording with filled positions; orientation and angle are not filled.
     """
     check_recording(recording)
     if "position" not in recording or not longest_s > 0:
-        raise InputError("fill_gaps needs positions and a positive longest_s in seconds")
+        raise InputError("fill_gaps needs a recording with positions and a positive longest_s in seconds")
     time, position = recording["time"].values, recording["position"].values.copy()
     filled = 0
     for s in range(position.shape[1]):
@@ -55,30 +55,30 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
 
 
 def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
-    """Leave out frames that equal the one before in every number, as when a log runs faster than its tracker.
+    """Return the recording without frames that equal the previous frame in every number.
 
-    The pressure, which has its own clock, keeps all samples.
+    Such frames occur when a log runs faster than its tracker. The pressure, which has its own times, keeps all samples.
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("drop_repeated_frames needs positions")
+        raise InputError("drop_repeated_frames needs a recording with positions")
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(recording["position"].values, quaternion)
-    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the one before"
+    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
     return append_history(recording.isel(time=np.flatnonzero(~repeated)), line)
 
 
 def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
-    """Undo jumps between the orientations that a symmetric marker cluster cannot tell apart.
+    """Return the recording with jumps between equivalent orientations of a symmetric marker cluster undone.
 
-    Such a tracker reports R S in place of R for a while, with the same turn S of the cluster's symmetry each
-    time. The turns are found from the jumps (more than 30 degrees from frame to frame, there and back again);
-    every frame takes the one that continues the frame before it.
+    Such a tracker reports R S in place of R for a while, with the same rotation S of the cluster's symmetry each time.
+    The rotations S are identified from the jumps (more than 30 degrees from frame to frame, there and back). Every
+    frame takes the orientation that continues the previous frame.
 
     Raises
     ------
     InputError
-        When a jump is left that no turn of the symmetry explains.
+        When a jump remains that no symmetry explains.
     """
     check_recording(recording)
     if "quaternion" not in recording:
@@ -93,12 +93,12 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
             quaternion[seen, s] = from_matrix(matrix)
     quaternion, _ = continuous(quaternion)
     frames = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
-    line = f"undid jumps of orientation by the markers' symmetry, frames turned back: {frames}"
+    line = f"undid jumps of orientation by the symmetry of the markers, frames rotated back: {frames}"
     return append_history(recording.assign(quaternion=recording["quaternion"].copy(data=quaternion)), line)
 
 
 def _continued(matrix: NDArray, name: str) -> tuple[NDArray, int]:
-    """(T, 3, 3) rotations without jumps, and how many were turned back to the one most frames use."""
+    """Return rotations (T, 3, 3) without jumps, and the number of frames that were rotated back."""
     step = np.swapaxes(matrix[:-1], -1, -2) @ matrix[1:]
     places = np.flatnonzero(rotation_angle(step) > detectors.ORIENTATION_JUMP)
     if places.size == 0:
@@ -122,7 +122,7 @@ def _continued(matrix: NDArray, name: str) -> tuple[NDArray, int]:
 
 
 def _symmetries(jumps: NDArray) -> list[NDArray]:
-    """Distinct turns among the jumps and their inverses, each the mean of its group."""
+    """Return the distinct rotations among the jumps and their inverses, each the mean of its group."""
     found: list[NDArray] = []
     for jump in (*jumps, *np.swapaxes(jumps, -1, -2)):
         near = [g for g in found if rotation_angle(g.T @ jump) < SAME_SYMMETRY]
@@ -134,5 +134,5 @@ def _symmetries(jumps: NDArray) -> list[NDArray]:
 
 
 def rotation_angle(matrix: NDArray) -> NDArray:
-    """(...) angle in rad of rotation matrices."""
+    """Return the rotation angle (...) [rad] of rotation matrices (..., 3, 3)."""
     return np.arccos(np.clip(0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0))

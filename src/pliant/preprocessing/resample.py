@@ -1,4 +1,4 @@
-"""New samples in time or along the body; what lies too far from a measurement stays missing, and is counted."""
+"""Resample a recording in time or along the body; samples too far from a measurement become NaN."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ if TYPE_CHECKING:
 
 LEAST_STATIONS = 4  # a cubic needs four points
 GAP_RATIO = 2.5
-TOUCH = 1e-12  # m: a new station so near an old one lies on it
+TOUCH = 1e-12  # m: a new station that is this close to an old one coincides with it
 
 
 def resample_time(
     recording: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
 ) -> xr.Dataset:
-    """Interpolate the shape linearly to a regular clock (or given times).
+    """Return the recording with its shape interpolated linearly to a regular frame rate or given times.
 
-    Orientations are interpolated by component and normalised. No low-pass filter is applied, so a rate below
-    that of the recording folds what is faster into it. The pressure keeps its own clock.
+    Orientations are interpolated by component and normalised. No low-pass filter is applied, so a rate below that of
+    the recording causes aliasing. The pressure keeps its own times.
 
     Parameters
     ----------
     recording : xarray.Dataset
     rate_hz : float, optional
-        New frame rate, from the first frame on.
+        New frame rate, starting at the first frame.
     time : (T,) array, s, optional
         New times, instead of `rate_hz`.
     longest_gap_s : float
-        Where the two sightings around a new sample lie further apart, it is NaN.
+        Longest time between two measured samples to interpolate over; new samples in longer gaps are NaN.
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("resample_time needs positions")
+        raise InputError("resample_time needs a recording with positions")
     if (rate_hz is None) == (time is None):
-        raise InputError("give either rate_hz or time")
+        raise InputError("resample_time needs either rate_hz or time, not both")
     if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
-        raise InputError("rate_hz and longest_gap_s must be positive and finite")
+        raise InputError("rate_hz and longest_gap_s must be positive, and rate_hz finite")
     old = recording["time"].values
     if time is None:
         count = int(np.floor((old[-1] - old[0]) * float(rate_hz or 0.0) + 1e-9)) + 1
@@ -54,54 +54,54 @@ def resample_time(
     arrays = {n: recording[n].values for n in ("position", "quaternion", "angle") if n in recording}
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
-    made = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
-    if "quaternion" in made:
-        norm = np.linalg.norm(made["quaternion"], axis=-1, keepdims=True)
-        made["quaternion"] = made["quaternion"] / np.where(norm > 0.1, norm, np.nan)
-    result = _with(recording.drop_dims("time"), recording, made, time=new)
-    empty = int(np.isnan(made["position"]).any(-1).sum())
+    resampled = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
+    if "quaternion" in resampled:
+        norm = np.linalg.norm(resampled["quaternion"], axis=-1, keepdims=True)
+        resampled["quaternion"] = resampled["quaternion"] / np.where(norm > 0.1, norm, np.nan)
+    result = _with(recording.drop_dims("time"), recording, resampled, time=new)
+    empty = int(np.isnan(resampled["position"]).any(-1).sum())
     bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
     return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
 
 
 def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
-    """Interpolate the pressure linearly to the times of the shape; outside its own clock it is NaN."""
+    """Return the recording with its pressure interpolated to the times of the shape; NaN beyond its ends."""
     check_recording(recording)
     if "pressure" not in recording or "time" not in recording.coords:
-        raise InputError("pressure_on_shape_clock needs a shape and a pressure")
+        raise InputError("pressure_on_shape_clock needs a recording with a shape and a pressure")
     clock, time = recording["pressure_time"].values, recording["time"].values
     values = recording["pressure"].values.reshape(len(clock), -1)
     new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
     chamber = [str(c) for c in recording["chamber"].values] if "chamber" in recording.coords else None
-    made = make_recording(
+    resampled = make_recording(
         pressure=new if chamber else new[:, 0], pressure_time=time, chamber=chamber, attrs=dict(recording.attrs)
     )
     rest = recording.drop_dims("pressure_time").drop_vars("chamber", errors="ignore")
     missing = int(np.isnan(new).any(1).sum())
-    line = f"pressure brought from {len(clock)} samples to the clock of the shape, {missing} samples missing"
-    return append_history(rest.merge(made, combine_attrs="override").assign_attrs(recording.attrs), line)
+    line = f"pressure interpolated from {len(clock)} samples to the times of the shape, {missing} samples missing"
+    return append_history(rest.merge(resampled, combine_attrs="override").assign_attrs(recording.attrs), line)
 
 
 def resample_arc_length(
     recording: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
 ) -> xr.Dataset:
-    """Interpolate a dense shape to stations of equal arc length, by cubic splines through each frame.
+    """Return a dense shape interpolated to stations of equal arc length, by cubic splines in each frame.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        At least four stations from base to tip; their arc length is the recorded one or the time-mean sum of
-        chords.
+        Recording with at least four stations from base to tip. Their arc length is the recorded one or the time-mean
+        sum of chords.
     spacing_mm : float
-        New stations lie this far apart, from the first station on; the remainder before the last is left out.
+        Spacing of the new stations, from the first station on; the remainder at the tip is left out.
     longest_gap_mm : float, optional
-        Where stations around a new one lie further apart (because one between them was lost), it is NaN.
+        Longest distance between two measured stations to interpolate over; new stations in longer gaps are NaN.
         Default: 2.5 times the largest spacing of the stations, so that one lost station is bridged.
 
     Returns
     -------
     xarray.Dataset
-        Positions only: orientations do not follow from points.
+        The recording with positions only, as orientations cannot be interpolated along the body.
     """
     check_recording(recording)
     if "position" not in recording or recording.sizes["station"] < LEAST_STATIONS:
@@ -111,7 +111,7 @@ def resample_arc_length(
     position = recording["position"].values
     whole = np.isfinite(position).all((1, 2))
     if not whole.any():
-        raise InputError("no frame has all stations, so their arc length is not known: give arc_length")
+        raise InputError("no frame has all stations, so their arc length is unknown: give the recording an arc_length")
     arc, findings = station_arc_length(recording, position[whole])
     if arc[-1] < spacing_mm * 1e-3:
         raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
@@ -132,7 +132,7 @@ def resample_arc_length(
 
 
 def _in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDArray:
-    """Linear interpolation of (T, S, ...) station by station over its own sightings."""
+    """Interpolate values (T, S, ...) linearly in time, for each station over the frames in which it was seen."""
     flat = values.reshape(*values.shape[:2], -1)
     result = np.full((len(new), *flat.shape[1:]), np.nan)
     for s in range(flat.shape[1]):
@@ -149,9 +149,9 @@ def _in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDA
 
 
 def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray:
-    """Cubic splines over the stations that each frame has, frames with the same ones together.
+    """Interpolate positions to arc lengths `new` by cubic splines over the stations that each frame has.
 
-    A spline is linear in its points: one matrix of weights serves all frames with the same stations.
+    A spline is linear in its points, so one matrix of weights serves all frames with the same stations.
     """
     from scipy.interpolate import CubicSpline
 
@@ -173,14 +173,14 @@ def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray
 
 
 def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: object) -> xr.Dataset:
-    """Recording with new arrays; what does not hang on the replaced dimension is kept."""
+    """Return the recording with new arrays; variables without the replaced dimension are kept."""
     station = coords.get("station", [str(n) for n in recording["station"].values])
     arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
-    made = make_recording(
+    resampled = make_recording(
         coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
         frame=recording.attrs["frame"], attrs=dict(recording.attrs), **arrays,
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
     others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
-    return made.assign(others).assign_attrs(recording.attrs)
+    return resampled.assign(others).assign_attrs(recording.attrs)

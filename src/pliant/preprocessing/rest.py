@@ -1,4 +1,4 @@
-"""Frames of a recording in which the body is at rest."""
+"""Find the frames of a recording in which the body is at rest."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HALF_WINDOW_S = 0.1
-STILL_SHARE = 0.03  # of the largest travel
-EARLY_SHARE = 0.1  # of it: what a body at rest may drift before the still stretch
+STILL_SHARE = 0.03  # of the largest peak displacement
+EARLY_SHARE = 0.1  # of the largest peak displacement: drift that is accepted at rest
 LEAST_REST_S = 0.1
 INPUT_SHARE = 0.05
 FEWEST_FRAMES = 3
@@ -25,13 +25,13 @@ STILL_FRAMES = 0.95
 
 
 def rest_window(recording: xr.Dataset) -> tuple[float, float]:
-    """Find the still stretch before the first motion.
+    """Return the start and end [s] of the interval before the first motion in which the body is at rest.
 
-    Where inputs were measured, it is the time before one of them first leaves its start by 5 % of its range, if
-    that holds three frames and the body is still in it: a pressure on another clock than the shape's may rise long
-    after the body moved. Otherwise the shape decides: a frame is still when, within 0.1 s around it, every station
-    stays within 3 % of the largest travel or twenty times its noise, whichever is more. When no still stretch precedes
-    the first motion, the longest one anywhere is taken. Spikes of single frames are passed over.
+    Where inputs were measured, it is the time before an input first departs from its initial value by 5 % of its range,
+    if that time holds three frames and the body is still during it. (The condition matters where the pressure has
+    another clock than the shape.) Otherwise the shape decides: a frame is still when, within 0.1 s around it, every
+    station stays within 3 % of the largest peak displacement or twenty times its noise, whichever is more. When no
+    still interval precedes the first motion, the longest one anywhere is returned. Spikes of single frames are ignored.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
     Raises
     ------
     InputError
-        When no still stretch lasts 0.1 s.
+        When no still interval lasts 0.1 s.
     """
     check_recording(recording)
     time, position = recording["time"].values, shown(recording)
@@ -49,7 +49,7 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
         return quiet
     runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
     if not runs:
-        raise InputError("the body is never at rest for 0.1 s: give the rest window as rest = [start, end]")
+        raise InputError("the body is never at rest for 0.1 s: set the rest window by rest = [start, end] in seconds")
     first = runs[0]
     early = _precedes_motion(position, first)
     chosen = first if early else max(runs, key=lambda run: time[run[1]] - time[run[0]])
@@ -57,16 +57,16 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
 
 
 def shown(recording: xr.Dataset) -> NDArray:
-    """Places (T, S, axes) of a recording, m, or its angles (T, S, 1), rad, where it has no places; without spikes."""
+    """Return positions (T, S, d) [m], or angles (T, S, 1) [rad] where there are no positions, without spikes."""
     if "position" in recording:
         return detectors.spikes_bridged(recording["position"].values)
     if "angle" not in recording:
-        raise InputError("a rest window is found from positions or angles, but the recording holds neither")
+        raise InputError("finding a rest window needs positions or angles, but the recording holds neither")
     return detectors.spikes_bridged(recording["angle"].values[..., None])
 
 
 def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
-    """First and last frame before a measured input moves; None without one, or with fewer than three frames."""
+    """Return the times [s] of the first and last frame before an input changes; None with under three frames."""
     inputs, starts = recorded_inputs(recording), []
     for one in inputs:
         moved = np.abs(one.values - np.nanmedian(one.values[:5])) > INPUT_SHARE * np.ptp(one.values)
@@ -79,19 +79,19 @@ def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
 
 
 def clock_finding(recording: xr.Dataset) -> list[str]:
-    """The sentence that a body which moves before its pressure deserves; none where it waits."""
+    """Return a sentence where the body moves before its pressure; none where it does not."""
     window = before_inputs(recording)
     if window is None or still_within(shown(recording), recording["time"].values, window):
         return []
     what = "the pressure does" if "pressure" in recording else "its inputs do"
-    line = f"the body moves before {what} ({window[1]:.3g} s): their clocks differ, or a hand moved it"
+    line = f"the body moves before {what} ({window[1]:.3g} s): their clocks differ, or the body was touched"
     return [f"{line}; rest is taken from the shape"]
 
 
 def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) -> bool:
-    """Whether the body keeps its place in a window, but for its noise and a drift of a tenth of its travel.
+    """Return whether the body is still in a time window, apart from noise and drift.
 
-    One frame in twenty may be off, as spikes are.
+    The drift may be a tenth of the largest peak displacement. One frame in twenty may exceed the limits, as spikes do.
     """
     part = position[(time >= window[0]) & (time <= window[1])]
     noise, travel = (np.nan_to_num(detectors.by_blocks(f, position)) for f in (detectors.noise_level, detectors.travel))
@@ -101,7 +101,7 @@ def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) 
 
 
 def _away(position: NDArray) -> NDArray:
-    """(T, S) distance of each station from its median place, m; 0 where it was not seen."""
+    """Return the distance (T, S) [m] of each station from its median position; 0 where it was not seen."""
     seen = np.isfinite(position).all(axis=2)
     place = np.array([np.median(p[s], axis=0) if s.any() else np.zeros(p.shape[1])
                       for p, s in zip(np.swapaxes(position, 0, 1), seen.T, strict=True)])
@@ -109,20 +109,20 @@ def _away(position: NDArray) -> NDArray:
 
 
 def _precedes_motion(position: NDArray, run: tuple[int, int]) -> bool:
-    """Whether no station was far from its place in the run at any time before it."""
+    """Return whether no station was far from its position in the run at any earlier time."""
     place = detectors.mean_place(position[run[0] : run[1] + 1])
     away, whole = (_farthest(part, place) for part in (position[: run[0]], position))
     return bool(away <= EARLY_SHARE * whole)
 
 
 def _farthest(position: NDArray, place: NDArray) -> float:
-    """Largest distance of a station from its `place`, m."""
+    """Return the largest distance [m] of a station from its `place`."""
     return max((float(np.linalg.norm(p, axis=1).max(initial=0.0)) for p in detectors.seen_points(position, place)),
                default=0.0)
 
 
 def _still(position: NDArray, time: NDArray) -> NDArray:
-    """(T,) bool."""
+    """Return a mask (T,) of frames in which the body is still."""
     rate = (len(time) - 1) / max(time[-1] - time[0], 1e-12)
     reach = max(1, round(HALF_WINDOW_S * rate))
     width = detectors.by_blocks(lambda part: _width(part, reach), position)
@@ -136,7 +136,7 @@ def _still(position: NDArray, time: NDArray) -> NDArray:
 
 
 def _width(position: NDArray, reach: int) -> NDArray:
-    """(T, S) diagonal in metres of the box in which a station stays for `reach` frames on both sides."""
+    """Return the diagonal (T, S) [m] of the box in which a station stays for `reach` frames on both sides."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
     seen = np.isfinite(position)
@@ -147,6 +147,6 @@ def _width(position: NDArray, reach: int) -> NDArray:
 
 
 def _runs(flags: NDArray) -> list[tuple[int, int]]:
-    """First and last index of each run of True."""
+    """Return the first and last index of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

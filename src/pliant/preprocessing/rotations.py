@@ -1,4 +1,4 @@
-"""Rotations of rigid bodies: quaternions x, y, z, w and the best rotation between two sets of points."""
+"""Rotations as matrices and as quaternions x, y, z, w, and the best rotation between two sets of points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def to_matrix(quaternion: NDArray) -> NDArray:
-    """(..., 3, 3) rotation matrices of (..., 4) unit quaternions x, y, z, w; NaN stays NaN."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions x, y, z, w (..., 4); NaN stays NaN."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -22,7 +22,7 @@ def to_matrix(quaternion: NDArray) -> NDArray:
 
 
 def from_matrix(matrix: NDArray) -> NDArray:
-    """(..., 4) unit quaternions x, y, z, w with w >= 0 of (..., 3, 3) rotation matrices; NaN stays NaN."""
+    """Return unit quaternions x, y, z, w (..., 4), w >= 0, of rotation matrices (..., 3, 3); NaN stays NaN."""
     m = np.asarray(matrix)
     trace = np.trace(m, axis1=-2, axis2=-1)
     diagonal = np.diagonal(m, axis1=-2, axis2=-1)
@@ -41,7 +41,7 @@ def from_matrix(matrix: NDArray) -> NDArray:
 
 
 def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
-    """(T, S, 4) quaternions without changes of sign along time, and how many frames were turned."""
+    """Return quaternions (T, S, 4) without sign changes along time, and the number of frames whose sign was changed."""
     result = quaternion.copy()
     turned = 0
     for s in range(result.shape[1]):
@@ -57,7 +57,7 @@ def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
 
 
 def best_rotation(shape: NDArray, points: NDArray) -> NDArray:
-    """(T, 3, 3) rotations that bring the (N, 3) `shape` closest to each frame of the (T, N, 3) `points`.
+    """Return the rotations (T, 3, 3) that best map `shape` (N, 3) to each frame of `points` (T, N, 3).
 
     Both are taken about their centroids. Source: W. Kabsch, Acta Cryst. A32 (1976) 922.
     """
@@ -70,7 +70,7 @@ def best_rotation(shape: NDArray, points: NDArray) -> NDArray:
 
 
 def mean_rotation(matrix: NDArray) -> NDArray:
-    """(..., 3, 3) rotation closest to the mean over the first dimension; frames with NaN are left out."""
+    """Return the rotation (..., 3, 3) closest to the mean over the first dimension; frames with NaN are left out."""
     seen = np.isfinite(matrix)
     count = seen.sum(0)
     mean = np.where(seen, matrix, 0.0).sum(0) / np.maximum(count, 1)
@@ -81,9 +81,9 @@ def mean_rotation(matrix: NDArray) -> NDArray:
 
 
 def angle_about(matrix: NDArray, axis: NDArray) -> NDArray:
-    """(...) signed angle in rad, in (-pi, pi], of the part of each rotation that turns about the unit `axis`.
+    """Return the signed angle (...) [rad], in (-pi, pi], by which each rotation turns about the unit `axis`.
 
-    The rotation is split into a turn about `axis` and one about a direction square to it (swing and twist).
+    The rotation is split into a turn about `axis` and one about a direction perpendicular to `axis` (swing and twist).
     """
     twist = np.einsum("...ij,ijk,k->...", matrix, _LEVI_CIVITA, axis)
     along = np.einsum("...ij,i,j->...", matrix, axis, axis)

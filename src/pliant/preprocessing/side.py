@@ -1,4 +1,4 @@
-"""The side to which a body bends: a recording that shows it towards +x is turned by pi about the base tangent.  # D4"""
+"""Find the side to which a planar body bends, and turn a recording by pi about the base tangent.  # D4"""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ ATTRIBUTE = "x_sign"
 def bending_sign(
     recording: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray,
 ) -> int:
-    """Return the sense in which a body turns: 1 about +z, its tip towards -x; -1 about -z; 0 where nothing moves.
+    """Return the sense in which a body bends: 1 about +z (tip towards -x), -1 about -z, 0 without motion.
 
-    The station that moves most decides, under the highest pressure or, where none was measured, at its largest
-    displacement.
+    The station with the largest displacement decides: under the highest pressure or, where no pressure was measured, at
+    its largest displacement.
 
     Parameters
     ----------
     recording : xarray.Dataset
         The recording.
     position : array (T, S, d)
-        Of its stations, m.
+        Positions of the stations, m.
     pose : array (S, d)
-        Where they rest, m.
+        Positions of the stations at rest, m.
     origin, x_axis : array (d,)
-        Of the base frame, m and a unit vector.
+        Origin [m] and x axis (unit vector) of the base frame.
     """
     travel = by_blocks(lambda part: np.nanmax(np.abs(part), axis=0, initial=0.0), position @ x_axis - pose @ x_axis)
     most = int(np.argmax(travel))
@@ -53,23 +53,23 @@ def bending_sign(
 
 
 def planar_side(recording: xr.Dataset) -> int:
-    """Return `bending_sign` of a planar recording; 0 without positions or rest, or with several chambers."""
+    """Return `bending_sign` of a planar recording; 0 where it has no positions, no rest, or several chambers."""
     several = "pressure" in recording and recording["pressure"].ndim > 1 and recording.sizes["chamber"] > 1
     if "position" not in recording or recording.attrs["frame"] != "planar" or several:
         return 0
     position, time = recording["position"].values, recording["time"].values
     try:
         start, end = rest_window(recording)
-    except InputError:  # never at rest
+    except InputError:  # no rest found
         return 0
     pose = mean_place(position[(time >= start) & (time <= end)])
     return bending_sign(recording, position, pose, np.zeros(2), np.array([1.0, 0.0]))
 
 
 def half_turn(recording: xr.Dataset) -> xr.Dataset:
-    """Return a planar recording turned by pi about the base tangent: x and angles change their signs.
+    """Return a planar recording turned by pi about the base tangent: x and angles change sign.
 
-    `x_sign` of the result says so, and its history.
+    The attribute `x_sign` and the history record the turn.
     """
     changed = recording.assign_attrs({ATTRIBUTE: -x_sign(recording)})
     if "position" in recording:
@@ -82,5 +82,5 @@ def half_turn(recording: xr.Dataset) -> xr.Dataset:
 
 
 def x_sign(recording: xr.Dataset) -> int:
-    """Return the sign of a recording's own x axis in the base frame: -1 where the recording has made a `half_turn`."""
+    """Return -1 where the recording was turned by `half_turn`, else 1."""
     return int(recording.attrs.get(ATTRIBUTE, 1))

@@ -1,4 +1,4 @@
-"""The clock of the pressure against that of the shape: offset and drift, with their uncertainty."""
+"""Find the offset and drift between the clocks of pressure and shape, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -16,38 +16,39 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-LEAST_OVERLAP = 0.5  # of the shorter record, at every offset that is looked at
-APART_S = 0.15  # between two offsets that count as rivals
+LEAST_OVERLAP = 0.5  # of the shorter recording, at every offset that is tried
+APART_S = 0.15  # s between two distinct candidate offsets
 RIVALS = 4
 LEAST_EXPLAINED = 0.5  # of the motion's variance
-AMBIGUOUS = 1.5  # how much more variance a rival must leave unexplained where both were recorded,
-ALIKE = 0.75  # unless it explains less than this share of what the best explains
+AMBIGUOUS = 1.5  # least ratio of the unexplained variances of second-best and best offset,
+ALIKE = 0.75  # unless the second-best explains less than this fraction of what the best explains
 COARSE_S = 0.02
-ROUGH = 8  # evaluations of a fit that only ranks an offset
+ROUGH = 8  # evaluations of a fit that only ranks the offsets
 DOUBTFUL_S = 0.02  # an uncertainty beyond this gives a warning
 LONGEST_DRIFT = 5e-3
-DRIFT_SIGMA = 3.0  # a drift is applied only when it is that clear
+DRIFT_SIGMA = 3.0  # standard deviations: a smaller drift is not applied
 
 
 @dataclass(frozen=True, repr=False)
 class Delay(Shown):
-    """Offset and drift of the pressure's clock against that of the shape: shape = pressure * (1 + drift) + delay.
+    """Offset and drift of the pressure's times relative to the shape's: shape = pressure * (1 + drift) + delay.
 
     Attributes
     ----------
     delay_s : float
-        To be added to the pressure's times, s. The body's own lag is no part of it: it is modelled, as a second-order
-        response with slow creep, and taken out.
+        Offset to add to the pressure's times, s. The lag of the body is excluded: it is modelled separately, as a
+        second-order response with slow creep.
     uncertainty_s : float
-        One standard deviation.
+        Standard deviation of the offset, s.
     drift, drift_uncertainty : float
-        Relative; 0 where drift was not looked for or is not clear.
+        Relative difference of the clock rates and its standard deviation; 0 where no significant drift was found or
+        `drift` was not requested.
     explained : float
-        Share of the motion's variance that pressure and response explain.
+        Fraction of the motion's variance that the delayed pressure explains.
     frequency_hz, damping_ratio : float
-        Of that response.
+        Natural frequency and damping ratio of the modelled response of the body.
     warnings : tuple of str
-        What makes the answer doubtful, a sentence each.
+        One sentence for each reason why the offset may be wrong.
     """
 
     delay_s: float
@@ -60,33 +61,34 @@ class Delay(Shown):
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        """One sentence, and one for each warning."""
+        """Return the offset in one sentence, followed by one sentence for each warning."""
         drift = f", a drift of {1e6 * self.drift:+.0f} +- {1e6 * self.drift_uncertainty:.0f} ppm" if self.drift else ""
         moved = f"{1e3 * self.delay_s:+.1f} +- {1e3 * self.uncertainty_s:.1f} ms{drift}"
-        how = f"found from pressure and motion ({100 * self.explained:.1f} % of the motion explained)"
+        how = f"estimated from pressure and motion ({100 * self.explained:.1f} % of the motion explained)"
         return ". ".join([f"the pressure's clock is moved by {moved}, {how}", *self.warnings])
 
     def card(self) -> Card:
-        """The summary."""
+        """Return the summary as a card for notebooks."""
         return Card(self.summary(), [])
 
 
 def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool = False) -> Delay:
-    """Find the offset, and where asked the drift, between the clocks of pressure and shape.
+    """Find the offset and, on request, the drift between the clocks of pressure and shape.
 
-    A body of second order, with gains on pressure and its square and with slow creep, is driven by the pressure; the
-    offset at which it explains the motion best is taken, refined between the frames by least squares over offset,
-    frequency and damping. Its uncertainty reckons with correlated residuals.
+    The motion is modelled as a second-order response to the pressure, with gains on the pressure and on its square and
+    with slow creep. The offset that explains most of the motion is refined below one frame by least squares over
+    offset, frequency and damping. Its uncertainty accounts for correlated residuals.
 
     Parameters
     ----------
     recording : xarray.Dataset
         Recording with pressure and with position or angle.
     largest_s : float, optional
-        Largest offset that is looked for, of either sign. Default: every offset at which half of the shorter record
+        Largest offset that is tried, of either sign. Default: every offset at which half of the shorter recording
         overlaps with the other.
     drift : bool
-        Look for a difference of rates too; it is used when it exceeds three times its uncertainty.
+        Whether to estimate a difference of the clock rates too; it is used when it exceeds three times its
+        uncertainty.
 
     Raises
     ------
@@ -96,7 +98,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     """
     check_recording(recording)
     if not ({"position", "angle"} & set(recording)) or "pressure" not in recording:
-        raise InputError("clocks are compared by motion and pressure, but the recording lacks one of them")
+        raise InputError("sync compares motion with pressure, but the recording lacks one of them")
     body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)
@@ -107,58 +109,61 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     if drift and abs(clear.drift) > DRIFT_SIGMA * clear.drift_uncertainty and clear.explained >= best.explained:
         best = clear
         if abs(best.drift) > LONGEST_DRIFT:
-            warnings.append(f"a drift of {100 * best.drift:.2g} % is more than two clocks have: check the stated rates")
+            warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
+                            "stated rates")
     return Delay(best.delay, best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
                  best.explained, best.frequency, best.damping, tuple(warnings))
 
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:
-    """Refuse an offset that explains nothing, lies at the end of the search or has an equal elsewhere."""
+    """Raise InputError where an offset explains too little, lies at the end of the search, or is ambiguous."""
     if best.explained < LEAST_EXPLAINED:
         raise InputError(
-            f"pressure and motion agree at no offset of their clocks (at best {100 * max(best.explained, 0.0):.0f} % "
-            "of the motion is explained): check that they belong together, or state clock as a number of seconds"
+            f"no offset between the clocks makes the pressure explain the motion (at best "
+            f"{100 * max(best.explained, 0.0):.0f} %): check that pressure and shape are of the same test, or set "
+            "clock to the offset in seconds"
         )
     if largest_s is not None and abs(best.delay) > largest_s - COARSE_S:
-        raise InputError(f"the best offset lies at the end of the search, {best.delay:.3g} s: raise largest_s")
+        raise InputError(f"the best offset is at the end of the search range, {best.delay:.3g} s: increase largest_s")
     if rival is not None and rival.share > ALIKE * best.share and (
         1 - rival.explained < AMBIGUOUS * (1 - best.explained)
     ):
         raise InputError(
             f"offsets of {best.delay:.3g} s and of {rival.delay:.3g} s explain the motion equally well (a periodic "
-            "pressure?): state clock as a number of seconds, or look within largest_s"
+            "pressure?): set clock to the offset in seconds, or reduce largest_s"
         )
 
 
 def doubts(best: Fitted, pressure: TimeSeries) -> list[str]:
-    """Sentences about what makes an offset doubtful."""
+    """Return one sentence for each reason why the offset `best` may be wrong."""
     said = []
     if best.uncertainty > DOUBTFUL_S:
-        said.append(f"WARNING: the offset is known to {1e3 * best.uncertainty:.0f} ms only; pressure that changes "
-                    "fast, more than once, would tell it")  # fmt: skip
+        said.append(f"WARNING: the offset is uncertain by {1e3 * best.uncertainty:.0f} ms; a recording whose pressure "
+                    "changes fast, more than once, determines it better")  # fmt: skip
     if best.inside < 0.98:
-        said.append(f"the log covers {100 * best.inside:.0f} % of the shape's frames")
+        said.append(f"the pressure log covers {100 * best.inside:.0f} % of the shape's frames")
     if best.after_motion:
-        said.append("WARNING: the log begins with the pressure up already: its first rise is not in it")
+        said.append("WARNING: the pressure is already high when its log begins: the first rise is not recorded")
     if gaps := holes(pressure.time):
         longest = max(gaps, key=lambda gap: gap[1] - gap[0])
-        said.append(f"the log has {len(gaps)} hole(s), the longest {longest[1] - longest[0]:.3g} s at {longest[0]:.3g} "
-                    "s of its clock; they were left out here, and become straight lines in a simulation")  # fmt: skip
+        said.append(f"the pressure log has {len(gaps)} gap(s), the longest {longest[1] - longest[0]:.3g} s at "
+                    f"{longest[0]:.3g} s of its clock; they were left out here, and are interpolated linearly in a "
+                    "simulation")  # fmt: skip
     return said
 
 
 def offsets(time: NDArray, clock: NDArray, largest_s: float | None) -> NDArray:
-    """Offsets to look at, s."""
+    """Return the offsets [s] to try, from the overlap of `time` and `clock` or within `largest_s`."""
     if largest_s is not None:
         if not (np.isfinite(largest_s) and largest_s > 0):
-            raise InputError(f"largest_s is a positive number of seconds, got {largest_s}")
+            raise InputError(f"largest_s must be a positive number of seconds, not {largest_s}")
         return np.arange(-largest_s, largest_s + COARSE_S, COARSE_S)
     overlap = LEAST_OVERLAP * min(np.ptp(time), np.ptp(clock))
     return np.arange(time[0] - clock[-1] + overlap, time[-1] - clock[0] - overlap + COARSE_S, COARSE_S)
 
 
 def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[Fitted, Fitted | None]:
-    """The best offset, and the best one elsewhere."""
+    """Return the fit of the best offset, and the best fit at a distinct offset (None where there is none)."""
     scores = coarse_scores(body, pressure, delays)
     fits: list[Fitted] = []
     for _ in range(RIVALS):
@@ -168,7 +173,7 @@ def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[F
         fits.append(fit_lag(body, pressure, float(delays[k]), evaluations=ROUGH))
         scores[np.abs(delays - delays[k]) < 2 * APART_S] = 0.0
     if not fits:
-        raise InputError("pressure and motion agree at no offset of their clocks: they hardly overlap")
+        raise InputError("no offset correlates pressure and motion: check that both are of the same test")
     fits.sort(key=lambda f: -f.share)
     best = polished(body, pressure, fits[0])
     others = [polished(body, pressure, f) for f in fits[1:]]
@@ -176,14 +181,14 @@ def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[F
 
 
 def polished(body: TimeSeries, pressure: TimeSeries, found: Fitted) -> Fitted:
-    """A rough fit, taken on from where it ended."""
+    """Return a rough fit refined by further iterations."""
     if not np.isfinite(found.frequency):
         return found
     return fit_lag(body, pressure, found.delay, starts=((found.frequency, found.damping),), evaluations=60)
 
 
 def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> NDArray:
-    """Squared correlation (D,) of motion and delayed pressure where they overlap, by Fourier transform."""
+    """Return the squared correlation (D,) of motion and delayed pressure at each of `delays`, by FFT."""
     from scipy.signal import correlate
 
     def sampled(course: TimeSeries) -> tuple[NDArray, NDArray]:
@@ -201,13 +206,13 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
     variances = (full["yy"] - full["y"] ** 2 / n) * (full["pp"] - full["p"] ** 2 / n)
     floor = 1e-6 * float((y**2).sum() * (p**2).sum())
     score = covariance**2 / np.maximum(variances, floor)
-    score = np.where(variances > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap agrees by chance
+    score = np.where(variances > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap may correlate by chance
     lags = (np.arange(score.size) - (p.size - 1)) * COARSE_S + at[0] - clock[0]
     return np.asarray(np.interp(delays, lags, score, left=0.0, right=0.0))
 
 
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
-    """Move the clock of the pressure onto that of the shape: its times become ``t * (1 + drift) + delay_s``."""
+    """Return the recording with the pressure's times t replaced by ``t * (1 + drift) + delay_s``."""
     check_recording(recording)
     if "pressure" not in recording or not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")

@@ -1,4 +1,4 @@
-"""Recordings: one checked schema, and one file per format that is read or written."""
+"""Functions that read, check and write recordings of soft actuators, with one module per file format."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["Reader", "append_history", "check_recording", "make_recording", "rea
 
 
 def write(recording: xr.Dataset, path: str | Path) -> Path:
-    """Write a recording as netCDF (.nc) or wide CSV (.csv), whole or not at all.
+    """Write a recording as netCDF (.nc) or wide CSV (.csv); a failed write leaves no partial file.
 
     Parameters
     ----------
     recording : xarray.Dataset
         A recording; see `check_recording`.
     path : str or Path
-        Its ending chooses the format. A file of this name is replaced.
+        The ending chooses the format. An existing file of this name is replaced.
 
     Returns
     -------
@@ -58,5 +58,5 @@ def write(recording: xr.Dataset, path: str | Path) -> Path:
 
         write_wide_csv(recording, path)
     else:
-        raise InputError(f"recordings are written as .nc or .csv, not {path.name!r}")
+        raise InputError(f"cannot write {path.name!r}: choose a file name that ends in .nc or .csv")
     return path

@@ -1,8 +1,9 @@
-"""Logs of angle and pressure: ``time;angle;pressure;set_point`` and the like, of a flex sensor, an IMU or an encoder.
+"""Reader of logs of angle and pressure from a flex sensor, an IMU or an encoder.
 
-The first row names the columns. Time is ``time`` or ``t``, an angle has ``angle`` in its name, the pressure is
-``pressure`` or ``p``; a unit may follow each: ``angle_deg``, ``pressure (kPa)``, ``t_ms``. Other columns, such as a set
-point, are left out. Semicolons, tabs and commas part cells, decimal commas and lone carriage returns are read.
+The first row names the columns, such as ``time;angle;pressure;set_point``. Time is ``time`` or ``t``, an angle has
+``angle`` in its name, the pressure is ``pressure`` or ``p``. A unit may follow each name: ``angle_deg``, ``pressure
+(kPa)``, ``t_ms``. Other columns, such as a set point, are left out. Cells are separated by semicolons, tabs or commas;
+decimal commas and carriage returns as line ends are read.
 """
 
 from __future__ import annotations
@@ -38,17 +39,17 @@ SLOWEST = 1.0  # s between two samples of a log whose header does not say the un
 
 
 class AngleLogMapping(FileMapping):
-    """Mapping entries that the header of an angle log lacks, such as units.
+    """Options of the angle-log reader: units that the header lacks, arc lengths, and the rows to read.
 
     Attributes
     ----------
     angle_unit : {"deg", "rad"}, optional
     pressure_unit : str, optional
-        Of gauge pressure.
+        Unit of the gauge pressure.
     time_unit : {"s", "ms", "us"}, optional
-        Default: seconds, unless the name says it.
+        Default: the unit in the name of the time column, else seconds.
     arc_length : list of float, m, optional
-        Where along the body each angle was measured, base first; the tip's is the body's length.
+        Arc length at which each angle was measured, from base to tip; that of the tip is the body's length.
     rows : (first, last), optional
         Rows to keep, counted from 0, the last excluded.
     """
@@ -61,7 +62,7 @@ class AngleLogMapping(FileMapping):
 
 
 def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a log of angles and pressure; options are those of `AngleLogMapping`."""
+    """Read a log of angles and pressure as a recording; options are those of `AngleLogMapping`."""
     options = AngleLogMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
@@ -72,7 +73,7 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     clocks, pressures = ([n for n, c in found.items() if c[0] == role] for role in ("time", "pressure"))
     if len(clocks) != 1 or not angles or len(pressures) > 1:
         raise InputError(
-            f"{path.name} is no log of angle and pressure: its first row must name one time, angles and at most one "
+            f"{path.name} is not a log of angle and pressure: its first row must name one time, angles and at most one "
             f"pressure, but it is {', '.join(names[:8])[:200]}"
         )
     units = {role: unit_of(role, found, getattr(options, f"{role}_unit"), path.name) for role in UNITS
@@ -88,13 +89,13 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     recording = read_columns(path, table)
     step = float(np.median(np.diff(recording["time"].values))) if recording.sizes["time"] > 1 else 0.0
     if step > SLOWEST and not (options.time_unit or found[clocks[0]][1]):
-        raise InputError(f"{path.name}: its times go in steps of {step:.4g}, too long for seconds: state time_unit, "
-                         "'s', 'ms' or 'us', in its mapping")  # fmt: skip
+        raise InputError(f"{path.name}: the times are {step:.4g} apart, too long for seconds: set time_unit in its "
+                         "mapping to 's', 'ms' or 'us'")  # fmt: skip
     return recording
 
 
 def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
-    """Columns that have a role, with it and with the unit that the name states; '' where it states none."""
+    """Return the role (time, angle or pressure) and the unit, "" where it states none, of each column with a role."""
     found: dict[str, tuple[Role, str]] = {}
     for name in names:
         bare, unit = parted(name)
@@ -106,31 +107,32 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
 
 
 def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], stated: str | None, file: str) -> str:
-    """The one unit of all columns of a role, from their names or from the mapping."""
+    """Return the unit of all columns of a role, taken from their names or from the mapping."""
     named = {unit for kind, unit in found.values() if kind == role and unit}
     if stated is not None:
         named.add(stated.lower())
     if len(named) > 1:
-        raise InputError(f"{file} has several units of {role}, {' and '.join(sorted(named))}: state one")
+        raise InputError(f"{file} has several units of {role}, {' and '.join(sorted(named))}: use one unit in its "
+                         "columns and mapping")
     if not named and role != "time":
         known = ", ".join(UNITS[role])
-        raise InputError(f"{file} does not say the unit of {role}: state {role}_unit in its mapping, one of {known}")
+        raise InputError(f"{file} does not state the unit of {role}: set {role}_unit in its mapping to one of {known}")
     return named.pop() if named else "s"
 
 
 def station_names(columns: list[str]) -> list[str]:
-    """Names of the stations: ``tip`` of the only one, what stands beside ``angle`` of several."""
+    """Return the station names: ``tip`` for a single angle column, else the name beside ``angle`` in each."""
     if len(columns) == 1:
         return ["tip"]
-    made = []
+    names = []
     for k, column in enumerate(columns):
         match = NAMES["angle"].fullmatch(parted(column)[0])
-        made.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
-    return made if len(set(made)) == len(made) else columns
+        names.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
+    return names if len(set(names)) == len(names) else columns
 
 
 def recognises(head: bytes) -> bool:
-    """A header that names a time and an angle, and no place of anything."""
+    """Return whether the header names one time and at least one angle, and no x, y or z position."""
     text = head.removeprefix(b"\xef\xbb\xbf")[:4000].decode("utf-8", "replace")
     line = next((line for line in re.split("[\r\n]+", text) if line.strip() and not line.startswith("#")), "")
     names = [split_cells(line, delimiter) for delimiter in (";", "\t", ",") if delimiter in line]

@@ -1,7 +1,7 @@
-"""Formats whose libraries a damaged file can end, or keep for ever: read in a process of their own, with limits.
+"""Read files in a separate process with limits on time and memory, for formats whose libraries may crash.
 
-HDF5, MATLAB and C3D files hold addresses and lengths that their libraries follow: one wrong byte leads to memory that
-is not theirs, or into a circle. Here that ends the helper process, not the program, and becomes one sentence.
+HDF5, MATLAB and C3D files hold addresses and lengths that their libraries follow: one wrong byte may lead to invalid
+memory access or an endless loop. In the helper process this ends the helper alone, and becomes one error message.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ import pliant
 del sys.path[0]
 from pliant.recording.apart_worker import main
 main()"""
-SECONDS, BYTES_PER_SECOND = 4, 10e6  # time of the processor: a start, and what even a slow disk and inflating take
-WAIT_FACTOR = 8  # by the clock on the wall: other programs want the processor too
+SECONDS, BYTES_PER_SECOND = 4, 10e6  # processor time: start of the process, and decompression even from a slow disk
+WAIT_FACTOR = 8  # wall-clock time per processor time: other programs use the processor too
 COPIES = 2  # of the content in memory at a time: as stored and as read
 ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number would load
     "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE", "HDF5_PLUGIN_PRELOAD": "::",
@@ -35,12 +35,12 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
-    """Read the arrays of a file in a helper process.
+    """Read the arrays of a file in a separate process.
 
     Parameters
     ----------
-    kind : {"hdf5", "c3d", "classic", "mat5"}
-        Which of `pliant.recording.apart_worker.READ` reads it.
+    kind : {"hdf5", "c3d", "classic", "mat5", "tdms", "bag"}
+        Key of `pliant.recording.apart_worker.READ`, which selects the library.
     path : Path
     what : str
         Name of the format, for messages.
@@ -48,22 +48,22 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     Returns
     -------
     arrays, facts
-        Arrays by number; names, dimensions and attributes that belong to them.
+        Arrays by key; a dict with their names, dimensions and attributes, as the worker of this kind returns it.
 
     Raises
     ------
     InputError
-        When the library refuses the file, ends, or takes more time or memory than any whole file of this size.
+        When the library rejects the file, crashes, or takes more time or memory than any intact file of this size.
     """
     size = path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
-    damaged = f"{path.name} is no readable {what} file, or it is damaged"
+    damaged = f"{path.name} cannot be read as {what}; it may be damaged"
     try:
         code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
     except subprocess.TimeoutExpired:
-        raise InputError(f"{damaged}: its library did not come to an end within {WAIT_FACTOR * seconds} s") from None
+        raise InputError(f"{damaged}: its library did not finish within {WAIT_FACTOR * seconds} s") from None
     except OSError as error:
-        raise InputError(f"no helper process can be started to read {path.name}: {error.strerror or error}") from None
+        raise InputError(f"cannot start a helper process to read {path.name}: {error.strerror or error}") from None
     if code or not answer.startswith(MAGIC):
         raise InputError(f"{damaged}: {_end(code, seconds)}")
     try:
@@ -77,7 +77,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
 
 
 def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
-    """Exit code and output of the helper; what every recording is made of is imported while it works."""
+    """Run the helper process on a file and return its exit code and output; xarray is imported meanwhile."""
     command = [sys.executable, "-P", "-c", START, SOURCES, kind, str(path.resolve()), str(seconds), str(memory)]
     with subprocess.Popen(  # noqa: S603  our own worker, no shell
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -93,5 +93,5 @@ def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, b
 
 def _end(code: int, seconds: int) -> str:
     if code == -24:  # SIGXCPU
-        return f"its library did not come to an end within {seconds} s"
-    return "its library ended while reading it"
+        return f"its library did not finish within {seconds} s"
+    return "its library crashed while reading it"

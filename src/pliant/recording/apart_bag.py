@@ -1,7 +1,7 @@
-"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) in the helper process, by rosbags.
+"""Read poses, points and pressures of a ROS 2 bag (.mcap, .db3) by rosbags, in a separate process.
 
-Messages are decoded by the definitions that rosbags brings. Those in the bag are parsed and compared, never taken:
-rosbags writes Python from what it takes, and runs it. A bag whose definition of a known message differs is refused.
+Messages are decoded by the definitions in rosbags. The definitions in the bag are only compared with those, because
+rosbags would generate and run Python code from them. A bag whose definition of a known message differs is refused.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def point(p: Any) -> list[float]:
-    """Return x, y, z and no orientation."""
+    """Return x, y, z of a point and four NaN in place of a quaternion."""
     return [p.x, p.y, p.z, *[float("nan")] * 4]
 
 
 def pose(p: Any) -> list[float]:
-    """Return x, y, z and the quaternion x, y, z, w."""
+    """Return the position x, y, z and the quaternion x, y, z, w of a pose."""
     q = p.orientation
     return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
 
 
 def cloud(m: Any) -> list[list[float]]:
-    """Return the points of a PointCloud2, whose x, y and z are single or double numbers; unseen ones are NaN."""
+    """Return one row (x, y, z and four NaN) for each point of a PointCloud2; points that were not seen are NaN."""
     places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
     if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
         raise Refused("has a PointCloud2 without x, y and z as floating-point numbers")
     order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
     beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
     if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
-        raise Refused("has a PointCloud2 with fewer bytes than its points need")
+        raise Refused("has a PointCloud2 with fewer bytes than its points need: it is damaged")
     rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
     columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
                for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
@@ -59,14 +59,14 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
 
 
 def stamp_of(message: Any, received: int) -> int:
-    """Return the time of the header [ns], or when the message was received where it has none."""
+    """Return the time [ns] of the message header, or the time of reception where the message has no header."""
     header = getattr(message, "header", None)
     stamp = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
     return int(stamp or received)
 
 
 def check_definition(connection: Any) -> None:
-    """Refuse a message that the bag defines otherwise than ROS 2, or otherwise than in .msg text."""
+    """Check that the bag defines a message type as ROS 2 does, in .msg text; raise `Refused` otherwise."""
     definition, name = connection.msgdef, connection.msgtype
     if definition.format == MessageDefinitionFormat.NONE:
         return
@@ -75,11 +75,11 @@ def check_definition(connection: Any) -> None:
     except TypesysError:
         found = {}
     if not found or any(fields != STORE.fielddefs.get(kind) for kind, fields in found.items()):
-        raise Refused(f"defines {name} of topic {connection.topic[:60]} otherwise than ROS 2 does")
+        raise Refused(f"defines {name} of topic {connection.topic[:60]} differently from ROS 2")
 
 
 def read(path: str) -> Content:
-    """Return stamps [ns] (M,) and rows (M, R, 7 or 1) of each topic of a known type; others by name."""
+    """Return stamps (M,) [ns] and rows (M, R, 7 or 1) of each topic of a known type, and the names of other topics."""
     arrays: dict[str, np.ndarray] = {}
     topics = []
     with Reader(Path(path)) as bag:
@@ -96,7 +96,8 @@ def read(path: str) -> Content:
             rows[connection.topic].append(ROWS[connection.msgtype](message))
     for k, topic in enumerate(rows):
         if len({len(r) for r in rows[topic]}) > 1:
-            raise Refused(f"has another number of points from message to message in topic {topic[:60]}")
+            raise Refused(f"has a varying number of points per message in topic {topic[:60]}: choose other topics "
+                          "in its mapping")
         if rows[topic]:
             arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
             topics.append({"name": topic, "type": kinds[topic], "times": f"t{k}", "rows": f"v{k}"})

@@ -1,4 +1,4 @@
-"""Read a C3D file in the helper process, by ezc3d."""
+"""Read a C3D file by ezc3d, in a separate process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pliant.recording.apart_worker import Content
 
 
 def read(path: str) -> Content:
-    """Markers, analog channels and parameters.
+    """Read the markers, analog channels and parameters of a C3D file.
 
     Returns
     -------
@@ -35,5 +35,5 @@ def read(path: str) -> Content:
 
 
 def text(value: str) -> str:
-    """A name without bytes that are no text."""
+    """Return a name without null bytes and blanks at its ends, and with invalid characters replaced."""
     return value.encode("utf-8", "replace").decode("utf-8").strip("\0 ")

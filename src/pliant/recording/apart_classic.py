@@ -1,4 +1,4 @@
-"""Read a classic netCDF file (version 3) in the helper process, by SciPy."""
+"""Read a classic netCDF file (version 3) by SciPy, in a separate process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pliant.recording.apart_worker import Content, plain_attributes, without_obj
 
 
 def read(path: str) -> Content:
-    """Every variable with its dimensions and attributes, as `pliant.recording.apart_hdf5.read` has them."""
+    """Return all variables with dimensions and attributes, in the form of `pliant.recording.apart_hdf5.read`."""
     attributes = attrgetter("_attributes")  # SciPy has no public name for them
     arrays: dict[str, np.ndarray] = {}
     variables: dict[str, Any] = {}

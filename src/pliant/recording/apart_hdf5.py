@@ -1,7 +1,7 @@
-"""Read an HDF5 file as plain arrays in the helper process: netCDF 4, MATLAB 7.3, SLEAP, DeepLabCut, whatever it is.
+"""Read any HDF5 file (netCDF 4, MATLAB 7.3, SLEAP, DeepLabCut) as plain arrays in a separate process.
 
 Nothing outside the file is opened: links to other files, data stored in other files and virtual data sets are refused.
-What a data set announces is compared with what the file holds before memory is taken for it.
+The stated size of a data set is compared with the stored bytes before memory is allocated.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from pliant.recording.apart_worker import Content, Refused, content_bound, plain_attributes, without_objects
 
-SKIPPED = ("_i_", "#")  # groups of others' own: indices of PyTables, references of MATLAB
+SKIPPED = ("_i_", "#")  # private groups: indices of PyTables, references of MATLAB
 DEEPEST = 32  # groups within groups
-FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # of HDF5 and h5py; any other would be a library of this machine that is loaded
+FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # of HDF5 and h5py; any other would load a library of this machine
 DEFLATE_RATIO = 1100  # zlib packs 1032 to 1 at most
 HIDDEN = ("CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates", "_nc3_strict",
           "_NCProperties")  # fmt: skip
@@ -27,15 +27,17 @@ LINKS = {h5py.h5l.TYPE_SOFT: "soft", h5py.h5l.TYPE_EXTERNAL: "external"}
 
 
 def read(path: str) -> Content:
-    """Every numeric and text data set of a file.
+    """Read every numeric and text data set of an HDF5 file.
 
     Returns
     -------
-    arrays : dict of arrays by number
+    arrays : dict
+        Arrays by key (``v0``, ``v1``, ...).
     facts : dict
-        ``groups``: attributes by path of group, the file's own under the empty path. ``variables``: by path, the number
-        of its array, names of its dimensions (empty where the file has none) and attributes; a column of a compound
-        data set has the path ``data_set:column``. ``others``: paths of data sets that hold neither numbers nor text.
+        ``groups``: attributes by path of the group, those of the file under the empty path. ``variables``: by path, the
+        key of the array, the names of its dimensions (empty where the file has none) and its attributes; a column of a
+        compound data set has the path ``data_set:column``. ``others``: paths of data sets that hold neither numbers nor
+        text.
     """
     arrays: dict[str, np.ndarray] = {}
     facts: dict[str, Any] = {"groups": {}, "variables": {}, "others": []}
@@ -48,13 +50,14 @@ def read(path: str) -> Content:
                 continue
             left -= announced_bytes(item, name)
             if left < 0:
-                raise Refused(f"announces more data than a file of {size} bytes can hold, up to {name!r}")
+                raise Refused(f"states more data, up to {name!r}, than a file of {size} bytes can hold: it may be "
+                              "damaged")
             keep(arrays, facts, name, item, attributes_of(item, name, size))
     return arrays, facts
 
 
 def walk(file: Any) -> Iterator[tuple[str, Any]]:
-    """Groups and data sets with their paths, each group once; only links that stay within the file are followed."""
+    """Yield the path and object of each group and data set; soft and external links raise `Refused`."""
     seen: set[int] = set()
     waiting = [("", file)]
     while waiting:
@@ -65,7 +68,7 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
         if address in seen or name.count("/") >= DEEPEST:
-            raise Refused(f"holds a group {name!r} that contains itself, is named twice, or lies too deep")
+            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply")
         seen.add(address)
         yield name, item
         for key in item:
@@ -75,28 +78,28 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             link = item.id.links.get_info(key.encode()).type
             if link != h5py.h5l.TYPE_HARD:
                 kind = LINKS.get(link, "user-defined")
-                raise Refused(f"has at {path!r} a link ({kind}) that is not followed: copy the data into the file")
+                raise Refused(f"has a link ({kind}) at {path!r}, which is not followed: copy the data into the file")
             waiting.append((path, item[key]))
 
 
 def announced_bytes(item: Any, name: str) -> int:
-    """Bytes that a data set takes when it is read; Refused where the file cannot hold them or they lie elsewhere."""
-    made = item.id.get_create_plist()
-    if made.get_layout() == h5py.h5d.VIRTUAL or made.get_external_count():
+    """Return the size [bytes] of a data set in memory; raise `Refused` where the file cannot hold it."""
+    creation = item.id.get_create_plist()
+    if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
         raise Refused(f"keeps the data of {name!r} in other files, which are not read: copy the data into the file")
-    filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
+    filters = [creation.get_filter(k)[0] for k in range(creation.get_nfilters())]
     unknown = [k for k in filters if k not in FILTERS]
     if unknown:
-        raise Refused(f"compresses {name!r} by filter {unknown[0]}, which HDF5 has not itself: write it with gzip")
+        raise Refused(f"compresses {name!r} by filter {unknown[0]}, which HDF5 does not include: write it with gzip")
     announced = int(item.id.get_space().get_simple_extent_npoints()) * int(item.id.get_type().get_size())
     stored = int(item.id.get_storage_size())
     if announced > stored * (DEFLATE_RATIO if filters else 1):
-        raise Refused(f"announces {announced} bytes for {name!r}, but stores {stored}: it is damaged or not complete")
+        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete")
     return announced
 
 
 def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
-    """Attributes of a group or data set, without those by which HDF5 keeps dimensions."""
+    """Return the attributes of a group or data set, without those that HDF5 uses for dimensions."""
     values = {}
     for key in item.attrs:
         if key in HIDDEN:
@@ -104,7 +107,8 @@ def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
         stored = item.attrs.get_id(key)
         announced = math.prod(stored.shape or ()) * stored.dtype.itemsize
         if announced > size:
-            raise Refused(f"announces {announced} bytes for the attribute {key!r} of {name!r}: the file has {size}")
+            raise Refused(f"states {announced} bytes for the attribute {key!r} of {name!r}, but has only {size}: it "
+                          "is damaged")
         value = item.attrs[key]
         single = isinstance(value, np.ndarray) and value.shape == (1,)  # netCDF has no other single numbers
         values[key] = "" if isinstance(value, h5py.Empty) else value[0] if single else value
@@ -114,7 +118,7 @@ def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
 def keep(
     arrays: dict[str, np.ndarray], facts: dict[str, Any], name: str, item: Any, attributes: dict[str, Any]
 ) -> None:
-    """Read a data set into `arrays` and name it in `facts`."""
+    """Read the data set `item` into `arrays` and list it in `facts`."""
     kind = item.dtype
     is_text = h5py.check_string_dtype(kind) is not None
     if item.shape is None or (kind.hasobject and not is_text) or (kind.kind == "V" and not kind.names):
@@ -132,7 +136,7 @@ def keep(
 
 
 def dimensions_of(item: Any, name: str) -> list[str]:
-    """Names of the dimensions of a netCDF variable; empty where the file does not name them."""
+    """Return the dimension names of a netCDF variable; empty where the file does not name them."""
     if item.is_scale and item.ndim == 1:
         return [name.rpartition("/")[2]]
     if "DIMENSION_LIST" not in item.attrs:

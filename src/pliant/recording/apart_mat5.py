@@ -1,4 +1,4 @@
-"""Read a MATLAB file of version 5 to 7 in the helper process, by SciPy."""
+"""Read a MATLAB file of version 5 to 7 by SciPy, in a separate process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ DEEPEST = 20  # structs within structs
 
 
 def read(path: str) -> Content:
-    """The numeric arrays by name; structs become ``struct.field``."""
+    """Return the numeric arrays of a .mat file by key, the key of each name, and the names of everything else.
+
+    Fields of structs are named ``struct.field``.
+    """
     arrays: dict[str, np.ndarray] = {}
     names: dict[str, str] = {}
     others: list[str] = []

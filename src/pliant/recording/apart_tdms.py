@@ -1,4 +1,4 @@
-"""Read a LabVIEW TDMS file in the helper process, by nptdms."""
+"""Read a LabVIEW TDMS file by nptdms, in a separate process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pliant.recording.apart_worker import Content, Refused, content_bound
 
 
 def read(path: str) -> Content:
-    """Return the numeric channels with their times; others by name. No more values than the file can hold are read."""
+    """Return the numeric channels with their times, and the names of the others; an oversized file is refused."""
     from pathlib import Path
 
     arrays: dict[str, np.ndarray] = {}
@@ -17,11 +17,11 @@ def read(path: str) -> Content:
     bound = content_bound(Path(path).stat().st_size)
     with TdmsFile.open(path) as file:
         if file.file_status.incomplete_final_segment:
-            raise Refused("is cut: its last segment is not whole")
+            raise Refused("is truncated: its last segment is incomplete")
         channels = [c for group in file.groups() for c in group.channels()]
         names = [c.name for c in channels]
         if 8 * sum(len(c) for c in channels) > bound:
-            raise Refused("announces more values than it can hold")
+            raise Refused("states more values than a file of its size can hold: it may be damaged")
         for k, channel in enumerate(channels):
             name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
             if channel.dtype.kind not in "iuf" or not len(channel):

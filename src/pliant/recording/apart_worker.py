@@ -1,6 +1,6 @@
-"""The helper process of `pliant.recording.apart`: read one file with a library and write its arrays to stdout.
+"""Helper process of `pliant.recording.apart`: read one file with a library and write its arrays to stdout.
 
-A library is loaded first; then the process limits its own time and memory, and only then it opens the file.
+The process imports the library, then limits its own time and memory, and then opens the file.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ UNKNOWN_BASE = 2**31  # address space of the process before it reads, where the 
 
 
 class Refused(ValueError):
-    """A file that may be whole, but holds what pliant does not read; the message follows the name of the file."""
+    """Error for a file that may be intact but has content that pliant does not read; its text follows the file name."""
 
 
 def content_bound(size: int) -> int:
-    """Bytes that the arrays of a file of `size` bytes may take together."""
+    """Return the largest total size [bytes] of the arrays that is accepted from a file of `size` bytes."""
     return CONTENT + CONTENT_FACTOR * size
 
 
 def limit(seconds: int, memory: int) -> None:
-    """Let the system end this process where it takes more; Windows has no such limits, only the parent's clock."""
+    """Limit the processor time [s] and the memory [bytes] of this process; no effect on Windows."""
     try:
         import resource
     except ImportError:
@@ -57,7 +57,7 @@ def limit(seconds: int, memory: int) -> None:
 
 
 def address_space() -> int:
-    """Bytes of address space that this process has now, libraries included."""
+    """Return the current size [bytes] of this process's address space, libraries included."""
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -65,7 +65,7 @@ def address_space() -> int:
 
 
 def plain_attributes(attributes: dict[Any, Any]) -> dict[str, Any]:
-    """Attributes for JSON: numbers, text and arrays of them."""
+    """Return attributes in a form that JSON can hold: numbers, text and arrays of them."""
     plain = {}
     for key, value in attributes.items():
         if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, (bytes, str)):
@@ -77,7 +77,7 @@ def plain_attributes(attributes: dict[Any, Any]) -> dict[str, Any]:
 
 
 def text_of(text: bytes) -> str:
-    """UTF-8; what is none was written byte by byte, as pickles of PyTables are."""
+    """Decode bytes as UTF-8, or as Latin-1 where they are not valid UTF-8, such as pickles of PyTables."""
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:
@@ -85,14 +85,17 @@ def text_of(text: bytes) -> str:
 
 
 def without_objects(values: np.ndarray) -> np.ndarray:
-    """The array itself, or its text where it holds Python strings."""
+    """Return the array, with Python strings and other objects converted to text."""
     if not values.dtype.hasobject:
         return values
     return np.array([v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel()]).reshape(values.shape)
 
 
 def write_answer(out: BinaryIO, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
-    """MAGIC, length of a JSON header, the header with name, type and shape of each array, then their bytes."""
+    """Write arrays and facts to `out`: MAGIC, the length of a JSON header, the header, the arrays' bytes.
+
+    The header lists the name, type and shape of each array.
+    """
     listed = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
     header = json.dumps({"facts": facts, "arrays": listed}, default=_unknown).encode()
     out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
@@ -105,7 +108,7 @@ def _unknown(value: Any) -> str:
 
 
 def read_answer(answer: bytes) -> Content | dict[str, Any]:
-    """The arrays and facts of `write_answer`; or, where the worker could not read the file, its reason."""
+    """Return the arrays and facts that `write_answer` wrote, or the dict of `reason_of` after a failed read."""
     start = len(MAGIC) + LENGTH_BYTES
     end = start + int.from_bytes(answer[len(MAGIC) : start], "little")
     header: dict[str, Any] = json.loads(answer[start:end])
@@ -122,13 +125,13 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
 
 
 def reason_of(error: BaseException) -> dict[str, Any]:
-    """Header of an answer without arrays: what went wrong, in one line."""
+    """Return the JSON header that reports a failed read: one line with the reason."""
     lines = str(error).split("\n")
     return {"reason": (lines[0] or type(error).__name__)[:200], "refused": isinstance(error, Refused)}
 
 
 def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
-    """Limit this process, read the file and write the answer."""
+    """Limit this process, read the file, and write its arrays or the reason of a failure to `out`."""
     read = import_module(READ[kind]).read
     limit(seconds, memory)
     try:
@@ -141,7 +144,7 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
 
 
 def main() -> None:
-    """Arguments: kind, path, seconds, bytes of memory. One answer on stdout."""
+    """Run the helper process: arguments kind, path, seconds and bytes of memory; the result is written to stdout."""
     kind, path, seconds, memory = sys.argv[1:5]
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a library that prints must not mix with the answer

@@ -1,4 +1,4 @@
-"""Recordings that come as named arrays (NumPy, MATLAB): which name is what, and in which unit."""
+"""Build recordings from named arrays (NumPy, MATLAB), with a mapping of their names and units."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PRESSURE_NAMES = {"pressure": "pa"} | {f"{start}_{unit}": unit for start in ("p"
 
 
 class ArrayMapping(FileMapping):
-    """Names and units of the arrays of a file.
+    """Mapping that names the arrays of a file (time, position, pressure, ...) and gives their units.
 
     Attributes
     ----------
@@ -42,14 +42,14 @@ class ArrayMapping(FileMapping):
     length_unit : str
         Unit of position, arc length and gauge position. Default m.
     pressure_unit : str, optional
-        Unit of `pressure`. Needed when the array is named here; ``p_kpa`` and the like say it themselves.
+        Unit of `pressure`. Needed when the array is named here, unless its name contains the unit, as ``p_kpa`` does.
     station : list of str, optional
         Names of the stations, from base to tip.
     order : str
         Meaning of the dimensions of `position`: any order of the letters t (time), s (station), a (axis).
     trial : int, optional
-        Which of several trials, counted from 0, of a `position` that has them as one more dimension before the others.
-        A pressure with one value for each trial is then its nominal level.
+        Index, from 0, of the trial to read, where `position` has the trials as an additional first dimension. A
+        pressure with one value for each trial is then the nominal pressure.
     """
 
     time: str | None = None
@@ -71,7 +71,10 @@ class ArrayMapping(FileMapping):
 def recording_from_arrays(
     arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str, *, others: Sequence[str] = ()
 ) -> xr.Dataset:
-    """Build a recording from the named arrays of `file`; options are those of `ArrayMapping`.
+    """Build a recording from the named `arrays` of a file; `mapping` holds options of `ArrayMapping`.
+
+    `others` are names of entries of the file that are not numeric. They and all unused arrays are listed in the
+    history.
 
     `others` are names of the file that hold no numbers; they and all arrays that are not used are named in the history.
     """
@@ -90,7 +93,8 @@ def recording_from_arrays(
             position = np.concatenate([position, np.zeros((*position.shape[:2], 1))], -1)
             history.append("stations with two coordinates got z = 0")
     if position is None and found["strain"] is None and pressure is None:
-        raise InputError(f"{file} holds no position, strain or pressure; its arrays are: {_listing(arrays)}")
+        raise InputError(f"{file} holds no position, strain or pressure under a usual name: name them in the "
+                         f"mapping. Its arrays are: {_listing(arrays)}")
     time = _clock(found, position, options, file)
     shapeless = position is None and found["strain"] is None
     try:
@@ -108,15 +112,15 @@ def recording_from_arrays(
 def _one_trial(
     position: NDArray | None, pressure: NDArray | None, trial: int, file: str
 ) -> tuple[NDArray, NDArray | None, float | None]:
-    """Position and pressure of one of several trials, and the nominal level [Pa] where each trial has one number."""
+    """Return position and pressure of one trial, and the nominal pressure [Pa] where each trial has one number."""
     if position is None or position.ndim != 4:
         shape = "none" if position is None else f"one of shape {position.shape}"
         raise InputError(
             f"{file}: `trial` needs positions of four dimensions (trials, frames, stations, axes), but holds {shape}: "
-            "leave `trial` out"
+            "remove `trial` from the mapping"
         )
     if trial >= len(position):
-        raise InputError(f"{file} has the trials 0 to {len(position) - 1}, not {trial}")
+        raise InputError(f"{file} has no trial {trial}: choose one of 0 to {len(position) - 1}")
     if pressure is None:
         return position[trial], None, None
     if len(pressure) != len(position):
@@ -149,14 +153,15 @@ def _find(arrays: Mapping[str, Any], role: str, name: str | None, file: str) -> 
     if name is not None and not present:
         raise InputError(f"{file} has no array {name!r} for {role}; its arrays are: {_listing(arrays)}")
     if len(present) > 1:
-        raise InputError(f"{file} has {' and '.join(present)}, both usual names of {role}: name one in the mapping")
+        raise InputError(f"{file} has {' and '.join(present)}, which are both usual names of {role}: set {role} in "
+                         "the mapping to one of them")
     return _numbers(arrays[present[0]], present[0], file) if present else None
 
 
 def _numbers(value: Any, name: str, file: str) -> NDArray:
     array = np.asarray(value)
     if array.dtype.kind not in "iufb":
-        raise InputError(f"the array {name} of {file} holds no real numbers, but {array.dtype}")
+        raise InputError(f"the array {name} of {file} must hold real numbers, but has the type {array.dtype}")
     return array.astype(np.float64)
 
 
@@ -168,12 +173,13 @@ def _pressure(
             raise InputError(f"{file} has no array {options.pressure!r}; its arrays are: {_listing(arrays)}")
         unit = options.pressure_unit or PRESSURE_NAMES.get(options.pressure.lower())
         if unit is None:
-            raise InputError(f"say the unit of {options.pressure!r} in {file}: pressure_unit is missing")
+            raise InputError(f"the unit of {options.pressure!r} in {file} is unknown: set pressure_unit in the mapping")
         name = options.pressure
     else:
         present = [n for n in PRESSURE_NAMES if n in arrays]
         if len(present) > 1:
-            raise InputError(f"{file} has several pressures: {', '.join(present)}; name one in the mapping")
+            raise InputError(f"{file} has several pressures: {', '.join(present)}; set pressure in the mapping to "
+                             "one of them")
         if not present:
             return None, None
         name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
@@ -191,14 +197,15 @@ def _ordered(position: NDArray, order: str, file: str) -> NDArray:
 
 def _clock(found: Mapping[str, Any], position: Any, options: ArrayMapping, file: str) -> NDArray | None:
     if found["time"] is not None and options.rate_hz is not None:
-        raise InputError(f"{file} has an array of time, so rate_hz must not be given too")
+        raise InputError(f"{file} has an array of times: remove rate_hz from the mapping")
     if found["time"] is not None:
         return np.ravel(found["time"])
     first = position if position is not None else found["strain"]
     if first is None:
         return None
     if options.rate_hz is None:
-        raise InputError(f"{file} has no array of time: give its name (time) or rate_hz")
+        raise InputError(f"{file} has no array of times under a usual name: set time (the name of the array) or "
+                         "rate_hz in the mapping")
     return np.arange(len(first)) / options.rate_hz
 
 

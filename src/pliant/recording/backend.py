@@ -1,4 +1,4 @@
-"""Backend of xarray: ``xarray.open_dataset(path, engine="pliant")`` for every format that `read` knows."""
+"""Backend for xarray: ``xarray.open_dataset(path, engine="pliant")`` opens every format that `read` knows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class RecordingBackend(BackendEntrypoint):
-    """Open recordings of soft actuators (C3D, wide CSV, netCDF, ...) as xarray datasets."""
+    """Backend that opens recordings of soft actuators (C3D, wide CSV, netCDF, ...) as xarray datasets."""
 
     description = "recordings of soft actuators: C3D, wide CSV, netCDF, MATLAB, NumPy, Luna, Motive"
     open_dataset_parameters = ("filename_or_obj", "drop_variables", "mapping", "format")
@@ -31,14 +31,15 @@ class RecordingBackend(BackendEntrypoint):
         mapping: Mapping[str, Any] | None = None,
         format: str | None = None,  # noqa: A002
     ) -> xr.Dataset:
-        """Read a file; `mapping` and `format` as in `pliant.read`."""
+        """Read a file as an xarray dataset; `mapping` and `format` are those of `pliant.read`."""
         if not isinstance(filename_or_obj, (str, os.PathLike)):
-            raise InputError(f"a recording is opened by its path, not by {type(filename_or_obj).__name__}")
+            raise InputError(f"a recording must be opened by its path, not by an object of type "
+                             f"{type(filename_or_obj).__name__}")
         recording = read_recording(Path(filename_or_obj), mapping=mapping, format=format)
         names = [drop_variables] if isinstance(drop_variables, str) else list(drop_variables or ())
         return recording.drop_vars(names, errors="ignore")
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Only C3D is ours beyond doubt; for other endings the engine must be named."""
+        """Return True for C3D files alone; for other endings the user must name the engine."""
         is_path = isinstance(filename_or_obj, (str, os.PathLike))
         return is_path and str(filename_or_obj).lower().endswith(".c3d")

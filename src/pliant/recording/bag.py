@@ -1,8 +1,9 @@
-"""ROS 2 bags and MCAP files (.mcap, .db3), read by rosbags (extra ``ros``) in a process of its own.
+"""Reader of ROS 2 bags and MCAP files (.mcap, .db3), by rosbags (extra ``ros``) in a separate process.
 
-Poses and points of topics become stations, pressures a log; times are those of the messages' headers, or when a message
-without a header was received. Known types: PoseStamped, PoseArray, PointStamped, PointCloud, PointCloud2,
-FluidPressure, Float64 and Float32. A FluidPressure is absolute: take the ambient pressure off by ``linear.pressure``.
+Poses and points become stations, pressures become the pressure of chambers. Times are those of the message headers, or
+the times of reception where a message has no header. Known types: PoseStamped, PoseArray, PointStamped, PointCloud,
+PointCloud2, FluidPressure, Float64 and Float32. A FluidPressure is absolute: subtract the ambient pressure by
+``linear.pressure``.
 """
 
 from __future__ import annotations
@@ -28,23 +29,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FLUID, NUMBERS = "sensor_msgs/msg/FluidPressure", ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
-TOGETHER = 0.5  # of the time between two frames, within which messages of two topics are of one frame
+TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer in time belong to one frame
 
 
 class BagMapping(FileMapping):
-    """Which topics are what.
+    """Mapping that selects the topics of stations and pressures in a ROS 2 bag.
 
     Attributes
     ----------
     topics : dict of str, optional
-        Topic of each station, base first; of an array or a cloud, the stations are numbered: ``name_000``. Default: all
-        topics of poses and points, named by the last part of the topic.
+        Topic of each station, from base to tip. The points of an array or a cloud become numbered stations:
+        ``name_000``. Default: all topics of poses and points, named by the last part of the topic.
     pressure : dict of str, optional
         Topic of each chamber. Default: all topics of FluidPressure.
     pressure_unit : str, optional
-        Of topics of plain numbers; a FluidPressure is in Pa.
+        Unit of topics with plain numbers; a FluidPressure is in Pa.
     length_unit : str
-        Of positions; ROS states metres.
+        Unit of the positions; the ROS convention is metres.
     """
 
     topics: dict[str, str] | None = None
@@ -54,7 +55,7 @@ class BagMapping(FileMapping):
 
 
 class Topic(NamedTuple):
-    """Type, stamps (M,) [ns] and rows (M, R, 7 or 1) of a topic."""
+    """Messages of one topic: its type, time stamps (M,) [ns] and values (M, R, 7) of poses or (M, R, 1) of numbers."""
 
     kind: str
     stamps: NDArray[np.int64]
@@ -62,7 +63,7 @@ class Topic(NamedTuple):
 
 
 def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read stations and pressures of a ROS 2 bag; options are those of `BagMapping`."""
+    """Read the stations and pressures of a ROS 2 bag as a recording; options are those of `BagMapping`."""
     options = BagMapping.load(mapping, path.name)
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
@@ -76,7 +77,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         raise InputError(f"{path.name} has no topic of poses, points or FluidPressure: name the topics in its mapping; "
                          f"it has {shorten([*held, *facts['others']]) or 'none'}")  # fmt: skip
     origin = min(t.stamps.min() for t in (*stations.values(), *pressures.values()))
-    history = [f"times are those of the headers, from {origin / 1e9:.3f} s of the clock of ROS"]
+    history = [f"times are those of the message headers; 0 s is {origin / 1e9:.3f} s of the ROS clock"]
     left = [*(n for n, t in held.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
@@ -93,7 +94,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 def chosen(
     held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
 ) -> dict[str, Topic]:
-    """Return the topics by the names of stations or chambers, as the mapping or the default has them."""
+    """Return the topics by station or chamber name, as `named` in the mapping or, without it, as in `default`."""
     for topic in (named or {}).values():
         if topic not in held:
             raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type; it has {shorten(list(held))}")
@@ -103,7 +104,7 @@ def chosen(
 def frames_of(
     stations: Mapping[str, Topic], origin: int, scale: float, file: str
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return time, position and quaternion of all stations on the clock of the first, and what was left out."""
+    """Return time, position and quaternion of all stations at the times of the first station, and history lines."""
     if not stations:
         return {}, []
     first = next(iter(stations.values()))
@@ -113,7 +114,8 @@ def frames_of(
     columns, names = [], []
     for name, topic in stations.items():
         if topic.rows.shape[2] != 7:
-            raise InputError(f"topic of station {clipped(name)} of {file} holds numbers, no places")
+            raise InputError(f"topic of station {clipped(name)} of {file} holds numbers, not positions: choose a "
+                             "topic of poses or points")
         own = 1e-9 * (topic.stamps - origin)
         order = np.argsort(own, kind="stable")
         nearest = order[nearest_in(own[order], time)]
@@ -130,7 +132,7 @@ def frames_of(
 
 
 def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
-    """Return the index of the nearest of ordered times for each wanted one."""
+    """Return, for each of the times `wanted`, the index of the nearest of the ascending times `ordered`."""
     after = np.clip(np.searchsorted(ordered, wanted), 1, max(len(ordered) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(ordered) - 1)
@@ -140,15 +142,17 @@ def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
 def pressures_of(
     pressures: Mapping[str, Topic], origin: int, unit: str | None, file: str
 ) -> dict[str, Any]:
-    """Return pressure [Pa] of the chambers on the clock of the first; the others are interpolated onto it."""
+    """Return the pressures [Pa] at the times of the first chamber; the other chambers are interpolated."""
     if not pressures:
         return {}
     clock, values = None, []
     for name, topic in pressures.items():
         if topic.kind not in (FLUID, *NUMBERS):
-            raise InputError(f"topic of chamber {clipped(name)} of {file} holds no number")
+            raise InputError(f"topic of chamber {clipped(name)} of {file} holds no numbers: choose a topic of "
+                             "pressures or plain numbers")
         if topic.kind != FLUID and unit is None:
-            raise InputError(f"topic of chamber {clipped(name)} of {file} is a plain number: state pressure_unit")
+            raise InputError(f"topic of chamber {clipped(name)} of {file} holds plain numbers: set pressure_unit in "
+                             "its mapping")
         own = 1e-9 * (topic.stamps - origin)
         keep, _ = without_repeats(own, file)
         clock = own[keep] if clock is None else clock
@@ -160,7 +164,7 @@ def pressures_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Whether the file is an MCAP file or an SQLite database, as bags are."""
+    """Return whether `head` begins like an MCAP file or an SQLite database, as ROS 2 bags do."""
     return head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0"))
 
 

@@ -1,6 +1,6 @@
-"""C3D: markers of a motion-capture system become stations, in metres; invalid points become NaN.
+"""Reader of C3D motion-capture files: markers become stations, in metres; invalid points become NaN.
 
-ezc3d reads the file in the helper process; `pliant.recording.c3d_facts` compares what the file states twice.
+ezc3d reads the file in a separate process; `pliant.recording.c3d_facts` compares what the file states twice.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 
 
 class C3dContent(NamedTuple):
-    """Points (T, N, 3) in the unit of the file, analog channels (T * samples, C), rates [Hz], parameters, doubts."""
+    """Content of a C3D file: points (T, N, 3), analog channels (T * samples, C), rates [Hz] and parameters.
+
+    `doubts` are sentences about contradictions, `remarks` about oddities that may be harmless.
+    """
 
     parameters: dict[str, dict[str, list[Any]]]
     points: NDArray
@@ -46,14 +49,15 @@ class C3dContent(NamedTuple):
 
 
 class C3dMapping(FileMapping):
-    """Options of the C3D reader.
+    """Options of the C3D reader: unit of length, handling of contradictions, and pressure channels.
 
     Attributes
     ----------
     length_unit : str, optional
-        Unit of the points; needed where the file does not state POINT:UNITS, and otherwise goes before it.
+        Unit of the points; needed where the file does not state POINT:UNITS, and replaces it otherwise.
     trust_header : bool
-        Read a file whose facts contradict each other by its header, and tell the contradictions. Default: refuse it.
+        Whether to read a file that contradicts itself by its header; the contradictions are listed in the history.
+        Default: such a file is refused.
     pressure : dict, optional
         Analog channels that hold gauge pressure: ``{channels = [...], unit = "kPa"}``.
     """
@@ -64,12 +68,12 @@ class C3dMapping(FileMapping):
 
 
 def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read markers (and, by mapping, analog pressure) of a C3D file; options are those of `C3dMapping`."""
+    """Read the markers and, where mapped, the analog pressure of a C3D file; options are those of `C3dMapping`."""
     options = C3dMapping.load(mapping, path.name)
     content = _content(path)
     if content.doubts and not options.trust_header:
-        raise InputError(f"{path.name} contradicts itself: {'; '.join(content.doubts)}. It is damaged, or was written "
-                         "wrongly: export it again, or give trust_header = true in a mapping")  # fmt: skip
+        raise InputError(f"{path.name} contradicts itself: {'; '.join(content.doubts)}. It is damaged or was written "
+                         "incorrectly: export it again, or set trust_header = true in its mapping")  # fmt: skip
     position = content.points * _scale(content, options, path.name)
     lost = np.isnan(position).any(-1)
     position[lost] = np.nan
@@ -90,7 +94,7 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def _content(path: Path) -> C3dContent:
-    """The file as ezc3d reads it, compared with its own header and length."""
+    """Return the content of a C3D file as ezc3d reads it, checked against its header and its length."""
     data = path.read_bytes()
     header = read_header(data, path.name)
     if header.last < MOST_FRAMES:
@@ -101,8 +105,8 @@ def _content(path: Path) -> C3dContent:
     _check_length(data, header, frames, path.name)
     short = len(points) < frames or (header.analog and len(analog) < frames * header.samples)
     if points.shape[1] != header.points or short:
-        raise InputError(f"{path.name} is damaged: {len(points)} frames of {points.shape[1]} points came, where its "
-                         f"header announces {frames} of {header.points}")  # fmt: skip
+        raise InputError(f"{path.name} is damaged: it holds {len(points)} frames of {points.shape[1]} points, but its "
+                         f"header states {frames} of {header.points}")  # fmt: skip
     doubts, remarks = judge_layout(data, header, frames)
     doubts = [*compare_facts(header, frames, parameters), *doubts, *judge_residuals(data, header, frames)]
     return C3dContent(parameters, points[:frames], analog[: frames * header.samples], header.rate,
@@ -111,11 +115,11 @@ def _content(path: Path) -> C3dContent:
 
 def _check_length(data: bytes, header: C3dHeader, frames: int, name: str) -> None:
     if frames < 1:
-        raise InputError(f"{name} holds {header.points} points in {max(frames, 0)} frames: nothing to read")
+        raise InputError(f"{name} holds {header.points} points in {max(frames, 0)} frames: export it again with frames")
     needed = header.end(frames)
     if needed > len(data):
-        raise InputError(f"{name} is cut: it announces {frames} frames of {header.points} points, {needed} bytes in "
-                         f"all, but the file has {len(data)}; copy it again")  # fmt: skip
+        raise InputError(f"{name} is truncated: its header states {frames} frames of {header.points} points, {needed} "
+                         f"bytes in all, but the file has {len(data)}; copy it again")  # fmt: skip
 
 
 def _unused(content: C3dContent, options: C3dMapping) -> list[str]:
@@ -130,12 +134,12 @@ def _scale(content: C3dContent, options: C3dMapping, name: str) -> float:
     stated = next((str(unit) for unit in content.parameters.get("POINT", {}).get("UNITS", []) if unit), None)
     unit = options.length_unit or stated
     if unit is None:
-        raise InputError(f"{name} does not state the unit of its points (POINT:UNITS): give length_unit")
+        raise InputError(f"{name} does not state the unit of its points (POINT:UNITS): set length_unit in its mapping")
     return metre_per(unit)
 
 
 def _labels(content: C3dContent, group: str) -> list[str]:
-    """LABELS, LABELS2, ...: one parameter holds at most 255 names."""
+    """Return the names in LABELS, LABELS2, ... of a group; each parameter holds at most 255 names."""
     values = content.parameters.get(group, {})
     labels = [str(label) for label in values.get("LABELS", [])]
     for part in range(2, 258):

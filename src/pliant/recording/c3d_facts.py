@@ -1,8 +1,8 @@
-"""Redundant statements of a C3D file and the order of its sections: a contradiction means damage.
+"""Compare redundant statements of a C3D file, and the order of its sections, to detect damage.
 
-Header and parameters hold the same counts, rates and scale; sections are blocks of 512 bytes, one after the other; the
-last frame ends the file but for the rest of its block and for blocks of zeros, which some systems append. A byte that
-was lost or doubled shifts all that follows it, and nothing else shows it: ezc3d returns what is there without a word.
+Header and parameters state the same counts, rates and scale. Sections are consecutive blocks of 512 bytes. After the
+last frame only the rest of its block follows, and blocks of zeros, which some systems append. A lost or doubled byte
+shifts all later bytes, and ezc3d returns the shifted numbers without an error.
 
 Source: the public C3D user guide (c3d.org)
 """
@@ -24,7 +24,7 @@ LARGEST_RESIDUAL = 1e4  # of a reconstructed point, in the unit of the file
 
 
 class C3dHeader(NamedTuple):
-    """Numbers of the header: points, analog values a frame, first and last frame, block of the data, and so on."""
+    """Numbers of a C3D header: points and analog values per frame, first and last frame, block of the data, ..."""
 
     points: int
     analog: int
@@ -39,46 +39,49 @@ class C3dHeader(NamedTuple):
 
     @property
     def word(self) -> int:
-        """Bytes of a number of the data: 4 of a float, which a negative scale says, or 2."""
+        """Return the bytes per number of the data: 4 for floats, which a negative scale denotes, else 2."""
         return 4 if np.signbit(self.scale) else 2
 
     def end(self, frames: int) -> int:
-        """Bytes of the file up to the end of its last frame."""
+        """Return the number of bytes from the start of the file to the end of its last frame."""
         return (self.block - 1) * BLOCK + frames * (4 * self.points + self.analog) * self.word
 
 
 def read_header(data: bytes, name: str) -> C3dHeader:
-    """The header of a C3D file; InputError where there is none."""
+    """Read the header of a C3D file from its bytes `data`; `name` is the file name for messages."""
     if len(data) < 2 * BLOCK or data[1] != 0x50:
-        raise InputError(f"{name} is no C3D file, or it is cut inside its header: {len(data)} bytes came")
+        raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes")
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or start + 4 > len(data) or data[start + 3] not in (INTEL, DEC, MIPS):
         raise InputError(f"{name} has no readable parameter section: the file is damaged")
     processor = data[start + 3]
     if processor == MIPS:
-        raise InputError(f"{name} is written in the numbers of MIPS processors, which ezc3d does not read: export it "
-                         "again in Intel's (PC) format")  # fmt: skip
+        raise InputError(f"{name} is in the number format of MIPS processors, which ezc3d does not read: export it "
+                         "again in Intel (PC) format")  # fmt: skip
     points, analog, first, last, _, _, _, block, samples = struct.unpack("<9H", data[2:20])
     scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
     samples = samples if analog else 1
     if points < 1 or block < 2:
-        raise InputError(f"{name} holds {points} points from block {block} on: nothing to read")
+        raise InputError(f"{name} states {points} points from block {block} on: it holds no points, or is damaged")
     if samples < 1 or analog % samples:
-        raise InputError(f"{name} announces {analog} analog values in {samples} samples a frame")
+        raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged")
     if not 0 < rate < np.inf:
         raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged")
     return C3dHeader(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
 
 
 def one_float(content: bytes, processor: int) -> float:
-    """A number of four bytes; DEC swaps the halves and has an exponent that is higher by two."""
+    """Decode a float of four bytes in the format of `processor` (Intel or DEC).
+
+    DEC swaps the two halves and has an exponent that is higher by two.
+    """
     if processor == DEC:
         return float(struct.unpack("<f", content[2:] + content[:2])[0]) / 4
     return float(struct.unpack("<f", content)[0])
 
 
 def frames_of(header: C3dHeader, parameters: dict[str, dict[str, list[Any]]]) -> int:
-    """Frames by the header, or by the parameters where two bytes cannot count them."""
+    """Return the number of frames by the header, or by the parameters where it exceeds the header's 16 bits."""
     frames = header.last - header.first + 1
     if header.last < MOST_FRAMES:
         return frames
@@ -91,7 +94,10 @@ def frames_of(header: C3dHeader, parameters: dict[str, dict[str, list[Any]]]) ->
 
 
 def compare_facts(header: C3dHeader, frames: int, parameters: dict[str, dict[str, list[Any]]]) -> list[str]:
-    """Sentences about the facts in which header and parameters differ; `frames` is what the reader goes by."""
+    """Return sentences about facts that differ between the header and the parameters.
+
+    `frames` is the number of frames that is read.
+    """
     stated = _stated(parameters)
     samples = header.samples if header.analog else 1
     facts: list[tuple[str, float]] = [
@@ -107,15 +113,15 @@ def compare_facts(header: C3dHeader, frames: int, parameters: dict[str, dict[str
         if other is None or (name == "POINT:FRAMES" and other % 65536 in (frames % 65536, 65535)):
             continue  # two bytes hold no more; longer recordings write -1 there
         if not abs(other - value) <= SAME * abs(value):
-            said.append(f"{name} is {other:g} where the header has {value:g}")
+            said.append(f"{name} is {other:g}, but the header has {value:g}")
     fields = [_word(parameters.get("TRIAL", {}).get(f"ACTUAL_{end}_FIELD", [])) for end in ("START", "END")]
     if None not in fields and fields[1] - fields[0] + 1 != frames:  # type: ignore[operator]
-        said.append(f"TRIAL has frames {fields[0]} to {fields[1]} where the header has {frames} frames")
+        said.append(f"TRIAL has frames {fields[0]} to {fields[1]}, but the header has {frames} frames")
     return said
 
 
 def _stated(parameters: dict[str, dict[str, list[Any]]]) -> dict[str, float]:
-    """Single numbers of the groups POINT and ANALOG."""
+    """Return the single numbers of the groups POINT and ANALOG by ``GROUP:NAME``."""
     return {
         f"{group}:{name}": float(value[0])
         for group in ("POINT", "ANALOG")
@@ -125,14 +131,14 @@ def _stated(parameters: dict[str, dict[str, list[Any]]]) -> dict[str, float]:
 
 
 def _word(pair: list[Any]) -> int | None:
-    """A number of two words, the low one first."""
+    """Return the number that two 16-bit words form, the low word first."""
     if len(pair) != 2 or any(isinstance(v, str) or not np.isfinite(v) for v in pair):
         return None
     return int(pair[0] % 65536) + 65536 * int(pair[1] % 65536)
 
 
 def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str], list[str]]:
-    """Sentences about sections that overlap or do not end where they should, and those that may be harmless."""
+    """Return sentences about sections that overlap or end in the wrong place, and remarks that may be harmless."""
     said, remarks = [], []
     block, end, needed = header.block, header.parameters_end, header.end(frames)
     if block < end:
@@ -144,17 +150,17 @@ def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str]
         rest = len(data) - needed
         said.append(f"{rest} bytes follow the last frame, and they do not fill a block: bytes were lost or doubled")
     elif data[filled:].strip(b"\0"):
-        said.append(f"{len(data) - needed} bytes follow the last frame that is announced")
+        said.append(f"{len(data) - needed} bytes follow the last frame that the header states")
     elif data[needed:filled].strip(b"\0"):
         remarks.append("the block of the last frame is not filled up with zeros: bytes may be shifted")
     return said, remarks
 
 
 def judge_residuals(data: bytes, header: C3dHeader, frames: int) -> list[str]:
-    """A sentence about fourth words that cannot be what they are.
+    """Return a sentence about points whose fourth number is an impossible residual; none where all are possible.
 
-    They are whole numbers of two bytes, a residual and a mask of cameras, or, as some systems write them, the residual
-    itself. Most words of a file tell which; the others must agree with them.
+    The fourth number of a point is a whole number of two bytes (a residual and a mask of cameras), or, as some systems
+    write it, the residual itself. The majority of a file's points decides which, and the others must agree.
     """
     if header.word != 4 or header.processor != INTEL:
         return []

@@ -1,4 +1,4 @@
-"""One camera that looks at the plane of bending: from pixels to metres, the same for trackers and for video.
+"""Camera calibration: convert pixels to metres in the plane of bending, for trackers and for video.
 
 As a table of a study or of a mapping::
 
@@ -6,9 +6,10 @@ As a table of a study or of a mapping::
     rate_hz = 60.0
     pixels_per_mm = 4.2
 
-Instead of ``pixels_per_mm``: ``scale = { points = [[x, y], [x, y]], distance_mm = 100.0 }``; four known points for a
-camera that looks at the plane from the side, ``plane = { pixels = [[...], ...], mm = [[...], ...] }``; or a ``board``
-in a picture. Pixels run right and down; the plane that comes out runs right and up.
+The scale is one of: ``pixels_per_mm``; ``scale = { points = [[x, y], [x, y]], distance_mm = 100.0 }``, two points and
+their distance; ``plane = { pixels = [[...], ...], mm = [[...], ...] }``, four known points for a camera that looks at
+the plane obliquely; or a calibration ``board`` in a picture. Pixel coordinates run right and down; the coordinates in
+the plane run right and up.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ Axis = Literal["+x", "-x", "+y", "-y"]
 
 
 class Scale(FileMapping):
-    """Two points in the picture and their distance."""
+    """Two points in the picture and the distance between them."""
 
     points: tuple[Pair, Pair]
     distance_mm: float = Field(gt=0)
 
 
 class Plane(FileMapping):
-    """Points of the plane, four or more, in the picture and in the plane (mm, its y axis upward)."""
+    """Four or more points of the plane of bending, in pixels and in millimetres (y upward)."""
 
     pixels: list[Pair] = Field(min_length=4)
     mm: list[Pair] = Field(min_length=4)
 
 
 class Lens(FileMapping):
-    """Camera matrix and distortion coefficients as OpenCV has them."""
+    """Camera matrix and distortion coefficients in the conventions of OpenCV."""
 
     focal: Pair  # pixels, x and y
     centre: Pair  # pixels
@@ -51,7 +52,7 @@ class Lens(FileMapping):
 
 
 class Board(FileMapping):
-    """A board in the plane of bending, in a picture of the same camera."""
+    """Calibration board that lies in the plane of bending, in a picture from the same camera."""
 
     picture: str
     kind: Literal["chessboard", "aruco", "apriltag"]
@@ -61,19 +62,19 @@ class Board(FileMapping):
 
 
 class Camera(FileMapping):
-    """Rate and scale of a camera, and how it looks at the plane.
+    """Frame rate, scale, lens and orientation of a camera that films the plane of bending.
 
     Attributes
     ----------
     rate_hz : float, optional
         Frames a second; needed where a file has no times.
     pixels_per_mm, scale, plane, board : one of them
-        See the module.
+        The scale; see the module.
     lens : Lens, optional
-        Distortion to take out first (extra ``camera``).
+        Lens distortion, which is corrected first (extra ``camera``).
     exposure_ms, readout_ms : float, optional
-        How long the shutter stays open, and how much later the last row of the picture is read than the first: they
-        decide how well a video's times are known.
+        Time that the shutter is open, and delay between reading the first and the last row of the picture. Both set
+        the uncertainty of a video's times.
     axes : two of "+x", "-x", "+y", "-y"
         Which directions of the picture's plane (x right, y up) become x and y, for a camera that was turned.
     """
@@ -101,13 +102,13 @@ class Camera(FileMapping):
         return self
 
     def metres(self, pixels: Array, folder: Path) -> Array:
-        """Places (..., 2) [m] in the plane, x right and y up, of points (..., 2) [pixels]; NaN stays NaN.
+        """Return the positions (..., 2) [m] in the plane, x right and y up, of points (..., 2) [pixels]; NaN stays NaN.
 
         Parameters
         ----------
         pixels : array (..., 2)
         folder : Path
-            Where the picture of a board lies.
+            Folder of the picture of a calibration board.
         """
         flat = self.straightened(np.asarray(pixels, dtype=float).reshape(-1, 2))
         homography = self.homography(folder)
@@ -117,7 +118,7 @@ class Camera(FileMapping):
         return turned.reshape(np.shape(pixels))
 
     def homography(self, folder: Path) -> Array:
-        """(3, 3) from pixels to millimetres of the plane, y upward."""
+        """Return the homography (3, 3) from undistorted pixels to millimetres in the plane, y upward."""
         if self.plane is not None:
             return projective(self.straightened(np.array(self.plane.pixels)), np.array(self.plane.mm))
         if self.board is not None:
@@ -128,11 +129,11 @@ class Camera(FileMapping):
             ends = self.straightened(np.array(self.scale.points))
             scale = float(np.linalg.norm(ends[1] - ends[0])) / self.scale.distance_mm
             if scale == 0:
-                raise InputError("camera.scale: its two points are the same")
+                raise InputError("camera.scale: its two points are identical: give two different points")
         return np.diag([1.0 / float(scale or np.nan), -1.0 / float(scale or np.nan), 1.0])
 
     def straightened(self, pixels: Array) -> Array:
-        """Points (N, 2) without the lens's distortion, in the same pixels."""
+        """Return points (N, 2) [pixels] with the lens distortion removed."""
         if self.lens is None:
             return pixels
         cv2 = opencv("lens distortion")
@@ -146,12 +147,12 @@ class Camera(FileMapping):
                 pixels[seen][:, None], matrix, np.array(self.lens.coefficients), R=np.eye(3), P=matrix, criteria=stop
             )[:, 0]
             if not np.isfinite(out[seen]).all():
-                raise InputError("camera.lens takes points of the picture to infinity: check focal, centre and "
+                raise InputError("camera.lens maps points of the picture to infinity: check focal, centre and "
                                  "coefficients")
         return out
 
     def description(self, folder: Path) -> str:
-        """One line for the history."""
+        """Return one line for the history that states the scale or the homography."""
         homography = self.homography(folder)
         if self.plane is None and self.board is None:
             return f"pixels to metres by {1.0 / homography[0, 0]:.6g} pixels per mm, y upward"
@@ -159,39 +160,39 @@ class Camera(FileMapping):
 
 
 def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]:
-    """Positions (T, S, 3) [m] in the plane z = 0 of pixels (T, S, 2 or more), and how they came to be."""
+    """Return positions (T, S, 3) [m], with z = 0, of points (T, S, 2 or more) [pixels], and a line for the history."""
     place = camera.metres(position[..., :2], folder)
     flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
     return np.concatenate([place, flat], axis=2), camera.description(folder)
 
 
 def opencv(what: str) -> Any:
-    """The module cv2; InputError where it is not installed."""
+    """Import and return the module cv2; raise InputError that names the purpose `what` where it is not installed."""
     try:
         import cv2
     except ImportError:
-        raise InputError(f"{what} needs OpenCV: pip install pliant[camera]") from None
+        raise InputError(f"{what} needs OpenCV: pip install 'pliant[camera]'") from None
     return cv2
 
 
 def projective(pixels: Array, places: Array) -> Array:
-    """Homography (3, 3) by least squares on normalised points, from (N, 2) pixels to (N, 2) places.
+    """Fit a homography (3, 3) that maps pixels (N, 2) to `places` (N, 2) [mm] by least squares.
 
     Raises
     ------
     InputError
-        When the points do not fix it, as four of which three lie on a line, or do not agree.
+        When the points do not determine the homography (such as three of four on a line) or disagree.
     """
     with np.errstate(all="ignore"):
         try:
             return fitted_homography(pixels, places)
         except np.linalg.LinAlgError:  # numbers so large or small that their squares are none
-            raise InputError("the known points of the camera's plane do not fix it: their numbers are too large or "
-                             "too small") from None
+            raise InputError("the points of camera.plane do not determine the plane: their numbers are too large "
+                             "or too small") from None
 
 
 def fitted_homography(pixels: Array, places: Array) -> Array:
-    """The homography of `projective`; LinAlgError where points are too far out for the arithmetic."""
+    """Return the homography of `projective`; raise LinAlgError where its arithmetic overflows."""
     def normal(points: Array) -> Array:
         middle, size = points.mean(axis=0), float(np.std(points)) or 1.0
         return np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
@@ -205,28 +206,30 @@ def fitted_homography(pixels: Array, places: Array) -> Array:
     ])
     size, vectors = np.linalg.svd(rows)[1:]
     if size[7] < 1e-6 * size[0]:
-        raise InputError("the known points of the camera's plane do not fix it: no three of four may lie on a line")
-    made = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
-    mapped = np.column_stack([pixels, one]) @ made.T
+        raise InputError("the points of camera.plane do not determine the plane: choose four of which no three lie "
+                         "on a line")
+    matrix = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
+    mapped = np.column_stack([pixels, one]) @ matrix.T
     error = float(np.abs(mapped[:, :2] / mapped[:, 2:] - places).max())
     if not np.isfinite(error):
         raise np.linalg.LinAlgError
     if error > 0.02 * float(np.ptp(places, axis=0).max()):
-        raise InputError(f"the known points of the camera's plane do not agree: they lie up to {error:.3g} mm off")
-    return np.asarray(made / made[2, 2])
+        raise InputError(f"the points of camera.plane disagree by up to {error:.3g} mm: check pixels against mm")
+    return np.asarray(matrix / matrix[2, 2])
 
 
 def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
-    """Corners (N, 2) of a board in its picture, pixels, and in the plane, mm with y upward."""
+    """Return corners (N, 2) [pixels] of a board in its picture, and their positions (N, 2) [mm] in the plane, y up."""
     cv2 = opencv("a calibration board")
     path = Path(board.picture) if Path(board.picture).is_absolute() else folder / board.picture
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
-        raise InputError(f"the picture of the board, {path}, is absent or no picture")
+        raise InputError(f"the picture of the board, {path}, does not exist or is not a picture")
     if board.kind == "chessboard":
         found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
         if not found:
-            raise InputError(f"{path.name} shows no chessboard of {board.columns} x {board.rows} inner corners")
+            raise InputError(f"{path.name} shows no chessboard of {board.columns} x {board.rows} inner corners: "
+                             "check camera.board")
         row, column = np.divmod(np.arange(board.columns * board.rows), board.columns)
         corners = corners.reshape(-1, 2).astype(float)
         if corners[0].sum() > corners[-1].sum():  # a board looks alike turned by half a turn: begin at the upper left
@@ -241,4 +244,4 @@ def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
         if len(seen) == 1:
             corners = np.asarray(seen[0], dtype=float).reshape(4, 2)
             return corners, board.side_mm * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.0, -1.0]])
-    raise InputError(f"{path.name} does not show one {board.kind} marker")
+    raise InputError(f"{path.name} must show exactly one {board.kind} marker: check camera.board")

@@ -1,4 +1,4 @@
-"""Clocks of small loggers: counters that wrap around, stamps that repeat."""
+"""Repair the times of small loggers: counters that wrap around and time stamps that repeat."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
 def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]:
-    """Seconds (T,) of a counter's ticks in `unit`, with its wraps undone, and a line of history for them.
+    """Return the times (T,) [s] of counter `ticks` with wrap-arounds removed, and a history line that counts them.
 
     Raises
     ------
     InputError
-        For a clock that goes back without being a counter that wrapped: a logger that was started again.
+        When the time goes back and no counter wrapped, as when a logger was restarted.
     """
     ticks = np.array(ticks, dtype=np.float64)
     back = np.flatnonzero(np.diff(ticks) < 0)
@@ -31,21 +31,21 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
         counter = next((c for c in COUNTERS if (1 - NEAR) * c <= ticks[i] < c and ticks[i + 1] < NEAR * c), None)
         if unit == "s" or counter is None:
             raise InputError(
-                f"the clock of {file} goes back, from {ticks[i]:.10g} to {ticks[i + 1]:.10g} {unit} at row {i + 2} of "
-                "the table: a logger that was started again writes two recordings; keep one by rows = [first, last]"
+                f"the time in {file} goes back from {ticks[i]:.10g} to {ticks[i + 1]:.10g} {unit} at row {i + 2} of "
+                "the table: the logger was probably restarted; keep one run by rows = [first, last] in the mapping"
             )
         wraps.append((int(i) + 1, counter))
     for first, counter in wraps:
         ticks[first:] += counter
     if not wraps:
         return ticks * SECONDS[unit], []
-    line = f"the counter of {file} wrapped around {len(wraps)} time(s), after {wraps[0][1]} {unit}: undone"
+    line = f"the time counter of {file} wrapped around {len(wraps)} time(s), after {wraps[0][1]} {unit}: corrected"
     return ticks * SECONDS[unit], [line]
 
 
 def without_repeats(time: NDArray, file: str) -> tuple[NDArray, list[str]]:
-    """Which rows (T,) of a log to keep, the first of each run of equal stamps, and a line of history for the rest."""
+    """Return a mask (T,) that keeps the first row of each run of equal time stamps, and a line for the history."""
     keep = np.concatenate([[True], np.diff(time) != 0])
     dropped = int((~keep).sum())
-    finding = [f"{dropped} of {len(keep)} rows of {file} repeat the time stamp before them and are left out"]
+    finding = [f"{dropped} of {len(keep)} rows of {file} repeat the previous time stamp and are left out"]
     return keep, finding if dropped else []

@@ -1,4 +1,4 @@
-"""Mapping of a table: its columns, their units, its rows."""
+"""Models of the mapping of a table: its columns, their units and the rows to read."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Column = int | str
 
 
 class StationColumns(FileMapping):
-    """Columns of one station: position x, y, z (or x, y) and, optionally, quaternion x, y, z, w."""
+    """Columns of one station: the position x, y, z (or x, y) and, optionally, the quaternion x, y, z, w."""
 
     position: list[Column] = Field(min_length=2, max_length=3)
     quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
 
 
 class Points(FileMapping):
-    """Regular layout: `count` points side by side, each with its coordinates in `order`."""
+    """Regular table layout: `count` points in neighbouring columns from `first`, coordinates in `order`."""
 
     count: int = Field(gt=0)
     order: Literal["xyz", "xy", "yx", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
@@ -28,7 +28,7 @@ class Points(FileMapping):
 
 
 class PressureColumns(FileMapping):
-    """Columns of gauge pressure, their unit and the names of the chambers."""
+    """Columns of gauge pressure, with their unit and the names of the chambers."""
 
     columns: list[Column] = Field(min_length=1)
     unit: str
@@ -36,7 +36,7 @@ class PressureColumns(FileMapping):
 
 
 class InputColumns(FileMapping):
-    """Columns of inputs other than pressure, their kind and unit, and their names."""
+    """Columns of inputs other than pressure, with their kind, unit and names."""
 
     columns: list[Column] = Field(min_length=1)
     kind: Literal["tension", "displacement", "angle"]
@@ -45,14 +45,14 @@ class InputColumns(FileMapping):
 
 
 class Select(FileMapping):
-    """Keep the rows where `column` has `value`, such as one trial of several."""
+    """Row filter that keeps the rows where `column` equals `value`, such as one trial of several."""
 
     column: Column
     value: float
 
 
 class ColumnMapping(FileMapping):
-    """Description of a table without a header of our own.
+    """Mapping that describes a plain table of numbers: which columns to read, in which units.
 
     Attributes
     ----------
@@ -67,18 +67,19 @@ class ColumnMapping(FileMapping):
     rate_hz : float, optional
         Frame rate of a table without a time column.
     length_unit : str
-        Of positions.
+        Unit of the positions.
     camera : Camera, optional
-        Instead of `length_unit`, where positions are pixels, x right and y down.
+        Instead of `length_unit`, where positions are in pixels, x to the right and y down.
     stations : dict of StationColumns, optional
+        Columns by the name of the station, from base to tip.
     points : Points, optional
-        Instead of `stations`. A table without either, and without `angles`, is a log of inputs.
+        Instead of `stations`. A table without `stations`, `points` and `angles` is a log of inputs.
     arc_length : list of float, m, optional
-        From base to tip, one per station.
+        Arc length of each station, from base to tip.
     angles : dict of columns, optional
-        Instead of positions: one column for each station that was seen by its angle alone, base first.
+        Instead of positions: one column for each station of which only the angle was measured, from base to tip.
     angle_unit : {"deg", "rad"}
-        Of `angles`; needed with them.
+        Unit of `angles`; needed with `angles`.
     pressure : PressureColumns, optional
     inputs : InputColumns or list of them, optional
         Tensions or displacements of tendons, angles of motors.
@@ -114,16 +115,16 @@ class ColumnMapping(FileMapping):
     def _is_complete(self) -> Self:
         rate = self.rate_hz or (self.camera.rate_hz if self.camera and self.time is None else None)
         if (self.time is None) == (rate is None):
-            raise ValueError("give either time, a column, or rate_hz")
+            raise ValueError("give either time (the column of time) or rate_hz")
         if self.stations and self.points is not None:
-            raise ValueError("give either stations or points")
+            raise ValueError("give either stations or points, not both")
         placed = bool(self.stations) or self.points is not None
         if not placed and not self.angles and self.pressure is None and not self.inputs:
-            raise ValueError("give stations, points or angles, or pressure or inputs for a log of those alone")
+            raise ValueError("give stations, points or angles; or, for a log without a shape, pressure or inputs")
         if self.angles and (placed or self.angle_unit is None):
-            raise ValueError("angles stand alone, without stations or points, and need angle_unit, 'deg' or 'rad'")
+            raise ValueError("angles cannot be combined with stations or points, and need angle_unit, 'deg' or 'rad'")
         if placed and bool(self.length_unit) == (self.camera is not None):
-            raise ValueError("positions need length_unit, such as 'mm', or camera where they are pixels")
+            raise ValueError("positions need length_unit, such as 'mm', or camera where they are in pixels, not both")
         if self.delimiter != "space" and len(self.delimiter) != 1:
             raise ValueError('delimiter is one character, or "space" for any white space')
         return self

@@ -1,4 +1,4 @@
-"""Spellings of column names that laboratories use, and the names that the wide CSV has for them."""
+"""Translate column names that laboratories use into the standard names of the wide CSV format."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WORDS = {"in"}  # units that are words as well: a name states them in brackets a
 
 
 class Renamed(NamedTuple):
-    """Names of columns as the wide CSV has them."""
+    """Result of `standard_names`: the new names, the length unit that they state, and a line for the history."""
 
     names: list[str]
     length_unit: str  # "" where no name states one
@@ -33,22 +33,23 @@ class Renamed(NamedTuple):
 
 
 def standard_names(names: list[str], file: str) -> Renamed:
-    """Return the names of a wide CSV for columns such as ``time_ms``, ``Pressure (mbar)``, ``P1 [kPa]``, ``tip_x_mm``.
+    """Return the standard names of wide CSV columns such as ``time_ms``, ``Pressure (mbar)`` or ``tip_x_mm``.
 
-    A name that no rule knows stays as it is; so do those of which several have one standard name.
+    A name that matches no rule is kept. Names that would get the same standard name are kept too.
 
     Raises
     ------
     InputError
-        When positions state several units of length, or some of them none.
+        When the position columns state different units of length, or only some of them state one.
     """
     positions = {name: found for name in names if (found := _position(name))}
-    if any(BEFORE.fullmatch(name) for name in names):  # the table names its positions that way: x of something else
+    if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
         positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
-        raise InputError(f"{file} states several units of length in the names of its columns ({stated}): use one")
+        raise InputError(f"{file} states several units of length in its column names ({stated}): convert the "
+                         "columns to one unit")
     standard = {name: found[0] for name, found in positions.items()}
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
@@ -58,7 +59,7 @@ def standard_names(names: list[str], file: str) -> Renamed:
 
 
 def parted(name: str) -> tuple[str, str]:
-    """A column's name in lower case without its unit, and that unit; '' where it has none."""
+    """Return the name of a column in lower case without its unit, and the unit ("" where it states none)."""
     words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
     last = ALIASES.get(words[-1], words[-1]) if words else ""
     if len(words) > 1 and any(last in units for units in UNITS):
@@ -67,7 +68,7 @@ def parted(name: str) -> tuple[str, str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column is the clock."""
+    """Return whether a column name denotes time: ``t``, ``time`` or ``timestamp``, with or without a unit."""
     return parted(name)[0] in ("t", "time", "timestamp")
 
 
@@ -76,11 +77,11 @@ def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
         return []
     old, new = next(iter(changed.items()))
     unit = "".join(f"; positions are in {unit}" for unit in units if unit)
-    return [f"{len(changed)} column(s) are read by other names, {shown(old)} as {shown(new)} for one{unit}"]
+    return [f"{len(changed)} column(s) are read under standard names, such as {shown(old)} as {shown(new)}{unit}"]
 
 
 def _position(name: str) -> tuple[str, str] | None:
-    """Standard name and unit of a coordinate of a station."""
+    """Return the standard name and the unit of a column of a station's coordinate, or None."""
     bare, unit = _without_unit(name, METRE)
     if match := BEFORE.fullmatch(bare):
         return f"{match[1].lower()}_{match[2]}", unit
@@ -106,9 +107,10 @@ def _pressure(name: str) -> str | None:
 
 
 def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
-    """Standard names of columns that only their unit shows to be pressures, such as ``P1 [kPa]``.
+    """Return standard names of columns that only their unit identifies as pressures, such as ``P1 [kPa]``.
 
-    One alone has no name of its own. A set point, a supply or the atmosphere is none.
+    A single such column becomes the only pressure, without a chamber name. Set points, supplies and atmospheric
+    pressures are skipped.
     """
     inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
     found = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
@@ -118,7 +120,7 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
 
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
-    """A name without the unit that it ends with, and that unit; "" where it states none of `units`."""
+    """Return a name without the unit at its end, and the unit ("" where it ends with none of `units`)."""
     for pattern in (BRACKETED, ENDING):
         match = pattern.fullmatch(name)
         if match and match[2].lower() in units and not (pattern is ENDING and match[2].lower() in WORDS):

@@ -1,4 +1,4 @@
-"""Any table of numbers, described by a mapping: which column is time, pressure, position, orientation.
+"""Read any table of numbers by a mapping that names the columns of time, pressure, position and orientation.
 
 The mapping is a plain dict, so that a study file can hold it. Columns are given by index (from 0) or, when
 the first row holds names, by name. Example::
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 class ColumnHeader:
-    """Names and number of the columns of the table `file`; `names` is empty where its first row holds numbers."""
+    """Header of the table `file`: the names (empty where the first row holds numbers) and number of its columns."""
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
         self.names, self.width, self.file = names, width, file
@@ -46,26 +46,27 @@ class ColumnHeader:
             self.where[name].append(k)
 
     def index(self, column: Column) -> int:
-        """Index of a column that is given by index or name; InputError where there is none, or several."""
+        """Return the index of a column given by index or name; raise InputError where none or several match."""
         if isinstance(column, str):
             held = self.where.get(column, [])
             if not held:
                 available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
                 raise InputError(f"{self.file} has no column {clipped(column)!r}; available: {available}")
             if len(held) > 1:
-                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give it by index")
+                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
+                                 "one in the mapping")
             return held[0]
         if not 0 <= column < self.width:
             raise InputError(f"{self.file} has {self.width} columns, 0 to {self.width - 1}: there is no column "
-                             f"{column}")  # fmt: skip
+                             f"{column}: correct the mapping")  # fmt: skip
         return column
 
 
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the table `path` as a `ColumnMapping` describes it."""
+    """Read the table `path` as a recording; `mapping` holds the options of `ColumnMapping`."""
     if not mapping:
         raise InputError(
-            f"{path.name} is a plain table: a mapping must say its columns (time or rate_hz, length_unit, "
+            f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, length_unit, "
             "stations or points)"
         )
     options = ColumnMapping.load(mapping, path.name)
@@ -97,7 +98,8 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, l
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
         first += 1
     if first >= len(lines):
-        raise InputError(f"{path.name} has no row after its first {options.skip_lines} line(s)")
+        raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
+                         "skip_lines in the mapping")
     delimiter = None if options.delimiter == "space" else options.delimiter
     cells = split_cells(lines[first], delimiter)
     body = first + 1 if options.header else first
@@ -112,7 +114,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, l
 def _without_text(
     rows: list[str], delimiter: str | None, header: ColumnHeader, options: ColumnMapping
 ) -> list[str]:
-    """The rows with labels emptied: cells of the columns that the mapping leaves out and whose first one is text."""
+    """Return the rows with "nan" in columns that hold text in the first row and are not in the mapping."""
     first = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
     text = {k for k, cell in enumerate(first) if not holds_number(cell)}
     if not text or len(first) != header.width or not (text := text - _used(header, options)):
@@ -128,7 +130,7 @@ def _without_text(
 
 
 def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
-    """Columns that the mapping speaks of."""
+    """Return the indices of the columns that the mapping uses."""
     wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
     wanted += options.pressure.columns if options.pressure else []
     wanted += [column for group in options.inputs for column in group.columns]
@@ -139,7 +141,7 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
 
 
 def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
-    """Which columns the mapping does not speak of."""
+    """Return one sentence that lists the columns that the mapping does not use; none where it uses all."""
     used = _used(header, options)
     left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
     finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
@@ -153,15 +155,15 @@ def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
         keep = values == options.select.value
         if not keep.any():
             found = ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
-            raise InputError(f"no row of {file} has {options.select.value:g} in column "
-                             f"{options.select.column!r}; it holds {found}")  # fmt: skip
+            raise InputError(f"no row of {file} has {options.select.value:g} in column {options.select.column!r}: "
+                             f"correct select in the mapping; the column holds {found}")  # fmt: skip
         history.append(f"kept {int(keep.sum())} of {len(table)} rows: {options.select.column} = "
                        f"{options.select.value:g}")  # fmt: skip
         table = table[keep]
     if options.rows is not None:
         first, last = options.rows
         if not 0 <= first < last <= len(table):
-            raise InputError(f"rows {first} to {last} do not lie within the {len(table)} rows of {file}")
+            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of {file}")
         history.append(f"kept rows {first} to {last - 1} of {len(table)}")
         table = table[first:last]
     return table, history
@@ -177,7 +179,7 @@ def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
 def _log(
     time: NDArray, pressure: dict[str, Any], inputs: dict[str, Any], history: list[str], file: str
 ) -> xr.Dataset:
-    """A recording of pressure or other inputs alone."""
+    """Return a recording of pressure or other inputs without a shape."""
     keep, repeats = without_repeats(time, file)
     driven = {**pressure, **inputs}
     for name, clock in (("pressure", "pressure_time"), ("actuation", "input_time")):
@@ -192,7 +194,7 @@ def _log(
 def _turning(
     time: NDArray, table: NDArray, header: ColumnHeader, options: ColumnMapping, history: list[str]
 ) -> xr.Dataset:
-    """A recording of stations that were seen by their angles alone."""
+    """Return a recording of stations of which only the angles were measured."""
     angles, file = options.angles or {}, header.file
     keep, repeats = without_repeats(time, file)
     columns = [header.index(column) for column in angles.values()]
@@ -207,11 +209,11 @@ def _turning(
         raise InputError(f"{file}: {error}") from None
 
 
-ONE_TURN = 2.1 * np.pi  # rad: a sensor that begins anew after a turn reads no more; what does counts on
+ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more; one that reads more does not wrap
 
 
 def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
-    """Angles (T, S) without the jumps by a whole turn of a sensor that counts to 360 degrees, and their count."""
+    """Return angles (T, S) [rad] with the 360-degree jumps of wrapping sensors removed, and a line that counts them."""
     seen = np.isfinite(angle)
     result, jumps = angle.copy(), 0
     for s in range(angle.shape[1]):
@@ -221,11 +223,11 @@ def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
         steady = np.unwrap(read)
         jumps += int((np.abs(np.diff(steady) - np.diff(angle[seen[:, s], s])) > 1.0).sum())
         result[seen[:, s], s] = steady
-    return result, [f"{jumps} jump(s) of an angle by a whole turn are undone"] if jumps else []
+    return result, [f"{jumps} jump(s) of an angle by a full turn were removed"] if jumps else []
 
 
 def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationColumns]:
-    """Columns of each station."""
+    """Return the columns of each station."""
     if options.points is None:
         return options.stations or {}
     points, width = options.points, len(options.points.order)
@@ -262,7 +264,11 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
 
 
 def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
-    """Normalise (T, 4) quaternions that are rounded; others with any number in them become NaN, counted."""
+    """Return quaternions (T, 4) normalised to unit length, and the number that became NaN.
+
+    Quaternions whose length differs from 1 by less than 0.05 are normalised. Others become NaN, and those of them that
+    are not wholly NaN are counted.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # 1e999 is no quaternion either
         norm = np.linalg.norm(raw, axis=-1, keepdims=True)
     good = np.abs(norm - 1.0) < 0.05
@@ -285,7 +291,7 @@ INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_pe
 
 
 def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
-    """Arguments of a recording for the inputs other than pressure."""
+    """Return the arguments of `make_recording` for the inputs other than pressure."""
     if not options.inputs:
         return {}
     values, names, kinds = [], [], []
@@ -294,7 +300,7 @@ def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dic
         given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
         if len(given) != len(indices):
             raise InputError(f"inputs of {header.file}: {len(indices)} columns need {len(indices)} names, but "
-                             f"{len(given)} came")  # fmt: skip
+                             f"{len(given)} were given")  # fmt: skip
         values.append(table[:, indices] * INPUT_SI[group.kind](group.unit))
         names += given
         kinds += [group.kind] * len(indices)

@@ -1,8 +1,8 @@
-"""Tables of curvature along a body, as fibre Bragg grating interrogators export them: integrated to a shape.
+"""Reader of curvature tables, as fibre Bragg grating interrogators export: curvature is integrated to a shape.
 
-The first row names the columns: one time (``t``, ``t_ms``, ``time``), curvatures ``k_<arc length>``, and for a body
-that leaves the plane directions of bending ``a_<arc length>``, or two components of curvature; the mapping states the
-unit. A file with other names is read by ``format = "curvature"``. The base is at the origin, its tangent along +y.
+The first row names the columns: one time (``t``, ``t_ms``, ``time``) and curvatures ``k_<arc length>``. A body that
+leaves the plane also has directions of bending ``a_<arc length>``, or two components of curvature. The mapping states
+the unit. Set ``format = "curvature"`` for a file with other names. The base is at the origin, its tangent along +y.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
 
 
 class CurvatureMapping(FileMapping):
-    """Mapping entries that the header of a curvature table lacks: units, the quantity, the fibre's range.
+    """Options of the curvature reader: units and names of the columns, and the frame rate.
 
     Attributes
     ----------
     curvature_unit : {"1/m", "1/cm", "1/mm"}
     arc_unit : str
-        Of the arc lengths in the names of the columns.
+        Unit of the arc lengths in the column names.
     curvature, direction : str
-        What the names of these columns begin with, before the arc length.
+        Beginning of the names of these columns, before the arc length.
     direction_unit : {"deg", "rad"}
     components : (str, str), optional
-        What the names of the two components of curvature begin with, in place of `curvature` and `direction`: towards
-        the directions of 0 and 90 degrees, in a frame that does not turn about the body.
+        Beginning of the names of the two components of curvature, in place of `curvature` and `direction`. They are
+        the components in the directions of 0 and 90 degrees of a frame that does not twist about the body.
     time_unit : {"s", "ms", "us"}, optional
-        Default: as the name of the column says, else seconds.
+        Default: the unit in the name of the time column, else seconds.
     rate_hz : float, optional
         Frame rate of a table without a column of time.
     skip_lines : int
@@ -69,11 +69,11 @@ class CurvatureMapping(FileMapping):
 
 
 def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a table of curvatures and integrate it; options are those of `CurvatureMapping`."""
+    """Read a table of curvatures, integrate it and return the shape as a recording; options: `CurvatureMapping`."""
     options = CurvatureMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")[options.skip_lines :]
     if not lines or not lines[0].strip():
-        raise InputError(f"{path.name} has no row of names after its first {options.skip_lines} line(s)")
+        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s)")
     delimiter = find_delimiter(lines[0], path.name)
     names = split_cells(lines[0], delimiter)
     rows, history = judge_end(lines[1:], delimiter, path.name)
@@ -82,14 +82,15 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     first, second = options.components or (options.curvature, options.direction)
     columns = arcs_of(names, first, options.arc_unit, path.name)
     if len(columns) < 2:
-        raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {first}<arc length>; "
-                         f"two or more are needed, and its columns are {shorten(names, 8)}")  # fmt: skip
+        raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {first}<arc length>, "
+                         f"but needs two or more: set curvature in its mapping. Its columns are "
+                         f"{shorten(names, 8)}")  # fmt: skip
     arc = np.array(sorted(columns))
     kappa = table[:, [columns[s] for s in arc.tolist()]] * PER_METRE[options.curvature_unit]
     turning = arcs_of(names, second, options.arc_unit, path.name)
     if (turning or options.components) and sorted(turning) != arc.tolist():
         what = f"columns {second}<arc length>" if options.components else "directions"
-        raise InputError(f"{path.name} has {what} at other arc lengths than curvatures")
+        raise InputError(f"{path.name} must have {what} at the same arc lengths as curvatures")
     other = table[:, [turning[s] for s in arc.tolist()]] if turning else None
     position = integrated(kappa, other, arc, options)
     time, wrapped = time_of(table, names, options, path.name)
@@ -113,7 +114,11 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
 def integrated(
     kappa: NDArray[np.float64], other: NDArray[np.float64] | None, arc: NDArray[np.float64], options: CurvatureMapping
 ) -> NDArray[np.float64]:
-    """Positions (T, S, 3), m, by curvature (T, S), 1/m, and its second component or direction as the table has it."""
+    """Return positions (T, S, 3) [m] by integrating curvature (T, S) [1/m] over the arc lengths `arc` (S,) [m].
+
+    `other` (T, S) is None for a planar body, else the second component of curvature or the direction of bending, as the
+    options say.
+    """
     if other is None:
         return np.pad(planar_curve(kappa, arc), ((0, 0), (0, 0), (0, 1)))
     if options.components:
@@ -123,7 +128,7 @@ def integrated(
 
 
 def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
-    """Return the column of each arc length [m] whose name begins with `start`: ``k_10``, ``k 10 mm (1/m)``."""
+    """Return the column index of each arc length [m] in names that begin with `start`, such as ``k_10``."""
     found: dict[float, int] = {}
     for k, name in enumerate(names):
         if not name.startswith(start):
@@ -133,7 +138,7 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             continue
         arc = metre_per(match[2] or unit) * float(match[1])
         if not np.isfinite(arc) or arc in found:
-            raise InputError(f"{file} has no finite arc length of its own in column {clipped(name)!r}")
+            raise InputError(f"{file} states an arc length that is not finite or repeats in column {clipped(name)!r}")
         found[arc] = k
     return found
 
@@ -141,18 +146,18 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
 def time_of(
     table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the times [s] (T,) by the column of time or the frame rate."""
+    """Return the times (T,) [s] from the time column or the frame rate, and lines for the history."""
     clocks = [k for k, name in enumerate(names) if is_time(name)]
     if not clocks and options.rate_hz:
         return np.arange(len(table)) / options.rate_hz, []
     if len(clocks) != 1:
-        raise InputError(f"{file} has {len(clocks)} columns of time where one belongs, or rate_hz in its mapping")
+        raise InputError(f"{file} has {len(clocks)} columns of time: it needs exactly one, or rate_hz in its mapping")
     named = parted(names[clocks[0]])[1]
     return unwrapped(table[:, clocks[0]], options.time_unit or (named if named in SECONDS else "s"), file)
 
 
 def recognises(head: bytes) -> bool:
-    """Whether the first row names a time and curvatures by arc length, as the defaults have it."""
+    """Return whether the first row names a time and at least two curvatures ``k_<arc length>``."""
     line = head.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("utf-8", "replace").strip()
     cells = split_cells(line, find_delimiter(line[:10_000], "the file"))
     return any(is_time(c) for c in cells) and sum(c.startswith("k_") for c in cells) >= 2

@@ -1,4 +1,4 @@
-"""DeepLabCut: points of one or several animals with their likelihoods, as CSV or HDF5.
+"""Reader of DeepLabCut files: tracked points of one or several animals with likelihoods, as CSV or HDF5.
 
 Layout as DeepLabCut's documentation and its own reader have it: CSV rows ``scorer``, (``individuals`` with several
 animals,) ``bodyparts``, ``coords`` (x, y, likelihood), then a row a frame with its number first; HDF5 a pandas table of
@@ -29,15 +29,15 @@ LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 
 
 def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the points of one animal; options are those of `TrackerMapping`."""
+    """Read the tracked points of one individual from a DeepLabCut file; options are those of `TrackerMapping`."""
     options = TrackerMapping.load(mapping, path.name)
     hdf = path.suffix.lower() in (".h5", ".hdf5")
     columns, frame, table, findings = from_hdf(path) if hdf else from_csv(path)
     animals = list(dict.fromkeys(c[1] for c in columns))
     animal = options.individual or (animals[0] if len(animals) == 1 else None)
     if animal not in animals:
-        asked = f"no individual {animal!r}" if animal else "several individuals"
-        raise InputError(f"{path.name} has {asked}: say individual, one of {', '.join(animals)}")
+        problem = f"no individual {animal!r}" if animal else "several individuals"
+        raise InputError(f"{path.name} has {problem}: set individual in the mapping to one of {', '.join(animals)}")
     names = list(dict.fromkeys(c[2] for c in columns if c[1] == animal))
     where = {c[1:]: k for k, c in enumerate(columns)}
     lacking = [f"{n} {a}" for n in names for a in ("x", "y") if (animal, n, a) not in where]
@@ -53,12 +53,15 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
 
 
 def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """Columns (scorer, individual, point, coordinate), frame numbers (T,), values (T, columns), findings at the end."""
+    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut CSV file.
+
+    Each column name is the tuple (scorer, individual, point, coordinate).
+    """
     lines = read_text(path).split("\n")
     head = [split_cells(line, ",") for line in lines[:4]]
     rows = {row[0].lower(): row for row in head if row and row[0].lower() in LEVELS}
     if not {"bodyparts", "coords"} <= set(rows):
-        raise InputError(f"{path.name} is no DeepLabCut table: rows bodyparts and coords are missing in its header")
+        raise InputError(f"{path.name} is not a DeepLabCut table: rows bodyparts and coords are missing in its header")
     first, width = len(rows), len(rows["coords"])
     if any(len(row) != width for row in rows.values()):
         raise InputError(f"the header rows of {path.name} differ in length: the file is damaged")
@@ -69,11 +72,11 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 
 
 def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """The same of the HDF5 file."""
+    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut HDF5 file."""
     frame = read_frame(*read_apart("hdf5", path, "DeepLabCut"), path.name)
     known = [name.lower() for name in frame.levels]
     if not {"bodyparts", "coords"} <= set(known):
-        raise InputError(f"{path.name} is no DeepLabCut table: its columns have no levels bodyparts and coords")
+        raise InputError(f"{path.name} is not a DeepLabCut table: its columns have no levels bodyparts and coords")
     columns = [tuple(c[known.index(level)] if level in known else "" for level in LEVELS) for c in frame.columns]
     return columns, frame.rows, frame.values, []
 
@@ -81,25 +84,25 @@ def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
-    """Points on every frame from the first to the last: those that the table leaves out become gaps and are counted."""
+    """Return points and likelihoods on every frame from first to last; absent frames become NaN and are counted."""
     if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
-        raise InputError(f"the first column of {file} must be frame numbers that rise")
+        raise InputError(f"the first column of {file} must hold whole frame numbers that increase from row to row")
     number = frame.astype(int)
     count = int(number[-1] - number[0]) + 1
     if count == len(number):
         return points, likelihood, []
     if count > 100 * len(number):
-        raise InputError(f"{file} has {len(number)} rows for frames {number[0]} to {number[-1]}: it is damaged")
+        raise InputError(f"{file} has {len(number)} rows for frames {number[0]} to {number[-1]}: the file is damaged")
     whole = np.full((count, *points.shape[1:]), np.nan)
     whole[number - number[0]] = points
     likely = None if likelihood is None else np.zeros((count, points.shape[1]))
     if likely is not None and likelihood is not None:
         likely[number - number[0]] = likelihood
-    return whole, likely, [f"{count - len(number)} frames are not in {file}: gaps"]
+    return whole, likely, [f"{count - len(number)} frames are missing in {file} and are gaps"]
 
 
 def recognises(head: bytes) -> bool:
-    """The header rows of the CSV, or the key of the HDF5 file."""
+    """Return whether `head` is the header of a DeepLabCut CSV file or of its HDF5 file."""
     start = head[:20000].lower().lstrip(b"\xef\xbb\xbf")
     if start.startswith(b"\x89hdf"):
         return b"df_with_missing" in head

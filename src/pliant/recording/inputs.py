@@ -1,4 +1,4 @@
-"""Inputs that drove the body of a recording: pressures first, then those of other kinds."""
+"""Functions that list, copy and interpolate the measured inputs of a recording, pressures first."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class RecordedInput(NamedTuple):
-    """One measured input."""
+    """One measured input: its name, kind, unit, times and values."""
 
-    name: str  # "" of the only pressure of a recording
+    name: str  # "" for the only pressure of a recording
     kind: str  # pressure, tension, displacement or angle
     unit: str
     time: NDArray  # (P,) s
@@ -24,7 +24,7 @@ class RecordedInput(NamedTuple):
 
 
 def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
-    """All measured inputs of a recording, its pressures first, each on its own clock."""
+    """Return all measured inputs of a recording, pressures first, each with its own sample times."""
     found = []
     if "pressure" in recording:
         values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
@@ -39,13 +39,16 @@ def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
 
 
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
-    """Arguments of `make_recording` that give another recording the same inputs."""
+    """Return the arguments of `make_recording` that copy the inputs of `recording` to a new recording."""
     names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
              "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip
     return {argument: recording[name].values for argument, name in names.items() if name in recording.variables}
 
 
 def inputs_at(recording: xr.Dataset, time: NDArray) -> NDArray:
-    """Measured inputs (T, C) at the times [s], linear between their samples and held beyond them; C may be 0."""
+    """Return the measured inputs (T, C), linearly interpolated at `time` (T,) [s] and held beyond the ends.
+
+    C is 0 for a recording without inputs.
+    """
     rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(recording)]
     return np.stack(rows, -1) if rows else np.zeros((len(time), 0))

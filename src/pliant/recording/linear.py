@@ -1,4 +1,4 @@
-"""Scale and offset of a recorded channel: raw counts, absolute pressure, a gain that the file does not know.
+"""Apply a scale and an offset to recorded channels: raw counts, absolute pressures, unknown gains.
 
 A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
 by the name of one chamber, input, station or core::
@@ -31,7 +31,7 @@ KEY = "linear"
 
 
 class LinearScale(FileMapping):
-    """value = scale * what the file holds + offset, the offset in `unit`."""
+    """Scale and offset of one channel: value = scale * stored value + offset, with the offset in `unit`."""
 
     scale: float = Field(default=1.0, allow_inf_nan=False)
     offset: float = Field(default=0.0, allow_inf_nan=False)
@@ -39,36 +39,36 @@ class LinearScale(FileMapping):
 
 
 def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] | None, Mapping[str, Any]]:
-    """The mapping as its reader takes it, and its lines."""
+    """Split a mapping into the options of the reader and the table ``linear``."""
     if mapping is None or KEY not in mapping:
         return mapping, {}
     return {k: v for k, v in mapping.items() if k != KEY} or None, mapping[KEY]
 
 
 def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
-    """The recording with scale and offset of its channels applied, each named in its history.
+    """Return the recording with the scale and offset of each channel in `lines` applied, and lines in its history.
 
     Raises
     ------
     InputError
-        When a line names no channel of the recording, scales by 0, or has an offset without a unit.
+        When an entry names no channel of the recording, scales by 0, or has an offset without a unit.
     """
     if not hasattr(lines, "items"):
-        raise InputError(f"the mapping for {file}: {KEY} is a table by channel, such as {KEY}.pressure")
+        raise InputError(f"the mapping for {file}: {KEY} must be a table by channel, such as [{KEY}.pressure]")
     for name, entry in lines.items():
         line = LinearScale.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
         variable, where = channel(recording, str(name), file)
         added = line.offset * factor(variable, line, str(name), file)
         values = recording[variable].copy(deep=True)
         values[where] = line.scale * values[where] + added
-        finding = f"{name} is {line.scale:g} times what the file holds, plus {line.offset:g} {line.unit or ''}".rstrip()
+        finding = f"{name} is {line.scale:g} times the stored value, plus {line.offset:g} {line.unit or ''}".rstrip()
         history = "\n".join(filter(None, [str(recording.attrs.get("history", "")), finding]))
         recording = recording.assign({variable: values}).assign_attrs(history=history)
     return recording
 
 
 def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
-    """The variable that a line concerns, and which of its channels."""
+    """Return the variable that `name` denotes and the index of its channel, empty for the whole variable."""
     if name in CHANNELS and name in recording:
         return name, {}
     for variable, (dimension, _) in CHANNELS.items():
@@ -79,16 +79,18 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
         ):
             return variable, {dimension: [str(n) for n in recording[dimension].values].index(name)}
     held = ", ".join(v for v in CHANNELS if v in recording)
-    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, which is no channel of it; it holds {held}")
+    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel; its "
+                     f"variables are {held}")
 
 
 def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
-    """SI units in one unit of a line's offset."""
+    """Return the SI value of one unit of the offset of `line`, such as 1000 for kPa."""
     per = CHANNELS[variable][1]
     if line.scale == 0:
-        raise InputError(f"the mapping for {file}: {KEY}.{name} scales by 0, which loses the channel")
+        raise InputError(f"the mapping for {file}: {KEY}.{name} has scale = 0, which would erase the channel: give "
+                         "another scale")
     if per is None or (line.unit is None and line.offset == 0):
         return 1.0
     if line.unit is None:
-        raise InputError(f"the mapping for {file}: {KEY}.{name} needs the unit of its offset")
+        raise InputError(f"the mapping for {file}: {KEY}.{name} has an offset without a unit: add unit")
     return per(line.unit)

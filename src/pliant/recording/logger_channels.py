@@ -1,4 +1,4 @@
-"""Channels of a data logger: those that hold pressure, by name or by unit, become a recording of pressure."""
+"""Build a recording of pressure from the channels of a data logger, chosen by name or by unit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Channel(NamedTuple):
-    """One channel: times [s] and values (T,), and its unit as the file writes it, '' where it does not."""
+    """One channel of a data logger: times (T,) [s], values (T,), and the unit in the file ("" for none)."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -27,14 +27,14 @@ class Channel(NamedTuple):
 
 
 class ChannelMapping(FileMapping):
-    """Which channels are pressures.
+    """Mapping that selects the channels of a data logger that hold gauge pressure.
 
     Attributes
     ----------
     pressure : list of str, optional
-        Names of the channels of gauge pressure. Default: all whose unit is one of pressure.
+        Names of the channels of gauge pressure. Default: all channels with a unit of pressure.
     pressure_unit : str, optional
-        Of these channels, where the file does not say it or says it wrongly.
+        Unit of these channels, where the file states none or a wrong one.
     chamber : list of str, optional
         Names of the chambers, one for each channel.
     """
@@ -52,7 +52,7 @@ def pressure_log(
     Raises
     ------
     InputError
-        When no channel holds pressure, one has no unit, or the chosen ones have different clocks.
+        When no channel holds pressure, one has no unit, or the chosen channels have different sample times.
     """
     options = ChannelMapping.load(mapping, file)
     names = options.pressure or [n for n, c in channels.items() if c.unit.strip().lower() in PASCAL]
@@ -60,24 +60,26 @@ def pressure_log(
     if missing := [n for n in names if n not in channels]:
         raise InputError(f"{file} has no channel {clipped(missing[0])!r}; its channels are: {listing}")
     if not names:
-        raise InputError(f"{file} has no channel whose unit is one of pressure: name the channels in its mapping, "
+        raise InputError(f"{file} has no channel with a unit of pressure: name the channels in its mapping, "
                          f"pressure = [...] and pressure_unit; its channels are: {listing}")  # fmt: skip
     if options.chamber is not None and len(options.chamber) != len(names):
-        raise InputError(f"the mapping for {file} names {len(options.chamber)} chambers for {len(names)} channels")
+        raise InputError(f"the mapping for {file} names {len(options.chamber)} chambers for {len(names)} channels: "
+                         "name one chamber per channel")
     units = [options.pressure_unit or channels[n].unit for n in names]
     if not all(units):
-        raise InputError(f"{file} does not say the unit of {clipped(names[units.index('')])}: state pressure_unit")
+        raise InputError(f"{file} does not state the unit of {clipped(names[units.index('')])}: set pressure_unit "
+                         "in its mapping")
     time = channels[names[0]].time
     for name in names[1:]:
         if not np.array_equal(channels[name].time, time):
-            raise InputError(f"channels {clipped(names[0])} and {clipped(name)} of {file} have different clocks: "
-                             "read each by itself")  # fmt: skip
+            raise InputError(f"channels {clipped(names[0])} and {clipped(name)} of {file} have different sample "
+                             "times: read each channel by its own mapping")  # fmt: skip
     keep, repeats = without_repeats(time, file)
     values = np.stack([channels[n].values * pascal_per(u) for n, u in zip(names, units, strict=True)], axis=1)[keep]
     single = len(names) == 1 and options.chamber is None
     read = set(names)
     left = [n for n in channels if n not in read]
-    findings = [f"{len(left)} channel(s) of {file} are no pressure and were left out: {shorten(left)}"] if left else []
+    findings = [f"{len(left)} channel(s) of {file} hold no pressure and were left out: {shorten(left)}"] if left else []
     try:
         return make_recording(
             pressure=values[:, 0] if single else values, pressure_time=time[keep],

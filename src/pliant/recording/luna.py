@@ -1,8 +1,8 @@
-"""Luna ODiSI 6xxx strain tables (.tsv): a header of `Key:<TAB>value` lines, then one row per time stamp.
+"""Reader of Luna ODiSI 6xxx strain tables (.tsv): header lines ``Key:<TAB>value``, one row per time stamp.
 
-Layout as readers of this format describe it: the header ends with a line of dashes; then come an optional row
-of gauge names, an optional ``Tare`` row, an ``x-axis`` row (metres) and the rows of measurements, whose first
-cell is a time stamp. Strain is in microstrain relative to the tare. One file is one core.
+The header ends with a line of dashes. Then come an optional row of gauge names, an optional ``Tare`` row, an ``x-axis``
+row (metres) and the rows of measurements, whose first cell is a time stamp. Strain is in microstrain relative to the
+tare. One file is one core. The layout is that of other readers of this format.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6
 
 
 class LunaMapping(FileMapping):
-    """Options: the name of the `core` that this file measured."""
+    """Options of the Luna reader: the name of the `core` that this file measured."""
 
     core: str = "core000"
 
 
 def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read one core's strain; drop-outs (empty or NaN) stay NaN. Options are those of `LunaMapping`."""
+    """Read the strain of one fibre core from a Luna table; gaps become NaN. Options: `LunaMapping`."""
     options = LunaMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     header, at = _header(lines, path.name)
@@ -49,19 +49,20 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     kept, dropped = [], 0
     for number, line in rows:
         if len(line.split("\t", LABEL_CELLS)) <= LABEL_CELLS:
-            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be cut")
+            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated")
         if _label(line, 2) not in ("strain", ""):
             dropped += 1
             continue
         kept.append((number, line))
     if not kept:
-        raise InputError(f"none of the {len(rows)} rows of {path.name} is strain")
+        raise InputError(f"none of the {len(rows)} rows of {path.name} holds strain: export strain from the Luna "
+                         "software")
     stamps = [_time_stamp(line.split("\t", 1)[0], number, path.name) for number, line in kept]
     values = [line.split("\t", LABEL_CELLS)[LABEL_CELLS] for _, line in kept]
     findings += _pitch(header, gauges)
     strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
     if dropped:
-        findings.append(f"{dropped} row(s) are of another quantity than strain and were left out")
+        findings.append(f"{dropped} row(s) hold another quantity than strain and were left out")
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     return make_recording(
         time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=findings,
@@ -70,15 +71,15 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join strain recordings of single cores, made at the same times and gauges, to one with several cores.
+    """Join strain recordings of single cores with equal times and gauges into one recording of all cores.
 
     Raises
     ------
     InputError
-        When clocks or gauges differ, or a core's name repeats.
+        When times or gauge positions differ, or a core's name repeats.
     """
     if not recordings or any("strain" not in recording for recording in recordings):
-        raise InputError("combine_cores needs recordings of strain")
+        raise InputError("combine_cores needs one or more recordings, each with strain")
     first = recordings[0]
     for recording in recordings[1:]:
         for name in ("time", "gauge_position"):
@@ -86,10 +87,12 @@ def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
                 recording[name], first[name], rtol=0, atol=1e-6
             )
             if not same:
-                raise InputError(f"the cores differ in {name}: resample them to one first")
+                raise InputError(f"the recordings of the cores differ in {name}: resample them to the same {name} "
+                                 "first")
     names = [str(c) for recording in recordings for c in recording["core"].values]
     if len(set(names)) != len(names):
-        raise InputError(f"the names of the cores must differ, but they are {', '.join(names)}")
+        raise InputError(f"the core names must differ, but they are {', '.join(names)}: set core in the mapping of "
+                         "each file")
     joined = make_recording(
         first["time"].values, strain=np.concatenate([recording["strain"].values for recording in recordings], 1),
         gauge_position=first["gauge_position"].values, core=names, attrs=dict(first.attrs),
@@ -110,13 +113,14 @@ def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
         key, found, value = line.partition(":")
         if found:
             header[key.strip().lower()] = value.strip()
-    raise InputError(f"{name} is no Luna table: its header does not end with a line of dashes")
+    raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes")
 
 
 def _strain_scale(header: Mapping[str, str], name: str) -> float:
     unit = header.get("units", "").lower()
     if unit not in STRAIN_UNITS:
-        raise InputError(f"{name} must hold strain in microstrain, but its Units are {unit or 'not stated'!r}")
+        raise InputError(f"{name} must hold strain in microstrain, but its header line Units is "
+                         f"{unit or 'not stated'!r}")
     return STRAIN_UNITS[unit]
 
 
@@ -131,11 +135,11 @@ def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
             if not np.isfinite(gauges).all() or (np.diff(gauges) <= 0).any():
                 raise InputError(f"the x-axis of {name} must increase from gauge to gauge")
             return gauges, i + 1
-    raise InputError(f"{name} has no x-axis row with the places of its gauges")
+    raise InputError(f"{name} has no x-axis row with the positions of its gauges")
 
 
 def _pitch(header: Mapping[str, str], gauges: np.ndarray) -> list[str]:
-    """Compare the spacing that the header states with the x-axis."""
+    """Return a sentence where the gauge spacing stated in the header differs from that of the x-axis."""
     try:
         stated = 1e-3 * float(header.get("gage pitch (mm)", "nan"))
     except ValueError:
@@ -154,7 +158,7 @@ def _time_stamp(text: str, number: int, name: str) -> datetime:
 
 
 def _values(rows: list[str], gauges: int, first: int, name: str) -> np.ndarray:
-    """Numbers of the rows; empty cells at the end of a row belong to gauges without a value."""
+    """Return the values (rows, gauges); empty cells at the end of a row become NaN."""
     for i, row in enumerate(rows):
         if row.count("\t") + 1 > gauges and row.rstrip("\t\n ").count("\t") + 1 <= gauges:
             rows[i] = "\t".join(row.split("\t")[:gauges])

@@ -1,8 +1,9 @@
-"""LabVIEW measurement files (.lvm): a header of `Key<separator>value` lines, then columns of numbers and a comment.
+"""Reader of LabVIEW measurement files (.lvm): two headers, then columns of numbers and of comments.
 
-The first header describes the file, the second the channels; each ends with ``***End_of_Header***``. Time is the first
-column (``X_Columns`` One), one before each channel (Multi), or counted from ``X0`` and ``Delta_X`` (No). The last
-column holds comments and is left out. A file of several segments is refused: export them one by one.
+A header has one ``Key<separator>value`` per line and ends with ``***End_of_Header***``. The first header describes the
+file, the second the channels. Time is the first column (``X_Columns`` One), one column before each channel (Multi), or
+computed from ``X0`` and ``Delta_X`` (No). The last column holds comments and is left out. A file of several segments is
+refused: export one file per segment.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ LONGEST_HEADER = 200  # lines
 
 
 def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the pressures of a LabVIEW measurement file; options are those of `ChannelMapping`."""
+    """Read the pressures of a LabVIEW measurement file as a recording; options are those of `ChannelMapping`."""
     lines = read_text(path).split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
-        raise InputError(f"{path.name} has {len(ends)} headers where a LabVIEW measurement has two: it may be cut")
+        raise InputError(f"{path.name} has {len(ends)} headers, but a LabVIEW measurement has two: it may be truncated")
     if len(ends) > 2:
-        raise InputError(f"{path.name} has {len(ends) - 1} segments: export each to a file of its own")
+        raise InputError(f"{path.name} has {len(ends) - 1} segments: export one file per segment")
     separator = separator_of(lines, path.name)
     facts, about = (entries(part, separator) for part in (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))
     names = [c.strip() for c in lines[ends[1] + 1].split(separator)] if ends[1] + 1 < len(lines) else []
@@ -46,29 +47,29 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def entries(lines: list[str], separator: str) -> dict[str, list[str]]:
-    """Return the values of each line of a header by its first cell; lines without a value are passed over."""
+    """Return the values in each header line by the name in its first cell; lines without a value are skipped."""
     cells = [[cell.strip() for cell in line.split(separator)] for line in lines]
     return {row[0]: row[1:] for row in cells if len(row) > 1 and row[0]}
 
 
 def separator_of(lines: list[str], file: str) -> str:
-    """Return the separator that the header names, a tab where it names none."""
+    """Return the separator that the header states; a tab where it states none."""
     for line in lines[:LONGEST_HEADER]:
         if line.startswith("Separator"):
             word = line[len("Separator") :].strip().strip(",;").lower()
             if word in SEPARATORS:
                 return SEPARATORS[word]
-            raise InputError(f"{file} names the separator {word[:20]!r}: known are {', '.join(SEPARATORS)}")
+            raise InputError(f"{file} has the separator {word[:20]!r}: export it with one of {', '.join(SEPARATORS)}")
     return "\t"
 
 
 def table_of(
     body: list[str], names: list[str], separator: str, decimal: str, file: str, first: int,
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the numbers (T, C) without the column of comments, and lines of history: rows with a comment, the end."""
+    """Return the numbers (T, C) of the data rows without the comment column, and lines for the history."""
     columns = len(names) - (names[-1:] == ["Comment"])
     if columns < 1:
-        raise InputError(f"{file} names no columns after its second header: it may be cut")
+        raise InputError(f"{file} has no column names after its second header: it may be truncated")
     rows, comments = [], 0
     for line in body:
         cells = line.split(separator)
@@ -84,7 +85,7 @@ def table_of(
 def channels_of(
     table: NDArray[np.float64], names: list[str], about: Mapping[str, list[str]], layout: str, file: str,
 ) -> dict[str, Channel]:
-    """Return the channels by name, with their own times, for the layout of X columns that the header states."""
+    """Return the channels by name, each with its own times, for the `layout` of time columns in the header."""
     units = about.get("Y_Unit_Label", [])
     starts, steps = about.get("X0", []), about.get("Delta_X", [])
     stride, first = (2, 1) if layout == "Multi" else (1, 1)
@@ -94,7 +95,8 @@ def channels_of(
             try:
                 time = float(starts[k]) + float(steps[k]) * np.arange(len(table))
             except (IndexError, ValueError):
-                raise InputError(f"{file} states no X0 and Delta_X of channel {names[column]}") from None
+                raise InputError(f"{file} states no X0 and Delta_X, from which times follow, for channel "
+                                 f"{names[column]}: export it with X columns") from None
         else:
             time = table[:, column - 1 if layout == "Multi" else 0]
         name = names[column] or f"channel {k + 1}"
@@ -105,7 +107,7 @@ def channels_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Whether the file begins as LabVIEW writes it."""
+    """Return whether `head` begins like a LabVIEW measurement file."""
     return head.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
 
 

@@ -1,4 +1,4 @@
-"""Base of the mappings: models whose unknown keys and wrong values end in one sentence."""
+"""Base class of all mappings: pydantic models that report unknown keys and wrong values in one sentence."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ if TYPE_CHECKING:
 
 
 class FileMapping(BaseModel):
-    """Mapping entries that a file lacks; frozen, unknown keys are refused."""
+    """Base class of options for one file; immutable, and unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
     def load(cls, mapping: Mapping[str, Any] | None, name: str, what: str = "mapping for") -> Self:
-        """Check a mapping for the file `name`; InputError names the key that does not fit."""
+        """Validate `mapping` for the file `name` and return it as a model; InputError names the first wrong key."""
         try:
             return cls.model_validate(dict(mapping or {}))
         except ValidationError as error:
             first = error.errors()[0]
-            key = clipped(".".join(map(str, first["loc"]))) or "the whole"
+            key = clipped(".".join(map(str, first["loc"]))) or "as a whole"
             if first["type"] == "extra_forbidden":
-                problem = f"unknown key {key!r}; known are {', '.join(cls.model_fields)}"
+                problem = f"unknown key {key!r}; the known keys are {', '.join(cls.model_fields)}"
             else:
                 problem = f"{key}: {first['msg'].removeprefix('Value error, ')}"
-            raise InputError(f"the {what} {name} does not fit: {problem}") from None
+            raise InputError(f"the {what} {name} is invalid: {problem}") from None
 
 
 def shorten(names: Sequence[object], most: int = 20) -> str:
-    """Names for a sentence: the first of them, each cut to a length that can be read."""
+    """Return the first `most` names as a comma-separated text, each cut to 60 characters."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(str(name)[:60] for name in names[:most]) + more
 
 
 class PressureChannels(FileMapping):
-    """Names of the channels that hold gauge pressure, and their unit."""
+    """Names of the channels that hold gauge pressure, with their unit."""
 
     channels: list[str]
     unit: str

@@ -1,4 +1,4 @@
-"""MATLAB .mat: versions 5 to 7 through SciPy, version 7.3 through HDF5, in a helper process."""
+"""Reader of MATLAB .mat files in a separate process: versions 5 to 7 by SciPy, version 7.3 by HDF5."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", 
 
 
 def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the arrays of a .mat file; a struct's fields are named ``struct.field`` in the mapping.
+    """Read the arrays of a .mat file as a recording; options are those of `ArrayMapping`.
 
-    Options are those of `pliant.recording.arrays.ArrayMapping`.
+    A field of a struct is named ``struct.field`` in the mapping. See `pliant.recording.arrays.ArrayMapping`.
     """
     with path.open("rb") as file:
         head = file.read(1024)
@@ -37,7 +37,7 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def matlab_arrays(stored: Mapping[str, NDArray], facts: dict[str, Any]) -> tuple[dict[str, NDArray], list[str]]:
-    """Numeric arrays of a MATLAB 7.3 file by name, axes in MATLAB's order, and the names of everything else.
+    """Return the numeric arrays of a MATLAB 7.3 file by name, axes in MATLAB's order, and the other names.
 
     Each data set names its class in the attribute MATLAB_class; a struct is a group; a sparse matrix is a group with
     the attribute MATLAB_sparse; an empty array (MATLAB_empty) stores its shape instead of its values.

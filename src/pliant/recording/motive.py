@@ -1,4 +1,4 @@
-"""OptiTrack Motive CSV: rigid bodies and labelled markers become stations, in metres.
+"""Reader of OptiTrack Motive CSV exports: rigid bodies and labelled markers become stations, in metres.
 
 Layout of the export (versions 1.2x to 3.x): a first row of key, value pairs (frame rate, length unit, rotation
 type), an empty row, then rows of Type, Name, ID (3.x also Parent), the quantity of each column, the coordinate
@@ -33,14 +33,14 @@ TYPES = ("Rigid Body", "Bone", "Marker")
 
 
 class MotiveMapping(FileMapping):
-    """Options: `length_unit` where the file does not state it; `types` of assets to read."""
+    """Options of the Motive reader: `length_unit` where the file states none, and the `types` of assets to read."""
 
     length_unit: str | None = None
     types: tuple[str, ...] = TYPES
 
 
 class _Header:
-    """Rows above the numbers, and where each station's columns are."""
+    """Header rows of a Motive export, and the columns of each station."""
 
     def __init__(self, lines: list[str], options: MotiveMapping, name: str) -> None:
         cells = split_cells(lines[0], ",")
@@ -49,7 +49,7 @@ class _Header:
         at = next((i for i, row in enumerate(table) if row[0].lower() == "frame"), None)
         labelled = {row[1].lower(): row for row in table[:at] if len(row) > 1 and row[1]}
         if at is None or at == 0 or "type" not in labelled or "name" not in labelled:
-            raise InputError(f"{name} is no Motive export: rows Type, Name and Frame are missing in its header")
+            raise InputError(f"{name} is not a Motive export: rows Type, Name and Frame are missing in its header")
         self.first = at + 2
         self.axis, self.quantity = table[at], table[at - 1]
         self.width = len(self.axis)
@@ -57,7 +57,8 @@ class _Header:
         if min(len(types), len(names), len(self.quantity)) < self.width:
             raise InputError(f"the header rows of {name} differ in length: the file is damaged")
         if nameless := [i + 1 for i in range(2, self.width) if types[i] in options.types and not names[i]]:
-            raise InputError(f"row Name of {name} is empty in column {nameless[0]}: name the asset in Motive, or there")
+            raise InputError(f"row Name of {name} is empty in column {nameless[0]}: name the asset in Motive or in "
+                             "this cell")
         self.columns: dict[str, dict[tuple[str, str], int]] = {}
         self.left_out = [i for i in range(2, self.width) if types[i] not in options.types]
         self.renamed: list[str] = []
@@ -73,7 +74,7 @@ class _Header:
             self.columns[of[asset]][self.quantity[i], self.axis[i]] = i
 
     def _new_name(self, name: str) -> str:
-        """A station of this name, with a number where there is one already."""
+        """Return a unique station name, with a number appended where `name` exists already."""
         fresh = name
         while fresh in self.columns:
             self.same[name] += 1
@@ -85,25 +86,26 @@ class _Header:
 
 
 def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a Motive export; options are those of `MotiveMapping`."""
+    """Read the markers and rigid bodies of a Motive export as stations; options are those of `MotiveMapping`."""
     options = MotiveMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     if not lines[0].startswith("Format Version"):
-        raise InputError(f"{path.name} is no Motive export: it does not begin with Format Version")
+        raise InputError(f"{path.name} is not a Motive export: it does not begin with Format Version")
     header = _Header(lines, options, path.name)
     rows, findings = judge_end(lines[header.first :], ",", path.name)
     table = parse_numbers(rows, name=path.name, first_line=header.first + 1, delimiter=",", columns=header.width)
     scale = _scale(header, options, path.name)
     names = [n for n, c in header.columns.items() if all(("Position", a) in c for a in "XYZ")]
     if not names:
-        raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position")
+        raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position: export positions, or "
+                         "change types in the mapping")
     columns = [[header.columns[n]["Position", a] for a in "XYZ"] for n in names]
     quaternion, history = _rotations(table, header, names)
     history = [*findings, *_facts(table, header, path.name), *history]
     if header.left_out:
-        history.append(f"{len(header.left_out)} columns of other kinds than {', '.join(options.types)} were not read")
+        history.append(f"{len(header.left_out)} columns of assets other than {', '.join(options.types)} were not read")
     if header.renamed:
-        history.append(f"{len(header.renamed)} asset(s) have a name that repeats and got a number: "
+        history.append(f"{len(header.renamed)} asset(s) have a repeated name and got a number: "
                        f"{shorten(header.renamed)}")  # fmt: skip
     history += _other_columns(header, names)
     return make_recording(
@@ -112,14 +114,15 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
-    """Compare what the header says of rows and rate with the rows; what a cut or a lost line changes."""
+    """Return sentences where frame numbers or rate differ from the header; raise InputError where rows are missing."""
     stated = whole_number(header.keys.get("Total Exported Frames", ""))
     if stated not in (None, len(table)):
-        raise InputError(f"{name} says that it has {stated} frames, but {len(table)} came: it may be cut")
+        raise InputError(f"the header of {name} states {stated} frames, but it holds {len(table)}: the file may be "
+                         "truncated")
     said = []
     lost = int((np.diff(table[:, 0]) != 1).sum())
     if lost:
-        said.append(f"the frame numbers do not go on by one at {lost} place(s): frames were lost or moved")
+        said.append(f"the frame numbers do not increase by one at {lost} frame(s): frames were lost or reordered")
     try:
         rate = float(header.keys.get("Export Frame Rate") or header.keys.get("Capture Frame Rate") or "nan")
     except ValueError:
@@ -131,7 +134,7 @@ def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
 
 
 def _other_columns(header: _Header, names: list[str]) -> list[str]:
-    """Columns of assets that are read, or of assets without a position, that no station holds."""
+    """Return one sentence that lists the columns of the read assets that no station uses."""
     read, used = set(names), {*(("Position", a) for a in "XYZ"), *(("Rotation", a) for a in "XYZW")}
     left = [f"{name}: {' '.join(filter(None, key))}" for name, columns in header.columns.items()
             for key in columns if name not in read or key not in used]  # fmt: skip
@@ -142,7 +145,7 @@ def _scale(header: _Header, options: MotiveMapping, name: str) -> float:
     stated = header.keys.get("Length Units", "").lower()
     unit = options.length_unit or UNITS.get(stated)
     if unit is None:
-        raise InputError(f"{name} does not state a known unit of length ({stated!r}): give length_unit")
+        raise InputError(f"{name} does not state a known unit of length ({stated!r}): set length_unit in the mapping")
     return metre_per(unit)
 
 

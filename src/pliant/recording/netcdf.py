@@ -1,7 +1,7 @@
-"""netCDF: the recording as it is, with its units and history; written as HDF5 by h5netcdf, classic files are read.
+"""Read and write recordings as netCDF: HDF5 (netCDF 4) is read and written, classic netCDF is only read.
 
-What pliant writes ends in a checksum of its own bytes, which shows damage and proves no origin: every file is read in
-the helper process.
+A file that pliant writes ends in a checksum of its bytes. The checksum detects damage and proves no origin, so every
+file is read in a separate process.
 """
 
 from __future__ import annotations
@@ -28,29 +28,30 @@ BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, Attrib
 
 
 def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a recording that was written as netCDF; float32 storage comes back as float64."""
+    """Read a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
     if mapping:
-        raise InputError(f"a netCDF recording describes itself: no mapping is needed for {path.name}")
+        raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
     if is_sealed(path) is False:
-        raise InputError(f"{path.name} is damaged: its content has another checksum than it was written with")
+        raise InputError(f"{path.name} is damaged: its checksum is not the one that it was written with; copy the "
+                         "file again")
     loaded = _decoded("classic" if classic else "hdf5", path)["/"]
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
-        raise InputError(f"{path.name} is netCDF, but no pliant recording; it holds {names}")
+        raise InputError(f"{path.name} is netCDF, but not a recording that pliant wrote; its variables are {names}")
     return _in_memory(loaded)
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a netCDF file by path, its root as ``/``, in memory; times stay numbers.
+    """Return the groups of a netCDF file by path (the root is ``/``), in memory, with times as numbers.
 
-    The file is opened in the helper process: one of pliant's own may come from anybody.
+    The file is opened in a separate process, as it may come from an untrusted source.
 
     Raises
     ------
     InputError
-        When the file is absent, no netCDF, damaged, or leads out of itself.
+        When the file does not exist, is not netCDF, is damaged, or links to other files.
     """
     try:
         return _decoded("hdf5", path)
@@ -59,7 +60,7 @@ def read_groups(path: Path) -> dict[str, xr.Dataset]:
 
 
 def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
-    """The groups of a file by path, read through the helper process, with the encoding of their variables undone."""
+    """Return the groups of a file by path, read through a separate process, with the variables decoded."""
     arrays, facts = read_apart(kind, path, "netCDF")
     import xarray as xr  # not before: it is imported while the helper reads
 
@@ -75,7 +76,7 @@ def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
         }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} is no readable netCDF file, or it is damaged: {reason}") from None
+        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged: {reason}") from None
 
 
 def _attributes(stored: dict[str, Any]) -> dict[str, Any]:
@@ -84,7 +85,7 @@ def _attributes(stored: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_netcdf(recording: xr.Dataset, path: Path, *, float32: bool = False, compress: bool = False) -> None:
-    """Write a recording as netCDF, whole or not at all.
+    """Write a recording as netCDF; a failed write leaves no partial file.
 
     Parameters
     ----------
@@ -92,9 +93,9 @@ def write_netcdf(recording: xr.Dataset, path: Path, *, float32: bool = False, co
         A recording.
     path : Path
     float32 : bool
-        Store the measured arrays in single precision: half the size, 1e-7 relative error. Clocks stay double.
+        Store the measured arrays in single precision: half the size, 1e-7 relative error. Times stay double.
     compress : bool
-        Deflate the measured arrays: smaller and slower.
+        Compress the measured arrays (deflate): a smaller file, slower to write and read.
     """
     check_recording(recording)
     encoding: dict[str, dict[str, Any]] = {}
@@ -114,7 +115,7 @@ def write_netcdf(recording: xr.Dataset, path: Path, *, float32: bool = False, co
 
 
 def _storable(value: Any) -> Any:
-    """Attributes that netCDF can hold: text, numbers and arrays of numbers; the rest as JSON."""
+    """Return an attribute that netCDF can hold: text, a number or an array of numbers as is, the rest as JSON."""
     if isinstance(value, (str, int, float, np.number)):
         return value
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
@@ -123,7 +124,7 @@ def _storable(value: Any) -> Any:
 
 
 def _in_memory(recording: xr.Dataset) -> xr.Dataset:
-    """Double precision, plain strings, no traces of the file."""
+    """Return the recording with float64 arrays, plain strings and no netCDF encoding."""
     recording = recording.drop_encoding()
     for name in ("station", "axis", "component", "chamber", "core", "input", "kind"):
         if name in recording.coords:

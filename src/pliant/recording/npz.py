@@ -1,6 +1,6 @@
-"""NumPy .npz: named arrays; pickled objects are refused.
+"""Reader of NumPy .npz files: named arrays; pickled objects are refused.
 
-What an array announces is compared with what the file can hold before memory is taken for it.
+The stated size of an array is compared with the size of the file before memory is allocated.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with i
 
 
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the arrays of a .npz file; options are those of `pliant.recording.arrays.ArrayMapping`."""
+    """Read the arrays of a .npz file as a recording; options: `pliant.recording.arrays.ArrayMapping`."""
     try:
         with path.open("rb") as stream:
             arrays = read_arrays(stream, path.stat().st_size, path.name)
@@ -40,7 +40,7 @@ def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
-    """Return the arrays of an .npz of `size` bytes; InputError names the file `name` where it is none or damaged."""
+    """Return the arrays of an .npz file of `size` bytes; raise InputError where it is damaged or not .npz."""
     try:
         with np.load(stream, allow_pickle=False) as file:
             check_announced(file.zip, size, name)
@@ -50,18 +50,18 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
         raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{name} is no readable .npz file, or it is damaged: {reason}") from None
+        raise InputError(f"{name} cannot be read as .npz; it may be damaged: {reason}") from None
     if announced != len(arrays):
-        raise InputError(f"{name} is damaged: its index shows {len(arrays)} arrays, its end says {announced}")
+        raise InputError(f"{name} is damaged: its index lists {len(arrays)} arrays, its end record states {announced}")
     return arrays
 
 
 def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
-    """Refuse an archive of `size` bytes whose entries, or the arrays in them, announce more than it can hold."""
+    """Raise InputError where an archive of `size` bytes states entries or arrays larger than it can hold."""
     most, entries = content_bound(size), archive.infolist()
     if (announced := sum(entry.file_size for entry in entries)) > most:
-        raise InputError(f"{name} has {size} bytes and announces {announced}, more than the {most} that are read from "
-                         "a file of its size; write it without compression if that is right")  # fmt: skip
+        raise InputError(f"{name} has {size} bytes, but states {announced} bytes of content, more than the {most} "
+                         "accepted from a file of this size; write it uncompressed if it is intact")  # fmt: skip
     for entry in entries:
         with archive.open(entry) as file:
             if not entry.filename.endswith(".npy"):
@@ -70,12 +70,14 @@ def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             shape, _, dtype = read(file)
         if math.prod(shape) * dtype.itemsize > entry.file_size:
-            raise InputError(f"{name} is damaged: its array {entry.filename[:-4]!r:.60} announces the shape "
+            raise InputError(f"{name} is damaged: its array {entry.filename[:-4]!r:.60} states the shape "
                              f"{clipped(str(shape))}, but has {entry.file_size} bytes")  # fmt: skip
 
 
 def announced_entries(stream: BinaryIO) -> int:
-    """Number of entries of a zip archive, as its end says; `zipfile` lists what the index still shows.
+    """Return the number of entries that the end record of a zip archive states.
+
+    `zipfile` lists the entries in the index instead, which may be fewer in a damaged file.
 
     Source: PKWARE APPNOTE.TXT, 4.3.16 (end of central directory record); an archive of 65,535 or more says so elsewhere
     """

@@ -1,8 +1,8 @@
-"""A pandas table of numbers as it lies in HDF5, layouts "table" and "fixed", taken from plain arrays.
+"""Rebuild a pandas table of numbers (HDF5 layouts "table" and "fixed") from plain arrays, without pandas.
 
-pandas and PyTables keep the names of columns as pickles, the programs by which Python rebuilds an object. Nothing here
-runs one: `plain_value` takes texts, numbers, tuples, lists and dicts from the text of a pickle of protocol 0, the one
-that PyTables writes, and refuses every other instruction.
+pandas and PyTables store column names as pickles, which are programs that rebuild Python objects. This module never
+runs a pickle: `plain_value` parses texts, numbers, tuples, lists and dicts from a pickle of protocol 0, which PyTables
+writes, and refuses every other instruction.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MARK = object()
 
 
 class StoredFrame(NamedTuple):
-    """Columns, as tuples with one text for each level; numbers of the rows (T,) and values (T, columns)."""
+    """Table of numbers: level names, column names (one text per level), row numbers (T,) and values (T, C)."""
 
     levels: tuple[str, ...]
     columns: list[tuple[str, ...]]
@@ -32,34 +32,36 @@ class StoredFrame(NamedTuple):
 
 
 def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> StoredFrame:
-    """The one table of a file whose content `pliant.recording.apart_hdf5.read` returned.
+    """Return the single pandas table in the content that `pliant.recording.apart_hdf5.read` returned.
 
     Raises
     ------
     InputError
-        When there is not one, it is damaged, or its names are pickles of anything but text and numbers.
+        When there is no table or several, the table is damaged, or its column names are pickles of other than text and
+        numbers.
     """
     kinds = {path: attributes.get("pandas_type") for path, attributes in facts["groups"].items()}
     tables = [path for path, kind in kinds.items() if kind in ("frame", "frame_table")]
     if len(tables) != 1:
-        raise InputError(f"{file} is no table of DeepLabCut: it holds {len(tables)} tables of pandas, not one")
+        raise InputError(f"{file} is not a DeepLabCut file: it holds {len(tables)} pandas tables instead of one")
     arrays = {path: stored[key] for path, (key, _, _) in facts["variables"].items()}
     attributes = {path: attributes for path, (_, _, attributes) in facts["variables"].items()} | facts["groups"]
     build = _table if kinds[tables[0]] == "frame_table" else _fixed
     try:
         frame = build(arrays, attributes, tables[0])
     except InputError as error:
-        raise InputError(f"{file} is no readable table of DeepLabCut: {error}; export CSV instead") from None
+        raise InputError(f"{file} cannot be read as a DeepLabCut file: {error}; export CSV instead") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else clipped(str(error), 200)
-        raise InputError(f"{file} is no readable table of DeepLabCut, or it is damaged: {reason}") from None
+        raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}") from None
     if frame.values.shape != (len(frame.rows), len(frame.columns)):
-        raise InputError(f"{file} is damaged: {len(frame.columns)} names for values of shape {frame.values.shape}")
+        raise InputError(f"{file} is damaged: it has {len(frame.columns)} column names, but values of shape "
+                         f"{frame.values.shape}")
     return frame
 
 
 def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> StoredFrame:
-    """Layout "table": rows with the columns ``index`` and ``values_block_0``, ..."""
+    """Return a table of layout "table", whose rows have the columns ``index`` and ``values_block_0``, ..."""
     about, rows = attributes[at], attributes[f"{at}/table:index"]
     axis, order = plain_value(about["non_index_axes"])[0]
     levels = tuple(str(name) for name in plain_value(about["info"])[axis]["names"])
@@ -72,13 +74,13 @@ def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
     columns = _columns(order, len(levels))
     place = {name: k for k, name in enumerate(names)}
     if set(place) != set(columns) or not len(names) == len(place) == len(columns):
-        raise ValueError("the names of its columns differ between its two lists, or repeat")
+        raise ValueError("its column names differ between its two lists, or repeat")
     values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
     return StoredFrame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
 
 
 def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> StoredFrame:
-    """Layout "fixed": ``axis0`` names the columns, ``axis1`` the rows, ``block0_items`` the columns of each block."""
+    """Return a table of layout "fixed": ``axis0`` names columns, ``axis1`` rows, ``block0_items`` a block's columns."""
     levels, columns = _axis(arrays, attributes, at, "axis0")
     names: list[tuple[str, ...]] = []
     parts = []
@@ -95,7 +97,7 @@ def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
 def _axis(
     arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str, axis: str
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Names of the levels of an axis and of its entries: each level lists its texts, each entry counts into them."""
+    """Return the level names and the entries of an axis, decoded from texts per level and codes per entry."""
     count = int(attributes[at][f"{axis}_nlevels"])
     if not 0 < count < 10:
         raise ValueError(f"its columns have {count} levels")
@@ -112,9 +114,9 @@ def _axis(
 
 def _columns(value: Any, levels: int) -> list[tuple[str, ...]]:
     if not isinstance(value, list) or len(value) > LARGEST_TABLE:
-        raise TypeError("the names of its columns are no list, or more than any tracker has")
+        raise TypeError("its column names are not a list, or are more than any tracker writes")
     if not all(isinstance(c, tuple) and len(c) == levels and all(isinstance(n, (str, int)) for n in c) for c in value):
-        raise TypeError(f"the name of a column is not made of {levels} texts")
+        raise TypeError(f"a column name does not consist of {levels} texts")
     return [tuple(map(str, column)) for column in value]
 
 
@@ -129,12 +131,12 @@ def _text(value: Any) -> str:
 
 
 def plain_value(text: str) -> Any:
-    """The texts, numbers, tuples, lists and dicts that a pickle of protocol 0 spells out.
+    """Parse the texts, numbers, tuples, lists and dicts in a pickle of protocol 0, without running it.
 
     Raises
     ------
     InputError
-        When it holds any other instruction, such as those that import a name or call it.
+        When the pickle holds any other instruction, such as one that imports or calls a function.
     """
     stack: list[Any] = []
     known: dict[str, Any] = {}
@@ -148,7 +150,7 @@ def plain_value(text: str) -> Any:
             end = text.find("\n", at)
             line, at = text[at : end if end >= 0 else len(text)], (end if end >= 0 else len(text)) + 1
         _step(code, line, stack, known)
-    raise ValueError("a list of names is cut")
+    raise ValueError("a list of names is truncated")
 
 
 def _only(stack: Sequence[Any]) -> Any:
@@ -158,7 +160,7 @@ def _only(stack: Sequence[Any]) -> Any:
 
 
 def _step(code: str, line: str, stack: list[Any], known: dict[str, Any]) -> None:
-    """One instruction of a pickle: put a value on the stack, or gather values there."""
+    """Process one instruction of a pickle: push a value on the stack, or collect values from it."""
     if code == "(":
         stack.append(MARK)
     elif code == "V":
@@ -184,5 +186,5 @@ def _step(code: str, line: str, stack: list[Any], known: dict[str, Any]) -> None
         item, key = stack.pop(), stack.pop()
         stack[-1][key] = item
     else:
-        raise InputError(f"its names are a pickle that is more than text and numbers (instruction {code!r}), which "
-                         "could run a program and is not read")  # fmt: skip
+        raise InputError(f"its column names are a pickle with an instruction ({code!r}) other than text and numbers, "
+                         "which could run a program and is not read")  # fmt: skip

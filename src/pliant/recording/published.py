@@ -1,8 +1,8 @@
-"""Recordings that other laboratories published: ``data:NAME/FILE`` means one of them, in a folder of this user.
+"""Access to recordings that other laboratories published, by ``data:NAME/FILE``, in a local folder.
 
-`published.toml` has each file's repository, commit, path and checksum. The folder is the one that the environment
-variable PLIANT_DATA names, else ``pliant/data`` among the user's caches; PLIANT_DATA_MIRROR may name an address, http,
-https or file, under which the files lie as NAME/FILE.
+`published.toml` lists the repository, commit, path and checksum of each file. The environment variable PLIANT_DATA
+names the folder; its default is ``pliant/data`` in the user's cache folder. PLIANT_DATA_MIRROR may hold an address
+(http, https or file) that serves the files as NAME/FILE.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ SCHEMES = ("https", "http", "file")
 
 @dataclass(frozen=True)
 class Published:
-    """One published file.
+    """A published file: its checksum and its address, or how to get it by hand.
 
     Attributes
     ----------
     sha256 : str
+        Checksum of the file.
     address : str
-        Where it was published; empty where it has to be brought by hand.
+        Address of the file; empty where it must be downloaded by hand.
     by_hand : str
-        How, in that case.
+        How to download it by hand, where `address` is empty.
     """
 
     sha256: str
@@ -43,7 +44,7 @@ class Published:
 
 @dataclass(frozen=True)
 class DataSet:
-    """Files of one origin, by name, under one licence."""
+    """A published data set: its files by name, with their origin and licence."""
 
     name: str
     what: str
@@ -54,9 +55,9 @@ class DataSet:
 
 @cache
 def data_sets() -> dict[str, DataSet]:
-    """All known data sets by name."""
+    """Return all known published data sets by name."""
     table = tomllib.loads((Path(__file__).parent / "published.toml").read_text(encoding="utf-8"))
-    made = {}
+    catalogue = {}
     for name, entry in table.items():
         at = f"{entry['repository']}/raw/{entry['commit']}"
         files = {
@@ -64,19 +65,19 @@ def data_sets() -> dict[str, DataSet]:
             for file, f in entry["files"].items()
         }
         origin = f"{entry['repository']}, commit {entry['commit'][:7]}"
-        made[name] = DataSet(name, entry["what"], entry["licence"], origin, files)
-    return made
+        catalogue[name] = DataSet(name, entry["what"], entry["licence"], origin, files)
+    return catalogue
 
 
 def data_set(name: str) -> DataSet:
-    """One data set; InputError lists them where there is none of this name."""
+    """Return the data set `name`; InputError lists the known names where there is none."""
     if name not in data_sets():
-        raise InputError(f"no public recordings are called {clipped(name, 60)!r}: use one of {', '.join(data_sets())}")
+        raise InputError(f"there is no public data set {clipped(name, 60)!r}: use one of {', '.join(data_sets())}")
     return data_sets()[name]
 
 
 def data_folder() -> Path:
-    """The folder of this user's public recordings; it need not exist."""
+    """Return the folder of this user's public recordings; it may not exist yet."""
     if named := os.environ.get(FOLDER):
         return Path(named)
     import pooch
@@ -85,13 +86,13 @@ def data_folder() -> Path:
 
 
 def published_path(text: str) -> Path:
-    """The file that ``data:NAME/FILE`` means.
+    """Return the path of the local file that ``data:NAME/FILE`` denotes.
 
     Raises
     ------
     InputError
-        When there is no such recording, or its file is not on this machine (it says how it comes there), or is another
-        than the one that was published.
+        When there is no such recording, its file is not on this machine (the message says how to get it), or its
+        checksum differs from that of the published file.
     """
     name, _, file = text.removeprefix(PREFIX).partition("/")
     known = data_set(name)
@@ -101,53 +102,54 @@ def published_path(text: str) -> Path:
     if not path.is_file():
         raise InputError(f"{text} is not on this machine: {how(known, file, path.parent)}")
     if not is_published(path, known.files[file]):
-        raise InputError(f"{path} is not the file that was published, its checksum differs: remove it and fetch again")
+        raise InputError(f"{path} differs from the published file (checksum): delete it and run `pliant data fetch "
+                         f"{name}`")
     return path
 
 
 def how(known: DataSet, file: str, folder: Path) -> str:
-    """Return how a file gets into its folder."""
+    """Return the sentence that says how to get a file into its folder."""
     f = known.files[file]
     if not f.address:
-        return f"it has to be brought by hand ({f.by_hand}); put it into {folder}"
-    return f"run `pliant data fetch {known.name}`, or without a network put {file} from {f.address} into {folder}"
+        return f"download it by hand ({f.by_hand}) and put it into {folder}"
+    return f"run `pliant data fetch {known.name}`, or download {file} from {f.address} and put it into {folder}"
 
 
 def is_published(path: Path, published: Published) -> bool:
-    """Whether a file has the checksum of the published one."""
+    """Return whether the file at `path` has the checksum of the published one."""
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest() == published.sha256
 
 
 def fetch(name: str, *, mirror: str | None = None) -> list[Path]:
-    """Bring the files of a data set that are not here yet.
+    """Download the files of a data set that are not on this machine yet, and return the paths of all its files.
 
     Parameters
     ----------
     name : str
     mirror : str, optional
-        Address (https, http or file) under which they lie as NAME/FILE; default: PLIANT_DATA_MIRROR, else where they
-        were published.
+        Address (https, http or file) that serves the files as NAME/FILE. Default: PLIANT_DATA_MIRROR, else the
+        address of publication.
 
     Returns
     -------
     list of Path
-        All files of the set, each with the checksum of the published one; what could not be checked is not kept.
+        All files of the set, with verified checksums.
 
     Raises
     ------
     InputError
-        When a file cannot be brought; it says which, from where, and where to put it by hand.
+        When a file cannot be downloaded; the message names the file, its address, and the folder for a manual download.
     """
     known, mirror = data_set(name), mirror or os.environ.get(MIRROR)
     if mirror and urlparse(mirror).scheme not in SCHEMES:
-        raise InputError(f"a mirror is an address that begins with https://, http:// or file://, not {mirror[:80]!r}")
+        raise InputError(f"the address of a mirror must begin with https://, http:// or file://, not {mirror[:80]!r}")
     folder = data_folder() / name
     return [brought(known, file, folder, mirror) for file in known.files]
 
 
 def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path:
-    """One file, from this machine, a mirror, or where it was published."""
+    """Return the path of one file, which is downloaded from `mirror` or its address unless it is here already."""
     import pooch
 
     published, path = known.files[file], folder / file
@@ -163,11 +165,11 @@ def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path
     except (OSError, ValueError) as error:  # no network, no such file, another checksum
         reason = " ".join(str(error).split())
         source = published.address or "where it was published"
-        raise InputError(f"{file} could not be brought from {address} ({clipped(reason, 120)}): put it into {folder} "
-                         f"by hand, from {source}") from None  # fmt: skip
+        raise InputError(f"cannot download {file} from {address} ({clipped(reason, 120)}): download it by hand "
+                         f"from {source} and put it into {folder}") from None  # fmt: skip
     return path
 
 
 def copied(address: str, output: str, _pooch: object) -> None:
-    """Bring a file from a folder that a ``file://`` address names."""
+    """Copy the file that a ``file://`` address names to `output`."""
     shutil.copyfile(unquote(urlparse(address).path), output)

@@ -1,4 +1,6 @@
-"""Which reader takes which file: the built-in formats and those of other packages.
+"""Registry that selects the reader of a file: the built-in formats and those of installed packages.
+
+Another package adds a format by an entry point of the group ``pliant.readers`` that points to a `Reader`.
 
 Another package adds a format by an entry point of the group ``pliant.readers`` that leads to a `Reader`.
 """
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 GROUP = "pliant.readers"
 HEAD_BYTES = 65536
 
-BUILT_IN = {  # name -> where the reader is, and endings of its files: a reader of other endings is not loaded
+BUILT_IN = {  # name -> the reader and the endings of its files: only readers of the file's ending are imported
     "deeplabcut": ("pliant.recording.deeplabcut:READER", (".csv", ".h5", ".hdf5")),
     "sleap": ("pliant.recording.sleap:READER", (".h5", ".hdf5")),
     "netcdf": ("pliant.recording.netcdf:READER", (".nc", ".nc4", ".cdf", ".h5", ".hdf5")),
@@ -41,11 +43,11 @@ BUILT_IN = {  # name -> where the reader is, and endings of its files: a reader 
     "tracker": ("pliant.recording.point_files:TRACKER", (".txt", ".csv", ".tsv")),
     "kinovea": ("pliant.recording.point_files:KINOVEA", (".txt",)),
     "angles": ("pliant.recording.angle_log:READER", (".csv", ".txt", ".tsv", ".log", ".dat")),
-    "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv")),  # last: it takes any table that no other knows
+    "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv")),  # last: reads any other table
 }
 ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
-MARKS = {  # words by which a person would know what wrote a file, wherever in its head they stand
+MARKS = {  # words anywhere in the first bytes that show which program wrote a file
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
     "kinovea": (b"#kinovea",),
     "sleap": (b"track_occupancy",),
@@ -55,7 +57,7 @@ MARKS = {  # words by which a person would know what wrote a file, wherever in i
 
 @dataclass(frozen=True)
 class Reader:
-    """One file format.
+    """A file format: its name, its file name endings, and the functions that recognise and read its files.
 
     Attributes
     ----------
@@ -66,7 +68,8 @@ class Reader:
     read : callable
         ``read(path, mapping) -> Dataset``; `mapping` is None or a dict of options of this format.
     recognises : callable
-        ``recognises(head) -> bool`` from the first 64 KiB; decides between formats that share an ending.
+        ``recognises(head) -> bool`` from the first 64 KiB; returns True for a file of this format; decides between
+        formats that share an ending.
     needs_mapping : bool
         Whether the file cannot be read without a mapping.
     """
@@ -79,37 +82,37 @@ class Reader:
 
 
 def readers() -> dict[str, Reader]:
-    """All known readers by name: the built-in ones first, then those of installed packages."""
+    """Return all known readers by name: the built-in ones first, then those of installed packages."""
     return offered(GROUP, {name: target for name, (target, _) in BUILT_IN.items()}, Reader)
 
 
 def read_recording(
     path: str | Path, *, mapping: Mapping[str, Any] | None = None, format: str | None = None  # noqa: A002
 ) -> xr.Dataset:
-    """Read a file into the recording schema.
+    """Read a recorded file and return it as a checked recording (`xarray.Dataset`) in SI units.
 
     Parameters
     ----------
     path : str or Path
-        Of a file; or ``data:NAME/FILE``, a public recording that `pliant data fetch` has brought.
+        Path of a file, or ``data:NAME/FILE``, a public recording that `pliant data fetch` has downloaded.
     mapping : dict, optional
-        What the file does not say itself: columns and units of a plain table, names of arrays, the unit
-        of length. The keys belong to the format; see the module of its reader. ``format`` is the next entry;
+        Information that the file lacks: columns and units of a plain table, names of arrays, the unit
+        of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
         ``linear`` scales channels of any format, see `pliant.recording.linear`.
     format : str, optional
-        Name of the format. Default: ``format`` of the mapping, or found from the ending and the first bytes of the
-        file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns means the format
-        ``columns``.
+        Name of the format. Default: ``format`` of the mapping, otherwise recognised from the ending and the first
+        bytes of the file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns
+        selects the format ``columns``.
 
     Returns
     -------
     xarray.Dataset
-        Keeps the schema of `pliant.recording.schema`; attributes name the source and its checksum.
+        A recording as `pliant.recording.make_recording` describes it; attributes hold the file name and its checksum.
 
     Raises
     ------
     InputError
-        When the file is absent, of no known format, damaged, or does not fit the mapping.
+        When the file does not exist, has no known format, is damaged, or does not fit the mapping.
 
     Examples
     --------
@@ -123,10 +126,10 @@ def read_recording(
         there = path.is_file()
     except OSError as error:  # such as a name too long
         where = clipped(str(path), 200)
-        raise InputError(f"no recording can be read from {where}: {error.strerror or error}") from None
+        raise InputError(f"cannot read a recording from {where}: {error.strerror or error}") from None
     if not there:
-        what = "a folder" if path.is_dir() else "absent"
-        raise InputError(f"no recording can be read from {path}: it is {what}")
+        what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
+        raise InputError(f"cannot read a recording from {path}: {what}")
     if mapping is not None and not hasattr(mapping, "items"):
         raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
     if mapping is not None and "format" in mapping:
@@ -151,7 +154,7 @@ def read_recording(
 
 
 def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:
-    """Attributes of origin; a recording that was read before keeps its first source."""
+    """Return the attributes of origin; a recording that already names a source keeps it."""
     line = f"read {path.name} as {name}"
     history = str(recording.attrs.get("history", ""))
     attrs = {"history": f"{history}\n{line}" if history else line}
@@ -161,14 +164,18 @@ def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> di
 
 
 def looks_like(head: bytes, but: str = "") -> str:
-    """A hint for a file that was not read: the tracker whose words its first bytes hold, other than `but`."""
+    """Return a hint that names the tracker (other than `but`) that probably wrote a file, or "".
+
+    The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
+    `head` holds the first bytes of the file.
+    """
     words = head.lower()
     found = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
-    return f'; this looks like a file of {found}: state format = "{found}"' if found else ""
+    return f'; this looks like a file of {found}: set format = "{found}" in its mapping' if found else ""
 
 
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
-    """Whether a mapping says what the columns of a table mean."""
+    """Return whether a mapping assigns columns of a table to stations, points, angles, inputs or pressure."""
     pressure = mapping.get("pressure")
     named = bool({"points", "angles", "inputs"} & set(mapping))
     named = named or not isinstance(mapping.get("stations", []), list)  # a list chooses among names
@@ -190,7 +197,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     if not ready:
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
-            f"{path.name} is of no known format: the ending or the first bytes fit none of {formats}; "
-            f"a plain table can be described by a mapping with stations or points{looks_like(head)}"
+            f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "
+            f"to read a plain table, give a mapping with stations or points{looks_like(head)}"
         )
     return ready[0]

@@ -1,4 +1,4 @@
-"""Rules of every recording: variables with their dimensions and units, clocks, names; and their checks."""
+"""Rules that every recording must follow, and the function that checks them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ INPUT_UNITS = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of 
 QUATERNION_NORM_TOLERANCE = 1e-3
 TEXTS = ("schema", "frame", "source", "source_format", "source_sha256", "pressure_reference", "history")
 SHORTEST_STEP = 1e-9  # s between two samples
-# generous bounds of what anybody measures: beyond them stands a marker of missing data, a wrong unit or damage
+# generous bounds of measured values: a larger value is a marker of missing data, has a wrong unit or is damaged
 MOST = {
     "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
     "time": 1e13, "pressure_time": 1e13, "input_time": 1e13, "actuation": 1e9,
@@ -49,23 +49,29 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
 
 
 def check_recording(recording: xr.Dataset) -> xr.Dataset:
-    """Return `recording` unchanged when it keeps the rules of the schema.
+    """Check that `recording` follows the rules of the schema and return it unchanged.
 
-    Refused are: another schema or a newer version; a variable with unknown dimensions or without its
-    units; a clock that is not finite and strictly increasing, by 1 ns at least; infinite values and those
-    beyond `MOST`, such as 1e6 m (NaN is a drop-out and allowed); quaternions that are not of unit length;
-    repeated station names; a planar recording with a z axis; an input of an unknown kind; a recording that holds
-    neither position, angle, strain, pressure nor another input.
+    Refused are:
+
+    - another schema or a newer version;
+    - a variable with unknown dimensions or without its units;
+    - times that are not finite or do not increase by at least 1 ns;
+    - infinite values and values beyond `MOST`, such as 1e6 m (NaN is allowed and marks a drop-out);
+    - quaternions that are not of unit length;
+    - repeated station names;
+    - a planar recording with a z axis;
+    - an input of an unknown kind;
+    - a recording without position, angle, strain, pressure or another input.
 
     Raises
     ------
     InputError
-        Says which rule is broken, and where.
+        When a rule is broken; the message names the rule and the variable.
     """
     _check_attributes(recording)
     if not {"position", "angle", "strain", "pressure", "actuation"} & set(recording.data_vars):
         raise InputError(
-            "a recording holds position, angle, strain, pressure or another input, but this one holds "
+            "a recording must hold position, angle, strain, pressure or another input, but this one holds "
             f"{', '.join(map(str, recording.data_vars)) or 'no variable'}"
         )
     for name, (allowed, units, _) in VARIABLES.items():
@@ -96,9 +102,11 @@ def _check_attributes(recording: xr.Dataset) -> None:
         )
     version = recording.attrs.get("schema_version")
     if not isinstance(version, (int, np.integer)) or not 1 <= int(version) <= SCHEMA_VERSION:
-        raise InputError(f"recordings of schema_version 1 to {SCHEMA_VERSION} are known, not {version!r}")
+        raise InputError(f"schema_version of a recording must be 1 to {SCHEMA_VERSION}, not {version!r}: a newer "
+                         "version needs a newer pliant")  # fmt: skip
     if recording.attrs.get("frame") not in FRAMES:
-        raise InputError(f"frame of a recording is one of {', '.join(FRAMES)}, not {recording.attrs.get('frame')!r}")
+        raise InputError(f"frame of a recording must be one of {', '.join(FRAMES)}, not "
+                         f"{recording.attrs.get('frame')!r}")
     pressure = recording.attrs.get("nominal_pressure", 0.0)
     if not isinstance(pressure, (int, float, np.number)) or not np.isfinite(pressure):
         raise InputError(f"nominal_pressure must be a finite number of pascals, not {pressure!r}")
@@ -122,7 +130,7 @@ def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ..
     if array.attrs.get("units") != units or not array.attrs.get("long_name"):
         raise InputError(f"{name} must carry units {units!r} and a long_name, but has {array.attrs}")
     if np.isinf(array.values).any():
-        raise InputError(f"{name} holds {int(np.isinf(array.values).sum())} infinite value(s)")
+        raise InputError(f"{name} holds {int(np.isinf(array.values).sum())} infinite value(s): replace them by NaN")
     beyond = np.abs(array.values) > MOST.get(name, np.inf)  # NaN compares false
     if beyond.any():
         raise InputError(
@@ -138,19 +146,20 @@ def _check_clock(recording: xr.Dataset, name: str) -> None:
     if clock.size == 0:
         raise InputError(f"the recording is empty: {name} has no sample")
     if not np.isfinite(clock).all():
-        raise InputError(f"{name} holds {int((~np.isfinite(clock)).sum())} sample(s) that are not finite")
+        raise InputError(f"{name} holds {int((~np.isfinite(clock)).sum())} time(s) that are not finite: remove "
+                         "these samples")
     back = np.diff(clock) < SHORTEST_STEP
     if back.any():
         row = int(np.argmax(back))
         raise InputError(
-            f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is at "
-            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s; write the clock with all its "
+            f"{name} must increase strictly, but {int(back.sum())} step(s) do not; the first is after "
+            f"sample {row + 1}: {clock[row]:.6g} s is followed by {clock[row + 1]:.6g} s; write the times with all "
             "digits, and each sample once"
         )
 
 
 def _check_names(recording: xr.Dataset) -> None:
-    """No name breaks out of the line, the table or the figure that it is written into."""
+    """Check that each name is one printable line, so that it fits in a line, a table or a figure."""
     for kind in ("station", "chamber", "core", "input"):
         for name in recording[kind].values if kind in recording.coords else ():
             if not is_line(str(name)):
@@ -158,12 +167,12 @@ def _check_names(recording: xr.Dataset) -> None:
 
 
 def _check_inputs(recording: xr.Dataset) -> None:
-    """Every input has a name of its own and a known kind."""
+    """Check that every input has a unique name and a known kind."""
     if "input" not in recording.coords or "kind" not in recording.coords or recording["kind"].dims != ("input",):
-        raise InputError("actuation needs the coordinates input, the names, and kind along it")
+        raise InputError("actuation needs the coordinates input (names of the inputs) and kind (one per input)")
     if strange := [str(k) for k in recording["kind"].values if str(k) not in INPUT_UNITS]:
         kinds = ", ".join(INPUT_UNITS)
-        raise InputError(f"the kind of an input is one of {kinds}, not {clipped(repr(strange[0]), 60)}")
+        raise InputError(f"the kind of an input must be one of {kinds}, not {clipped(repr(strange[0]), 60)}")
     names = [str(n) for n in recording["input"].values]
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
         raise InputError(f"input names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
@@ -184,13 +193,14 @@ def _check_stations(recording: xr.Dataset) -> None:
     axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []
     expected = ["x", "y"] if recording.attrs["frame"] == "planar" else ["x", "y", "z"]
     if axes != expected:
-        raise InputError(f"the axes of a recording in frame {recording.attrs['frame']!r} are {expected}, not {axes}")
+        raise InputError(f"the axes of a recording in frame {recording.attrs['frame']!r} must be {expected}, not "
+                         f"{axes}")
 
 
 def _check_rotations(recording: xr.Dataset) -> None:
     if "angle" in recording:
         if recording.attrs["frame"] != "planar":
-            raise InputError("angle belongs to planar recordings only: align the recording first")
+            raise InputError("angle is allowed in planar recordings only: align the recording first")
         if recording["angle"].attrs.get("reference") not in REFERENCES:
             raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
     if "quaternion" in recording:
@@ -199,4 +209,4 @@ def _check_rotations(recording: xr.Dataset) -> None:
         norm = np.linalg.norm(recording["quaternion"].values, axis=-1)
         wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
         if wrong.any():
-            raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length; normalise them")
+            raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length: normalise them")

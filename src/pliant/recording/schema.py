@@ -1,4 +1,6 @@
-"""The one shape of a recording: an `xarray.Dataset` whose dimensions, units and attributes are checked.
+"""Functions that build a recording: an `xarray.Dataset` with fixed dimensions, units and attributes.
+
+`make_recording` lists the variables. `check_recording`, in `pliant.recording.rules`, lists what is refused.
 
 See `make_recording` for the variables and `check_recording`, in `pliant.recording.rules`, for what is refused.
 """
@@ -48,14 +50,15 @@ def make_recording(
     history: str | Sequence[str] = (),
     attrs: dict[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Build a checked recording from plain arrays; the arrays are copied.
+    """Build a recording (`xarray.Dataset`) from plain arrays, copy the arrays and check them.
 
     Parameters
     ----------
     time : (T,) array, s
-        Clock of the shape, strictly increasing. May be left out when only pressure was recorded.
+        Sample times of the shape, strictly increasing. May be left out when only pressure was recorded.
     position : (T, S, 3) or, in the frame planar, (T, S, 2) array, m
-        NaN marks a drop-out. May be left out where stations were seen by their angles alone.
+        Positions of the stations; NaN marks a drop-out. May be left out where only the angles of the stations were
+        measured.
     station : S names, optional
         Default ``s000, s001, ...`` from base to tip.
     quaternion : (T, S, 4) array, optional
@@ -66,38 +69,43 @@ def make_recording(
         What `angle`, or the `quaternion` of an aligned recording, is measured from: the station's own rest pose, or the
         base tangent (the base frame).
     pressure : (P,) or (P, C) array, Pa gauge, optional
-        (P, 1) without a `chamber` is a lone pressure, (P,).
-        Needs `pressure_time`; with two dimensions one column per chamber.
+        With two dimensions one column per chamber. (P, 1) without `chamber` is stored as (P,).
     pressure_time : (P,) array, s, optional
-        Clock of the pressure; default is `time` when the lengths agree.
+        Sample times of the pressure; default is `time` when the lengths agree.
     chamber : C names, optional
+        Names of the chambers; default ``c000, c001, ...``.
     actuation : (P, I) array, optional
-        Inputs other than pressure, N, m or rad by their kind; needs `input_kind`.
+        Inputs other than pressure, in N, m or rad according to `input_kind`, which is needed.
     input_time : (P,) array, s, optional
-        Their clock; default is `time` when the lengths agree.
+        Sample times of `actuation`; default is `time` when the lengths agree.
     input_names : I names, optional
+        Default ``u000, u001, ...``.
     input_kind : {"tension", "displacement", "angle"} or I of them
         Tension of a tendon, its displacement, or the angle of a motor.
     strain : (T, C, G) array, optional
         Dimensionless strain of each core at each gauge; needs `gauge_position`.
     gauge_position : (G,) array, m, optional
+        Position of each gauge along the fibre.
     core : C names, optional
+        Default ``core000, core001, ...``.
     arc_length : (S,) array, m, optional
+        Arc length of each station from the base.
     frame : {"tracker", "planar", "spatial"}
-        Of the tracker; or aligned: the base at the origin, the base tangent along +y (planar) or +z (spatial).
+        Coordinate frame: that of the tracker, or an aligned frame with the base at the origin and the base tangent
+        along +y (planar) or +z (spatial).
     nominal_pressure : float, Pa gauge, optional
-        Level of a pressure that was not recorded and whose edges are unknown.
+        Constant pressure during the test, where no pressure was recorded and its switching times are unknown.
     source, source_format, source_sha256 : str
-        File name, format and checksum of what was read.
+        Name, format and checksum of the file that was read.
     history : str or list of str
-        One line per step that led here.
+        One line per processing step so far.
     attrs : dict, optional
-        Further attributes, kept as they are.
+        Further attributes, stored unchanged.
 
     Returns
     -------
     xarray.Dataset
-        Float64 throughout; see `check_recording`.
+        The recording, all arrays as float64; see `check_recording`.
 
     Raises
     ------
@@ -147,7 +155,7 @@ def make_recording(
 
 
 def append_history(recording: xr.Dataset, *lines: str) -> xr.Dataset:
-    """Return the recording with more lines of history; the data are shared, `recording` stays as it was."""
+    """Return a copy of `recording` with `lines` appended to its history; the data arrays are shared."""
     kept = [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
     return recording.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
 
@@ -165,7 +173,7 @@ def _floats(name: str, value: ArrayLike, ndim: int) -> NDArray[np.float64]:
 def _names(names: Sequence[str] | None, count: int, what: str, prefix: str) -> NDArray[np.str_]:
     names = [f"{prefix}{i:03d}" for i in range(count)] if names is None else [str(n) for n in names]
     if len(names) != count:
-        raise InputError(f"{count} {what}(s) need {count} names, but {len(names)} came")
+        raise InputError(f"{count} {what}(s) need {count} names, but {len(names)} were given")
     return np.array(names, dtype=str)
 
 
@@ -185,7 +193,7 @@ def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, cham
     if clock is None:
         clock = coords.get("time")
     if clock is None:
-        raise InputError("pressure needs its clock: give pressure_time")
+        raise InputError("pressure has no times: pass pressure_time [s], one time per sample")
     coords["pressure_time"] = _floats("pressure_time", clock, 1)
     dims: tuple[str, ...] = ("pressure_time",)
     if array.ndim == 2:
@@ -201,7 +209,7 @@ def _add_inputs(variables: dict, coords: dict, actuation: Any, clock: Any, names
     if clock is None:
         clock = coords.get("time")
     if clock is None:
-        raise InputError("actuation needs its clock: give input_time")
+        raise InputError("actuation has no times: pass input_time [s], one time per sample")
     coords["input_time"] = _floats("input_time", clock, 1)
     coords["input"] = _names(names, array.shape[1], "input", "u")
     coords["kind"] = ("input", _names([kind] * array.shape[1] if isinstance(kind, str) else kind, array.shape[1],
@@ -214,7 +222,7 @@ def _add_strain(variables: dict, coords: dict, strain: Any, gauge_position: Any,
         return
     array = _floats("strain", strain, 3)
     if gauge_position is None:
-        raise InputError("strain needs gauge_position, the place of each gauge along the fibre in metres")
+        raise InputError("strain needs gauge_position, the position of each gauge along the fibre in metres")
     coords["gauge_position"] = ("gauge", _floats("gauge_position", gauge_position, 1))
     coords["core"] = _names(core, array.shape[1], "core", "core")
     variables["strain"] = (("time", "core", "gauge"), array)
@@ -227,7 +235,7 @@ def _assemble(variables: dict, coords: dict) -> xr.Dataset:
         recording = xr.Dataset(variables, coords)
     except ValueError as error:
         shapes = {name: np.shape(value[1]) for name, value in variables.items()}
-        raise InputError(f"the arrays of a recording do not fit together: {shapes}; {error}") from None
+        raise InputError(f"the shapes of the recording's arrays do not match: {shapes}; {error}") from None
     for name, (_, units, long_name) in (VARIABLES | COORDINATES).items():
         if name in recording.variables:
             recording[name].attrs.update(units=units, long_name=long_name)

@@ -1,4 +1,4 @@
-"""SLEAP: its analysis HDF5 file, which holds tracks x 2 x nodes x frames with scores and names.
+"""Reader of SLEAP analysis HDF5 files: tracks (tracks, 2, nodes, frames) with scores and names.
 
 Layout as SLEAP's exporter documents it: ``tracks`` (tracks, 2, nodes, frames), ``point_scores`` (tracks, nodes,
 frames), ``node_names``, ``track_names``, ``track_occupancy`` (frames, tracks), stored column-major.
@@ -24,27 +24,31 @@ if TYPE_CHECKING:
 
 
 def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read one track; options are those of `TrackerMapping`. Points whose score is low are gaps."""
+    """Read one track of a SLEAP analysis file as a recording; options are those of `TrackerMapping`.
+
+    Points with a low score become gaps.
+    """
     options = TrackerMapping.load(mapping, path.name)
     stored, facts = read_apart("hdf5", path, "SLEAP analysis")
     arrays = {name: stored[key] for name, (key, _, _) in facts["variables"].items()}
     lacking = [name for name in ("tracks", "node_names", "track_names") if name not in arrays]
     if lacking:
-        raise InputError(f"{path.name} is no SLEAP analysis file: it has no data set {lacking[0]}")
+        raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}")
     tracks, names = _numbers(arrays["tracks"], "tracks", path), texts(arrays["node_names"])
     if tracks.ndim != 4:
-        raise InputError(f"tracks of {path.name} must be (track, 2, node, frame), got {tracks.shape}")
+        raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame), not {tracks.shape}")
     labels = texts(arrays["track_names"]) or [f"track_{k}" for k in range(len(tracks))]
     scores = _numbers(arrays["point_scores"], "point_scores", path) if "point_scores" in arrays else None
     if tracks.shape[:3] != (len(labels), 2, len(names)):
         wanted_shape = f"({len(labels)}, 2, {len(names)}, ...)"
-        raise InputError(f"tracks of {path.name} must be (track, 2, node, frame) = {wanted_shape}, got {tracks.shape}")
+        raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame) = {wanted_shape}, not "
+                         f"{tracks.shape}")
     if scores is not None and scores.shape != (len(labels), len(names), tracks.shape[3]):
-        raise InputError(f"point_scores of {path.name} do not fit its tracks: {scores.shape}")
+        raise InputError(f"point_scores of {path.name} have the shape {scores.shape}, which does not match its tracks")
     wanted = options.individual or (labels[0] if len(labels) == 1 else None)
     if wanted not in labels:
         problem = f"no track {wanted!r}" if wanted else "several tracks"
-        raise InputError(f"{path.name} has {problem}: say individual, one of {', '.join(labels)}")
+        raise InputError(f"{path.name} has {problem}: set individual in its mapping to one of {', '.join(labels)}")
     k = labels.index(wanted)
     likelihood = None if scores is None else np.nan_to_num(scores[k].T)
     return tracked(path, options, names, tracks[k].transpose(2, 1, 0), likelihood=likelihood,
@@ -53,12 +57,12 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
 
 def _numbers(values: NDArray, name: str, path: Path) -> NDArray:
     if values.dtype.kind not in "iufb":
-        raise InputError(f"{name} of {path.name} holds no real numbers, but {values.dtype}")
+        raise InputError(f"{name} of {path.name} must hold real numbers, but has the type {values.dtype}")
     return values.astype(np.float64)
 
 
 def texts(values: NDArray) -> list[str]:
-    """Names that a data set holds."""
+    """Return the texts in a data set as a list of str."""
     return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 

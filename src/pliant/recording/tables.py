@@ -1,4 +1,4 @@
-"""Text tables of numbers: decode, split and convert, and name the line and cell that is not a number."""
+"""Parse text tables of numbers, with messages that name the line and cell that is not a number."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
 
 def read_text(path: Path) -> str:
-    """Text of a UTF-8 file (a byte-order mark is taken off); InputError when it is anything else."""
+    """Read a UTF-8 file and return its text without a byte-order mark and with newlines as line ends."""
     data = path.read_bytes()
     if not data.strip():
         raise InputError(f"{path.name} is empty")
     if b"\0" in data:
-        raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16")
+        raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16; save it "
+                         "as UTF-8 text")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -43,9 +44,9 @@ def read_text(path: Path) -> str:
 
 
 def find_delimiter(line: str, name: str) -> str:
-    """Delimiter of a header line among semicolon, tab and comma."""
+    """Return the delimiter of a header line: semicolon, tab or comma."""
     if len(line) > LONGEST_LINE:
-        raise InputError(f"the header of {name} is {len(line)} characters long: this is no table")
+        raise InputError(f"the header of {name} is {len(line)} characters long: this is not a text table")
     for delimiter in (";", "\t", ","):
         if delimiter in line:
             return delimiter
@@ -53,28 +54,30 @@ def find_delimiter(line: str, name: str) -> str:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Cells of one line without surrounding blanks and quotes; `None` splits at white space."""
+    """Split a line into cells without surrounding blanks and quotes; `delimiter` None splits at white space."""
     cells = line.split() if delimiter is None else line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
 def repeated_names(names: Sequence[str]) -> list[str]:
-    """Those of the names that occur more than once, sorted."""
+    """Return the names that occur more than once, sorted."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
 def whole_number(text: str) -> int | None:
-    """The number that at most nine decimal digits write; None for any other text."""
+    """Return `text` as an int where it consists of one to nine decimal digits, else None."""
     return int(text) if re.fullmatch("[0-9]{1,9}", text) else None
 
 
 def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:
-    """Judge a last line without a line end: a cut leaves `0.27` of `0.27944`, and nothing else shows it.
+    """Drop an incomplete last row of a text table and return the rows and a sentence about it.
+
+    A file that was cut has no line end after its last row, and may hold `0.27` of `0.27944`.
 
     Parameters
     ----------
     lines : list of str
-        A text split at its line ends: the last one is empty where the text is whole.
+        A text split at its line ends; the last element is empty where the text is complete.
     delimiter : str or None
     name : str
         File name, for messages.
@@ -82,8 +85,8 @@ def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[
     Returns
     -------
     lines, history
-        Without the last row where it has fewer cells, or its last number fewer digits, than the rows before it;
-        and one sentence about what was found, none for a whole text.
+        The lines, without the last row where it has fewer cells, or its last number fewer digits, than the rows before
+        it; and one sentence for the history, none for a complete text.
     """
     if not lines or not lines[-1].strip():
         return lines, []
@@ -91,10 +94,10 @@ def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[
     last, before = split_cells(rows[-1], delimiter), [split_cells(row, delimiter) for row in rows[:-1]]
     problem = f"the last line of {name} has no line end"
     if before and len(last) < min(map(len, before)):
-        return lines[:-1], [f"{problem} and {len(last)} cell(s) where {len(before[-1])} belong: it was left out"]
+        return lines[:-1], [f"{problem} and {len(last)} cell(s) instead of {len(before[-1])}: it was left out"]
     if before and _digits(last[-1]) < min(_digits(row[-1]) for row in before):
-        return lines[:-1], [f"{problem} and its last number fewer digits than those above: it was left out"]
-    return lines, [f"{problem}: the file may be cut inside its last number"]
+        return lines[:-1], [f"{problem} and its last number has fewer digits than those above: it was left out"]
+    return lines, [f"{problem}: the file may be truncated inside its last number"]
 
 
 def _digits(cell: str) -> int:
@@ -102,19 +105,19 @@ def _digits(cell: str) -> int:
 
 
 def holds_number(cell: str) -> bool:
-    """Whether a cell holds a number, with a decimal point or comma, or marks a missing one."""
+    """Return whether a cell holds a number, with a decimal point or comma, or a marker of a missing one."""
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
 def parse_numbers(
     lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int
 ) -> NDArray[np.float64]:
-    """Convert lines of text to numbers; empty cells and NaN become NaN.
+    """Parse lines of text as an array (rows, columns); empty cells and markers of missing values become NaN.
 
     Parameters
     ----------
     lines : sequence of str
-        Rows of the table; blank ones hold nothing and are passed over.
+        Rows of the table; blank lines are skipped.
     name : str
         File name, for messages.
     first_line : int
@@ -137,7 +140,7 @@ def parse_numbers(
 
     rows = [(first_line + i, line) for i, line in enumerate(lines) if line.strip()]
     if not rows:
-        raise InputError(f"{name} holds no row of numbers")
+        raise InputError(f"{name} holds no rows of numbers")
     for number, line in rows:
         count = len(line.split()) if delimiter is None else line.count(delimiter) + 1
         if count != columns:
@@ -167,14 +170,14 @@ def _wrong_count(name: str, number: int, count: int, columns: int, delimiter: st
     if delimiter == "," and count > columns:
         hint = "; decimal commas need a semicolon or a tab between the columns"
     elif count < columns:
-        hint = "; the file may be cut"
-    return f"line {number} of {name} has {count} cell(s) where {columns} belong{hint}"
+        hint = "; the file may be truncated"
+    return f"line {number} of {name} has {count} cell(s) instead of {columns}{hint}"
 
 
 def _parse_slowly(
     rows: Sequence[tuple[int, str]], name: str, delimiter: str | None, decimal: str
 ) -> NDArray[np.float64]:
-    """Cell by cell, to name the one that is not a number."""
+    """Parse cell by cell, and raise InputError with the line and cell that is not a number."""
     values = []
     for number, line in rows:
         cells = split_cells(line, delimiter)

@@ -1,7 +1,7 @@
-"""LabVIEW TDMS files (.tdms), read by nptdms (extra ``tdms``) in a process of its own.
+"""Reader of LabVIEW TDMS files (.tdms), by nptdms (extra ``tdms``) in a separate process.
 
-Times come from the waveform properties of a channel (``wf_start_offset``, ``wf_increment``), or from a channel whose
-name says so, such as ``Time``.
+Times come from the waveform properties of a channel (``wf_start_offset``, ``wf_increment``), or from a time channel,
+such as ``Time``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CLOCK = re.compile(r"(.*/)?(x_value|t|time)([ _(\[]*s[)\]]?)?", re.IGNORECASE)
 
 
 def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the pressures of a TDMS file; options are those of `ChannelMapping`."""
+    """Read the pressures of a TDMS file as a recording; options are those of `ChannelMapping`."""
     if find_spec("nptdms") is None:
         raise InputError(f"{path.name}: TDMS files need nptdms, which is not installed: pip install 'pliant[tdms]'")
     arrays, facts = read_apart("tdms", path, "TDMS")
@@ -43,8 +43,8 @@ def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
         elif len(clocks) == 1 and len(arrays[clocks[0]]) == len(values):
             time = arrays[clocks[0]]
         else:
-            raise InputError(f"{path.name} states no times of channel {entry['name'][:60]}: neither a waveform's "
-                             "increment nor one channel of time of the same length")  # fmt: skip
+            raise InputError(f"{path.name} has no times for channel {entry['name'][:60]}: export it with waveform "
+                             "properties (wf_increment) or with one time channel of the same length")  # fmt: skip
         channels[entry["name"]] = Channel(time, values, entry["unit"])
     others = facts["others"]
     findings = [f"{len(others)} channel(s) of {path.name} hold no numbers: {shorten(others)}"] if others else []
@@ -52,7 +52,7 @@ def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def recognises(head: bytes) -> bool:
-    """Whether the file begins with the tag of a TDMS segment."""
+    """Return whether `head` begins with the tag of a TDMS segment."""
     return head.startswith(b"TDSm")
 
 

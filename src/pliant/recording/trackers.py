@@ -1,4 +1,4 @@
-"""Points that a tracker followed in a video: what all such files share."""
+"""Convert the points that a tracker found in a video to a recording; shared by all tracker formats."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-LIKELY = 0.6  # below it a point is a gap, as the trackers' own tools do
+LIKELY = 0.6  # a point of lower likelihood is a gap; the default of the trackers' own tools
 
 
 class TrackerMapping(FileMapping):
-    """Mapping entries that the file of a tracker lacks, such as units and scale.
+    """Options of all tracker formats: camera or unit of length, threshold of likelihood, points to read.
 
     Attributes
     ----------
@@ -34,15 +34,15 @@ class TrackerMapping(FileMapping):
     length_unit : str, optional
         Instead of a camera, where the tracker was calibrated: coordinates are then lengths, y upward.
     likelihood : float
-        A point whose likelihood or score is lower is a gap.
+        A point with a lower likelihood or score becomes a gap.
     individual : str, optional
-        Which animal or track, where there are several.
+        Name of the animal or track to read, where there are several.
     stations : list of str, optional
-        Points to keep, base first. Default: all, in the order of the file.
+        Points to read, from base to tip. Default: all, in the order of the file.
     time_unit : {"s", "ms"}, optional
-        Of a tracker's own times.
+        Unit of the times in the file.
     more : tuple of str
-        Further files, one point each, for trackers that write one file for a point.
+        Further files with one point each, for trackers that write one file per point.
     """
 
     camera: Camera | None = None
@@ -58,7 +58,7 @@ def tracked(
     path: Path, options: TrackerMapping, names: Sequence[str], points: NDArray, *, time: NDArray | None = None,
     likelihood: NDArray | None = None, history: Sequence[str] = (),
 ) -> xr.Dataset:
-    """A recording from points (T, S, 2) as a tracker has them; NaN where a point was not found.
+    """Return a recording of points (T, S, 2) in the units of the tracker; NaN where a point was not found.
 
     Parameters
     ----------
@@ -86,20 +86,20 @@ def tracked(
 def chosen(
     names: Sequence[str], points: NDArray, options: TrackerMapping, file: str
 ) -> tuple[list[str], NDArray]:
-    """The stations that are wanted, in their order."""
+    """Return the names and points of the stations in the options, in their order."""
     if options.stations is None:
         return list(names), points
     if missing := [s for s in options.stations if s not in names]:
-        raise InputError(f"{file} has no point {missing[0]!r}; it has {', '.join(names)}")
+        raise InputError(f"{file} has no point {missing[0]!r}: choose stations among {', '.join(names)}")
     return list(options.stations), points[:, [list(names).index(s) for s in options.stations]]
 
 
 def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDArray, str]:
-    """Positions (T, S, 3) in metres, y upward and z = 0, and how they came to be."""
+    """Return positions (T, S, 3) [m], y upward and z = 0, of points (T, S, 2), and a line for the history."""
     if (options.camera is None) == (options.length_unit is None):
         raise InputError(
-            f"{path.name} holds points of a tracker: say [camera] with pixels_per_mm (or scale, plane, board) and "
-            "rate_hz where they are pixels, or length_unit in its mapping where the tracker was calibrated, not both"
+            f"{path.name} holds points of a tracker: for points in pixels give [camera] with pixels_per_mm (or scale, "
+            "plane, board) and rate_hz; for a calibrated tracker give length_unit in its mapping; not both"
         )
     if options.camera is not None:
         return in_plane(points, options.camera, path.parent)
@@ -109,13 +109,13 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
-    """Times of frames at the camera's rate, s."""
+    """Return the times (T,) [s] of `count` frames at the camera's frame rate."""
     rate = options.camera.rate_hz if options.camera is not None else None
     if rate is None:
-        raise InputError(f"{file} has no times: say the frames a second of its video as rate_hz in [camera]")
+        raise InputError(f"{file} has no times: set rate_hz in [camera] to the frame rate of the video")
     return np.arange(count) / rate
 
 
 def seconds(ticks: NDArray, options: TrackerMapping, usual: str) -> NDArray:
-    """Times in seconds from the tracker's own."""
+    """Return times in seconds from the times in the file; `usual` is their unit unless the options state one."""
     return np.asarray(ticks * SECONDS[options.time_unit or usual])

@@ -1,10 +1,10 @@
-"""Wide CSV: one row per sample, `t,p_kpa,x_000,y_000,z_000,...`, metadata as JSON.
+"""Read and write wide CSV: one row per sample, columns ``t,p_kpa,x_000,y_000,z_000,...``, metadata as JSON.
 
-Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one pressure or ``p_<unit>_<chamber>`` for
-several (gauge); ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_
-qw_<station>`` and ``angle_<station>`` (rad). Their order is free; other spellings (``time_ms``, ``tip_x [mm]``,
-``Pressure (mbar)``) are those of `column_names`. Metadata stand in a first line ``# {...}`` or in a JSON file of the
-same name beside the table; ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
+Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one gauge pressure, or ``p_<unit>_<chamber>``
+for several; ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_ qw_<station>``
+and ``angle_<station>`` (rad). Their order is free. `pliant.recording.column_names` translates other spellings
+(``time_ms``, ``tip_x [mm]``, ``Pressure (mbar)``). The metadata are in a first line ``# {...}`` or in a JSON file of
+the same name beside the table: ``length_unit`` (default m), ``station``, ``arc_length`` (m), ``frame``.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 
 class TableMetadata(FileMapping):
-    """Metadata of a table, from its first line or a file beside it; unknown entries are kept and not used."""
+    """Metadata of a wide CSV, from its first line or a JSON file beside it; unknown entries are stored, not used."""
 
     model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
 
@@ -71,7 +71,7 @@ KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a wide CSV; `mapping` adds to or replaces the metadata of the file."""
+    """Read a wide CSV as a recording; entries of `mapping` replace those of the metadata in the file."""
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
@@ -81,25 +81,27 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     names, unit, renamed = standard_names(split_cells(header, delimiter), path.name)
     _check_names(names, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
-        raise InputError(f"{path.name}: its columns state {unit} and length_unit {metadata['length_unit']}: keep one")
+        raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
+                         f"{metadata['length_unit']}: correct one")
     rows, findings = judge_end(lines[start + 1 :], delimiter, path.name)
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
-            f"{path.name} says that it has {metadata['rows']} rows, but {len(table)} came: it may be cut"
+            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be truncated"
         )
     columns = dict(zip(names, table.T, strict=True))
     return _recording(columns, metadata, path.name, findings)
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
-    """Write a recording as wide CSV with full precision; its pressure must be on the clock of the shape.
+    """Write a recording as wide CSV with full precision; shape and pressure must have the same sample times.
 
     Raises
     ------
     InputError
-        When the recording holds what one table cannot: two clocks, strain, or inputs other than pressure.
+        When one table cannot hold the recording: different sample times of shape and pressure, strain, or inputs other
+        than pressure.
     """
     check_recording(recording)
     if "position" not in recording or {"strain", "actuation"} & set(recording):
@@ -131,25 +133,25 @@ def _checksum(lines: list[str]) -> str:
 
 
 def _changed(metadata: dict[str, Any], lines: list[str]) -> list[str]:
-    """Return a finding where a table that pliant wrote was changed; a person may have edited it."""
+    """Return a sentence where a table that pliant wrote was edited or damaged since, by its checksum."""
     if metadata.get("table_sha256") in (None, _checksum(lines)):
         return []
     return ["the table is not the one that was written: its checksum differs, so it was edited or damaged since"]
 
 
 def _misspelt(metadata: dict[str, Any]) -> list[str]:
-    """Entries that nothing reads and whose names are nearly those of entries that are read."""
+    """Return sentences about unknown metadata entries whose names resemble those of known entries."""
     near = {name: get_close_matches(name[:80].lower().replace("-", "_"), KNOWN_METADATA, 1, 0.8)
             for name in metadata if name not in KNOWN_METADATA}
-    return [f"the metadata entry {shown(name)} is not known and was not used: is it {match[0]!r}?"
+    return [f"the metadata entry {shown(name)} is unknown and was not used: did you mean {match[0]!r}?"
             for name, match in near.items() if match]
 
 
 def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
-    """Metadata and the index of the header line."""
+    """Return the metadata and the index of the header line."""
     start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
     if start is None:
-        raise InputError(f"{path.name} holds comments only, no header and no rows")
+        raise InputError(f"{path.name} holds only comments, no header and no rows")
     text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
     origin = "its comment line"
     sidecar = path.with_suffix(".json")
@@ -168,7 +170,7 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
 
 def _check_names(names: list[str], file: str) -> None:
     if repeated := repeated_names(names):
-        raise InputError(f"{file} has repeated columns: {shorten(repeated, 5)}")
+        raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
     clocks = [n for n in names if n in CLOCKS]
     if len(clocks) != 1:
         found = shorten(names, 8)
@@ -186,13 +188,14 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or pressure_unit(n))}
     ignored = [n for n in columns if n not in known]
     if ignored:
-        history.append(f"{len(ignored)} column(s) of {file} are of no known kind and left out: {shorten(ignored)}")
+        history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
-        raise InputError(f"{file} has neither stations (x_000, y_000, ...) nor pressure (p_kpa)")
+        raise InputError(f"{file} has neither columns of stations (x_000, y_000, ...) nor of pressure (p_kpa): "
+                         "rename them or give a mapping")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     if not labels:
@@ -217,8 +220,8 @@ def _station_labels(columns: dict[str, NDArray]) -> list[str]:
     for before, after in pairwise(labels):
         if numbers[after] > numbers[before] + 1:
             missing = f"x_{numbers[before] + 1:0{len(labels[0])}d}"
-            raise InputError(f"stations are missing between the first and the last: after x_{before} comes x_{after}, "
-                             f"there is no column {missing}")  # fmt: skip
+            raise InputError(f"station columns are not numbered consecutively: x_{after} follows x_{before}, and "
+                             f"column {missing} is missing")  # fmt: skip
     return labels
 
 
@@ -237,7 +240,7 @@ def _stations(
     for variable, kinds in wanted.items():
         missing = [f"{k}_{s}" for s in labels for k in kinds if f"{k}_{s}" not in columns]
         if missing:
-            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}")
+            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}, which other stations have")
         stack = [np.stack([columns[f"{k}_{s}"] for k in kinds], -1) for s in labels]
         arrays[variable] = np.stack(stack, 1)
     arrays["position"] = arrays["position"] * scale
@@ -253,7 +256,7 @@ def _stations(
 
 
 def pressure_unit(name: str) -> str | None:
-    """The unit of a column of pressure; None of any other column."""
+    """Return the unit in the name of a pressure column, such as ``p_kpa``; None for any other column."""
     parts = name.split("_")
     if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
         return name
@@ -261,10 +264,10 @@ def pressure_unit(name: str) -> str | None:
 
 
 def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
-    """Pressures (T,) or (T, C) [Pa] of the columns that are called ``p_<unit>``; of several, their chambers' names."""
+    """Return the pressures (T,) or (T, C) [Pa] of columns named ``p_<unit>``, and the names of several chambers."""
     found = {name: unit for name in columns if (unit := pressure_unit(name))}
     if "p" in columns:
-        raise InputError("the column p does not say its unit: name it p_kpa, p_bar, p_psi or p_pa")
+        raise InputError("the column p does not state its unit: rename it p_kpa, p_bar, p_psi or p_pa")
     if not found:
         return None, None
     values = [columns[name] * pascal_per(unit) for name, unit in found.items()]
@@ -290,8 +293,8 @@ def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
 def _pressure_columns(recording: xr.Dataset) -> dict[str, NDArray]:
     if not np.array_equal(recording["pressure_time"].values, recording["time"].values):
         raise InputError(
-            "a wide CSV has one clock, but pressure and shape have two: write netCDF (.nc), or resample the "
-            "pressure to the clock of the shape first"
+            "a wide CSV has one time column, but pressure and shape have different times: write netCDF (.nc), or "
+            "resample the pressure to the times of the shape first"
         )
     values = recording["pressure"].values
     if values.ndim == 1:

@@ -1,4 +1,4 @@
-"""From a continuous shape to the lowest-order chain: how many links, where, and their angles."""
+"""Reduce a continuous shape to a chain of links of the lowest sufficient order: number, positions and angles."""
 
 from pliant.reduction.links import LinkPlacement, links_of
 from pliant.reduction.order import select_order

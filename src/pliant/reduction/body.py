@@ -1,4 +1,4 @@
-"""Inputs of order selection from a recording: whole frames, arc length, the tangent at the base."""
+"""Prepare a recording for order selection: frames with all stations, arc length, and tangent at the base."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-TANGENT_SHARE = 0.1  # of the length: the stretch at the base whose fit gives the tangent
+TANGENT_SHARE = 0.1  # of the length: part at the base that is fitted for the tangent
 
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Whole frames of a body as plain arrays.
+    """Shape of a body as plain arrays, with the frames that have all stations.
 
     Attributes
     ----------
     time : (T,) array, s
     position : (T, S, d) array, m
     arc_length : (S,) array, m
-        One abscissa for all frames, so that a node stays on the same piece of the body.
+        Arc length of the stations, equal for all frames, so that a node stays at the same material point.
     tangent : (T, d) array
-        Slope at the first station by arc length: a unit vector, times the stretch there where the body lengthens.
+        Derivative of the position by arc length at the first station: a unit vector, times the stretch where the body
+        lengthens.
     dropped : int
-        Frames that were left out because a station was missing.
+        Number of frames that were left out because a station was missing.
     notes : tuple of str
-        What was assumed or found on the way.
+        Assumptions and remarks, one sentence each.
     """
 
     time: NDArray[np.float64]
@@ -46,21 +47,22 @@ class BodyShape:
 
 
 def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
-    """Take the whole frames of a recording, its arc length and base tangent.
+    """Return the complete frames of a recording with their arc length and base tangent.
 
-    Arc length is the recording's own where it carries one, otherwise the time-mean sum of chords. The base
-    tangent is +y in an aligned planar recording and +z in one in space, otherwise that of a least-squares parabola
-    through the first tenth of the body (at least three stations), frame by frame.
+    The arc length is that of the recording where it has one, otherwise the time-mean sum of chords. The base tangent is
+    +y in an aligned planar recording and +z in an aligned spatial one. Otherwise it is the tangent of a least-squares
+    parabola through the first tenth of the body (at least three stations) in each frame.
 
     Raises
     ------
     InputError
-        When the recording has no positions, too few stations, no whole frame, or stations that coincide.
+        When the recording has no positions, too few stations, no complete frame, or stations that coincide.
     """
     check_recording(recording)
     stations = recording.sizes.get("station", fewest_stations)
     if stations < fewest_stations:
-        raise InputError(f"at least {fewest_stations} stations along the body are needed, but {stations} came")
+        raise InputError(f"at least {fewest_stations} stations along the body are needed, but the recording has "
+                         f"{stations}")
     position, time, dropped = whole_frames(recording)
     notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
     chords = chord_lengths(position)
@@ -76,12 +78,12 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     stretch = _base_stretch(chords, arc_length)
     if stretch is not None:
         tangent = tangent * stretch[:, None]
-        notes.append("joints keep their share of a length that changes; the slope at the base stretches along")
+        notes.append("the length changes: joints keep their fraction of the length, the base tangent is stretched too")
     return BodyShape(time, position, arc_length, tangent, dropped, tuple(notes))
 
 
 def _base_stretch(chords: NDArray[np.float64], arc_length: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the ratio (T,) of the first tenth's length to its arc length; None if the length hardly changes."""
+    """Return the ratio (T,) of the first tenth's length to its arc length; None where the length hardly changes."""
     total = chords.sum(axis=1)
     if np.ptp(total) <= STRETCH_WORTH_TELLING * total.mean():
         return None
@@ -98,5 +100,6 @@ def _measured_tangent(
     slope = np.einsum("s,tsd->td", weights, position[:, :count])
     length = np.linalg.norm(slope, axis=1, keepdims=True)
     if (length == 0.0).any():
-        raise InputError(f"the base has no direction in {int((length == 0.0).sum())} frame(s)")
+        raise InputError(f"the first stations coincide in {int((length == 0.0).sum())} frame(s), so the base has no "
+                         "tangent: leave one out")
     return slope / length, count

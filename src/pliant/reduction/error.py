@@ -1,7 +1,7 @@
-"""Distance between a body and the cubic spline through a few of its points, for all frames.
+"""Compute the distance between a body and the cubic spline through a few of its points, for all frames.
 
-With the arc length common to all frames, nodes and spline are two fixed matrices: the error of a frame is two
-small matrix products away.
+The arc length is common to all frames. Nodes and spline are therefore two fixed matrices, and the error of a frame
+takes two small matrix products.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.numerics.spline import CLAMPED, local_cubic_matrix, spline_matrix
-from pliant.reduction.closest import closest_distances
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
     from pliant.reduction.body import BodyShape
 
 CHUNK_VALUES = 1 << 16  # working set of about 0.5 MB an array: stays in cache
+GRID = 200  # least number of search points along the spline
+NEWTON_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,15 @@ class SplineMap:
     Attributes
     ----------
     knots : (n + 1,) array, m
+        Arc lengths of the nodes.
     boundary : str
+        End conditions of the spline.
     nodes : (n + 1, S) array
-        Takes the stations to the nodes.
+        Matrix from the stations to the nodes.
     spline : (S, n + 1) array
-        Takes the nodes to the spline at the stations.
+        Matrix from the nodes to the spline at the stations.
     slope : (S,) array
-        Factor of the base tangent.
+        Factor of the base tangent in the spline at the stations.
     """
 
     knots: NDArray[np.float64]
@@ -48,7 +51,7 @@ class SplineMap:
 
 
 def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boundary: str) -> SplineMap:
-    """Build the map for nodes at arc lengths `knots`, which lie on stations or between them."""
+    """Return the map for nodes at the arc lengths `knots` [m], which may be at or between stations."""
     spline, slope = spline_matrix(knots, arc_length, boundary)
     return SplineMap(knots, boundary, local_cubic_matrix(arc_length, knots), spline, slope)
 
@@ -56,7 +59,7 @@ def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boun
 def frame_errors(
     body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Largest and mean error over the stations of every frame, for every map.
+    """Compute the largest and the mean error over the stations in every frame, for each of K maps.
 
     Parameters
     ----------
@@ -80,12 +83,12 @@ def frame_errors(
 
 
 def node_positions(one: SplineMap, position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Nodes (T, n + 1, d) of the frames, m."""
+    """Return the positions (T, n + 1, d) [m] of the nodes."""
     return np.matmul(one.nodes, position)
 
 
 def _chunks(position: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Rows and their points as (d, rows, S), so that the stations are the last, contiguous axis."""
+    """Yield slices of frames and their points as (d, rows, S), so that the stations are the contiguous axis."""
     frames, stations, axes = position.shape
     step = max(1, CHUNK_VALUES // (stations * axes))
     for start in range(0, frames, step):
@@ -100,7 +103,7 @@ def _distances(
     arc_length: NDArray[np.float64],
     metric: str,
 ) -> NDArray[np.float64]:
-    """Distances (rows, S) of the points from the spline."""
+    """Return the distances (rows, S) [m] of the points from the spline."""
     axes, rows, stations = points.shape
     nodes = points.reshape(-1, stations) @ one.nodes.T
     difference = (nodes @ one.spline.T).reshape(axes, rows, stations)
@@ -116,3 +119,102 @@ def _distances(
         nodes = nodes.reshape(axes, rows, -1)
         return closest_distances(points, nodes, tangent, arc_length, one.knots, one.boundary, distance)
     return distance
+
+
+def closest_distances(
+    points: NDArray[np.float64],
+    nodes: NDArray[np.float64],
+    tangent: NDArray[np.float64],
+    arc_length: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    boundary: str,
+    distance: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the distances (T, S) [m] from the stations to the closest point of the spline, at most `distance`.
+
+    The search covers the part of the spline that can be closest to a station: within pi times its distance at equal arc
+    length. A grid search finds the neighbourhood, and Newton's method on the local cubic finds the point.
+
+    Parameters
+    ----------
+    points : (d, T, S) array, m
+        Positions of the stations.
+    nodes : (d, T, n + 1) array, m
+        Positions of the nodes of the spline.
+    tangent : (T, d) array
+        Base tangent.
+    arc_length : (S,) array, m
+        Arc lengths of the stations.
+    knots : (n + 1,) array, m
+        Arc lengths of the nodes.
+    boundary : str
+        End conditions of the spline.
+    distance : (T, S) array, m
+        Distance of each station from the spline at equal arc length.
+    """
+    fold = max(1, int(np.ceil(GRID / (arc_length.size - 1))))
+    grid = np.interp(np.arange((arc_length.size - 1) * fold + 1) / fold, np.arange(arc_length.size), arc_length)
+    curve, *derivatives = [_evaluate(knots, boundary, nodes, tangent, grid, order) for order in range(4)]
+    reach = np.pi * distance.max()
+    nearest = _nearest_on_grid(points, curve, arc_length, grid, fold, reach)
+    taken = [np.take_along_axis(d, nearest[None], axis=2) for d in (curve, *derivatives)]
+    refined = _newton(points, taken, grid, nearest)
+    return np.minimum(distance, refined)
+
+
+def _evaluate(
+    knots: NDArray[np.float64],
+    boundary: str,
+    nodes: NDArray[np.float64],
+    tangent: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    order: int,
+) -> NDArray[np.float64]:
+    matrix, slope = spline_matrix(knots, grid, boundary, order)
+    return np.asarray(nodes @ matrix.T + tangent.T[:, :, None] * slope)
+
+
+def _nearest_on_grid(
+    points: NDArray[np.float64],
+    curve: NDArray[np.float64],
+    arc_length: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    fold: int,
+    reach: float,
+) -> NDArray[np.intp]:
+    """Return the index (T, S) of the nearest grid point among those within `reach` along the arc."""
+    home = np.arange(arc_length.size) * fold
+    best = np.full(points.shape[1:], np.inf)
+    index = np.zeros(points.shape[1:], dtype=np.intp)
+    steps = int(np.ceil(reach / np.diff(grid).min())) + 1
+    for shift in range(-min(steps, grid.size - 1), min(steps, grid.size - 1) + 1):
+        at = np.clip(home + shift, 0, grid.size - 1)
+        squared = np.square(points - curve[:, :, at]).sum(axis=0)
+        better = squared < best
+        best[better] = squared[better]
+        index[better] = np.broadcast_to(at, index.shape)[better]
+    return index
+
+
+def _newton(
+    points: NDArray[np.float64],
+    taken: list[NDArray[np.float64]],
+    grid: NDArray[np.float64],
+    nearest: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Return the distance after Newton steps along the cubic r + u r' + u^2/2 r'' + u^3/6 r''' of each point."""
+    r, r1, r2, r3 = taken
+    low = grid[np.maximum(nearest - 1, 0)] - grid[nearest]
+    high = grid[np.minimum(nearest + 1, grid.size - 1)] - grid[nearest]
+    u = np.zeros(nearest.shape)
+    for step in range(NEWTON_STEPS + 1):
+        gap = r + u * (r1 + u * (r2 / 2 + u * r3 / 6)) - points
+        if step == NEWTON_STEPS:
+            break
+        first = r1 + u * (r2 + u * r3 / 2)
+        gradient = (gap * first).sum(axis=0)
+        hessian = np.square(first).sum(axis=0) + (gap * (r2 + u * r3)).sum(axis=0)
+        slow = np.square(first).sum(axis=0) / 2  # far from the curve the full Hessian may lose its sign
+        u = np.clip(u - gradient / np.maximum(hessian, np.maximum(slow, 1e-300)), low, high)
+    found: NDArray[np.float64] = np.minimum(np.linalg.norm(gap, axis=0), np.linalg.norm(r - points, axis=0))
+    return found

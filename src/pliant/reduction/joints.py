@@ -1,4 +1,4 @@
-"""Angles of the joints between chords of a shape, in the plane and in space, and the chain that they make."""
+"""Joint angles between chords of a shape, in the plane and in space, and the tips of the chain."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 from pliant.numerics.joint_rotations import link_frames, swing_matrices, swings_along
 
 if TYPE_CHECKING:
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class LinkPoint(NamedTuple):
-    """A point beside a link of a chain in space: from the link's joint along it (z), across (-y) and aside (x), m."""
+    """A point beside a link of a spatial chain, from the link's joint: along (z), across (-y) and aside (x) [m]."""
 
-    link: int  # 0 the first, -1 the base
+    link: int  # 0 for the first link, -1 for the base
     along: float
     across: float
     aside: float
@@ -25,7 +25,7 @@ class LinkPoint(NamedTuple):
 def joints_in_plane(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64], start: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Rest angles (n,), joint angles (T, n) and the tips (T, n, 2) of the chain from the origin."""
+    """Return rest angles (n,), joint angles (T, n) and tips (T, n, 2) of a planar chain from the origin."""
     relative, (rest_angle,) = chain_of(nodes)[1], chain_of(rest_nodes[None])[1]
     turns = _unwrapped_from(relative, rest_angle, start)
     return rest_angle, turns - rest_angle, forward_tips(turns, link_length)
@@ -34,7 +34,7 @@ def joints_in_plane(
 def joints_in_space(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Rest swings (2 n,), swings (T, 2 n) and the tips (T, n, 3) of the chain from the origin."""
+    """Return rest swings (2 n,), swings (T, 2 n) and tips (T, n, 3) of a spatial chain from the origin."""
     rest_swing = swings_along(np.diff(rest_nodes, axis=0))
     rest = swing_matrices(rest_swing)
     swing = swings_along(np.diff(nodes, axis=1), rest)
@@ -45,17 +45,17 @@ def joints_in_space(
 def beside_links(
     place: NDArray[np.float64], before: float, link_length: NDArray[np.float64], rest: NDArray[np.float64]
 ) -> list[LinkPoint]:
-    """Return the coordinates of points (P, 3) [m] beside the links of a chain in space at rest, each on the nearest.
+    """Return each of the points (P, 3) [m] as a `LinkPoint` of the nearest link of a spatial chain at rest.
 
     Parameters
     ----------
     place : (P, 3) array, m
-        In the base frame.
+        Points in the base frame.
     before : float, m
-        Length of the base before the first joint, a link of its own.
+        Length of the base before the first joint, which counts as a link.
     link_length : (n,) array, m
     rest : (n, 3, 3) array
-        Rest rotations.
+        Rest rotation of each link.
     """
     frames = np.concatenate((np.eye(3)[None], link_frames(np.zeros((len(rest), 2)), rest)))
     length = np.append(before, link_length)
@@ -68,16 +68,18 @@ def beside_links(
 
 
 def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lengths and relative angles in (-pi, pi], both (T, n), of the chords between nodes (T, n + 1, 2)."""
+    """Return lengths [m] and relative angles [rad] in (-pi, pi], both (T, n), of chords between nodes (T, n + 1, 2)."""
     chord = np.diff(nodes, axis=1)
     alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
     return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
 
 
 def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tips (T, n, 2) of chains from the origin: turns (T, n) = q + theta_0, lengths (n,) or (T, n).
+    """Return the tips (T, n, 2) of chains from the origin, for turns (T, n) = q + theta_0 and link lengths.
 
     p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
+
+    The link lengths are (n,) or (T, n).
 
     Paper: Eq. (3) [eq:Rp^i]
     """
@@ -85,11 +87,11 @@ def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angle in (-pi, pi]."""
+    """Return the angle wrapped to (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], start: int) -> NDArray[np.float64]:
-    """Relative angles continuous over time, within half a turn of `rest` at frame `start`."""
+    """Return relative angles that are continuous over time and within half a turn of `rest` at frame `start`."""
     turns: NDArray[np.float64] = np.unwrap(relative, axis=0)
     return turns - 2 * np.pi * np.round((turns[start] - rest) / (2 * np.pi))

@@ -1,4 +1,4 @@
-"""Links and joint angles of a shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
+"""Compute links and joint angles of a shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
 
 from __future__ import annotations
 
@@ -28,20 +28,22 @@ PRESSURE_AT_REST = 0.05  # of the range of the pressure
 
 @dataclass(frozen=True)
 class LinkPlacement:
-    """A chain laid through a shape. Joint i owns link i; index 0 is the base.
+    """Chain of links fitted to a shape over time. Joint i is at the base of link i; index 0 is the base.
 
-    N is n in the plane. In space it is 2 n, swings interleaved (a_1, b_1, ..., a_n, b_n): the chain does not twist
-    about its links, neither at rest nor in motion.
+    N is n in the plane. In space N is 2 n, with the two swing angles of each joint interleaved (a_1, b_1, ..., a_n,
+    b_n). The chain does not twist about its links, neither at rest nor in motion.
 
     Attributes
     ----------
     time : (T,) array, s
     link_length : (n,) array, m
+        Constant lengths of the links.
     rest_angle : (N,) array, rad
-        theta_i0: angle of each link to the one before (the first: to the base tangent) at rest; its swing in space.
+        theta_i0: angle of each link to the previous one (the first: to the base tangent) at rest; in space its swing.
     joint_angle : (T, N) array, rad
-        q_i: change of that angle from rest, continuous over time; in space the swing behind that of the rest shape.
+        q_i: change of that angle from rest, continuous over time; in space the swing after that of the rest shape.
     node_arc_length : (n + 1,) array, m
+        Arc lengths of the nodes, base and tip included.
     base : (d,) array, m
         Mean position of the first node.
     tips : (T, n, d) array, m
@@ -51,6 +53,7 @@ class LinkPlacement:
     residual : (T, n) array, m
         Distance between the measured tips and those of the chain with constant link lengths.
     notes : tuple of str
+        Assumptions and remarks, one sentence each.
     """
 
     time: NDArray[np.float64]
@@ -71,27 +74,26 @@ class LinkPlacement:
 
     @property
     def rest_rotation(self) -> NDArray[np.float64]:
-        """Rotation (n, 3, 3) of each link against the one before, at rest; of a chain in space."""
+        """Rotation (n, 3, 3) of each link relative to the previous one at rest, for a spatial chain."""
         return swing_matrices(self.rest_angle.reshape(self.n, 2))
 
     @property
     def rest_bend(self) -> NDArray[np.float64]:
-        """Angle (n,) of each link to the one before at rest, rad; without a sign in space."""
+        """Angle (n,) [rad] of each link to the previous one at rest; unsigned for a spatial chain."""
         if len(self.base) == 2:
             return self.rest_angle
         return np.asarray(np.linalg.norm(self.rest_angle.reshape(self.n, 2), axis=1))
 
     def beside(self, place: ArrayLike) -> list[LinkPoint]:
-        """Return the coordinates of points (P, 3) of the body at rest [m, base frame] beside the links of a chain in
-        space.
+        """Return points (P, 3) [m] of the body at rest, in the base frame, as `LinkPoint`s of a spatial chain.
 
-        Each on the link that it is nearest to; on the base before the first joint where it is nearest to that.
+        Each point is assigned to the nearest link, or to the base before the first joint where that is nearest.
         """
         places = np.asarray(place, dtype=np.float64)
         return beside_links(places, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
 
     def to_xarray(self) -> xr.Dataset:
-        """Links over time as a dataset with units."""
+        """Return the chain over time as an `xarray.Dataset` with units."""
         import xarray as xr
 
         def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:
@@ -125,7 +127,7 @@ def links_of(
     length: str = "rest",
     rest: tuple[float, float] | None = None,
 ) -> LinkPlacement:
-    """Lay a chain through a shape, in the plane or in space.
+    """Fit a chain of links to a shape, planar or spatial, and return its joint angles over time.
 
     alpha_i = atan2(-dx, dy) of chord i;  theta_i = alpha_i - alpha_{i-1}, alpha_0 = 0 (the base tangent +y);
     theta_i0 = theta_i of the rest shape;  q_i = theta_i - theta_i0
@@ -134,15 +136,16 @@ def links_of(
     Parameters
     ----------
     recording : xarray.Dataset
-        Aligned recording, base first.
+        Aligned recording, with stations from base to tip.
     n : int, optional
         Number of links of equal arc length.
     node_arc_length : (n + 1,) array, m, optional
-        Nodes from base to tip, instead of `n`.
+        Arc lengths of the nodes from base to tip, instead of `n`.
     stations : names, optional
-        Nodes at these stations, instead of `n`.
+        Names of the stations that are nodes, instead of `n`.
     length : {"rest", "mean"}
-        Link lengths of the rest shape, or their mean over time (better for large bends: chords shorten).
+        Whether link lengths are those of the rest shape or their mean over time. The mean is better for large bends,
+        which shorten the chords.
     rest : (start, stop), s, optional
         Time window of the rest shape; default the first 0.1 s.
 
@@ -156,10 +159,10 @@ def links_of(
         When the recording is not aligned, the nodes are unusable, or the rest window holds no frame.
     """
     if recording.attrs.get("frame") == "tracker":
-        raise InputError("links need an aligned recording (base at the origin, base tangent +y, in space +z): align it "
-                         "first")  # fmt: skip
+        raise InputError("links_of needs an aligned recording (base at the origin, base tangent +y, in space +z): "
+                         "align it first")  # fmt: skip
     if length not in ("rest", "mean"):
-        raise InputError(f"length must be rest or mean, not {length!r}")
+        raise InputError(f"length must be 'rest' or 'mean', not {length!r}")
     body = body_of(recording, fewest_stations=2)
     knots = _chosen_nodes(recording, body, n, node_arc_length, stations)
     nodes = np.matmul(_node_matrix(body.arc_length, knots), body.position)
@@ -195,25 +198,25 @@ def _chosen_nodes(
     stations: Sequence[str] | None,
 ) -> NDArray[np.float64]:
     if sum(option is not None for option in (n, node_arc_length, stations)) != 1:
-        raise InputError("give exactly one of n, node_arc_length and stations")
+        raise InputError("links_of needs exactly one of n, node_arc_length and stations")
     s = body.arc_length
     if n is not None:
         if n < 1:
-            raise InputError(f"the number of links n must be at least 1, but is {n}")
+            raise InputError(f"n, the number of links, must be 1 or more, not {n}")
         knots = equal_nodes(s, n)
     elif stations is not None:
         names = [str(name) for name in recording["station"].values]
         unknown = [name for name in stations if name not in names]
         if unknown:
-            raise InputError(f"no station {', '.join(unknown)}; the recording has {', '.join(names)}")
+            raise InputError(f"the recording has no station {', '.join(unknown)}; its stations are {', '.join(names)}")
         knots = s[[names.index(name) for name in stations]]
     else:
         knots = np.array(node_arc_length, dtype=np.float64)
     tolerance = 1e-9 * s[-1]
     if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > tolerance).all():
-        raise InputError(f"nodes must increase from base to tip, but lie at {np.round(knots, 6)} m")
+        raise InputError(f"nodes must increase in arc length from base to tip, but are at {np.round(knots, 6)} m")
     if knots[0] < -tolerance or knots[-1] > s[-1] + tolerance:
-        raise InputError(f"nodes must lie between 0 and {s[-1]:.6g} m along the body, not at {np.round(knots, 6)} m")
+        raise InputError(f"nodes must be between 0 and {s[-1]:.6g} m along the body, not at {np.round(knots, 6)} m")
     return knots
 
 
@@ -222,7 +225,7 @@ def _node_matrix(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[
     if np.allclose(s[nearest], knots, rtol=0, atol=1e-9 * s[-1]):
         return np.eye(s.size)[nearest]
     if s.size < 4:
-        raise InputError("nodes between stations need at least 4 stations; put the nodes at stations")
+        raise InputError("nodes between stations need at least 4 stations: choose nodes at stations")
     return local_cubic_matrix(s, knots)
 
 
@@ -233,8 +236,8 @@ def _rest_frames(
     still = (time >= start) & (time <= stop)
     if not still.any():
         raise InputError(
-            f"the rest window {start:g} to {stop:g} s holds no whole frame; the recording runs from "
-            f"{time[0]:g} to {time[-1]:g} s"
+            f"the rest window {start:g} to {stop:g} s contains no complete frame: set rest within "
+            f"{time[0]:g} to {time[-1]:g} s, the time of the recording"
         )
     notes = [f"rest shape: mean of {int(still.sum())} frame(s) from {start:g} to {stop:g} s"]
     if "pressure" in recording:

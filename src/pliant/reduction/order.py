@@ -1,4 +1,4 @@
-"""Selection of the number of links: the error of the spline through the joints against the number of segments."""
+"""Select the number of links by the error of the spline through the joints."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def select_order(
     metric: str = "arc",
     nodes: str = "auto",
 ) -> OrderResult:
-    """Error of the reconstructed shape for n = 2 ... `max_order` segments, and the lowest n within a bound.
+    """Compute the error of the reconstructed shape for 2 to `max_order` segments, and choose the lowest within `bound`.
 
-    In every frame a cubic spline goes through the n + 1 joints, base and tip included, and is compared with the
-    measured body at all its stations. Planar and three-dimensional bodies alike.
+    In every frame a cubic spline through the n + 1 joints, base and tip included, is compared with the measured body at
+    all its stations. Bodies may be planar or three-dimensional.
 
     Parameters
     ----------
@@ -44,19 +44,20 @@ def select_order(
         A recording with positions along one body, base first. Frames with a missing station are left out and
         counted.
     max_order : int
+        Largest number of segments to evaluate.
     bound : float, optional
-        Largest error that is allowed in any frame, m. Without it no order is chosen.
+        Largest allowed error in any frame, m. Without a bound no order is chosen.
     boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
-        End conditions of the spline. The default takes the base tangent as known: +y in an aligned planar
-        recording, +z in one in space, otherwise measured frame by frame from the first tenth of the body.
+        End conditions of the spline. The default uses the base tangent: +y in an aligned planar recording, +z in an
+        aligned spatial one, otherwise measured in each frame from the first tenth of the body.
     placement : {"equal", "best"}
-        Joints at equal arc length, or where the largest error over the recording is smallest: that at equal arc
-        length, whatever the `metric`.
+        Joints at equal arc length, or at the positions that minimise the largest error over the recording. That error
+        is the distance at equal arc length for every `metric`.
     metric : {"arc", "closest"}
         Distance at equal arc length (the paper's), or to the closest point of the spline.
     nodes : {"auto", "stations", "interpolated"}
-        Whether joints at equal arc length sit at the nearest stations or exactly, between them; "auto"
-        interpolates from 65 stations on.
+        Whether joints at equal arc length are at the nearest stations, or exactly at equal arc length between
+        stations; "auto" interpolates from 65 stations on.
 
     Returns
     -------
@@ -69,16 +70,16 @@ def select_order(
 
     Notes
     -----
-    Arc length is one abscissa for all frames (the recording's own, or the time-mean sum of chords), so a joint
-    keeps its place on the body.
+    The arc length is equal for all frames (that of the recording, or the time-mean sum of chords), so a joint stays at
+    the same material point.
 
     Paper: Sec. III-A, Figs. 4 and 5 [fig:fitting, fig:matchCurve]
     """
     _check_options(boundary=boundary, placement=placement, metric=metric, nodes=nodes)
     if max_order < 2:
-        raise InputError(f"max_order must be at least 2 segments, but is {max_order}")
+        raise InputError(f"max_order must be 2 segments or more, not {max_order}")
     if bound is not None and not bound > 0:
-        raise InputError(f"bound must be a positive length in metres, but is {bound}")
+        raise InputError(f"bound must be a positive length in metres, not {bound}")
     body = body_of(recording)
     knots = _knots(body, max_order, boundary, placement, nodes)
     largest, mean = frame_errors(body, [spline_map(body.arc_length, k, boundary) for k in knots], metric)
@@ -112,7 +113,7 @@ def _check_options(**options: str) -> None:
 
 
 def _knots(body: BodyShape, max_order: int, boundary: str, placement: str, nodes: str) -> list[NDArray[np.float64]]:
-    """Node arc lengths of every order that the stations allow."""
+    """Return the arc lengths of the nodes for every order that the stations allow."""
     s = body.arc_length
     knots = []
     for n in range(2, max_order + 1):

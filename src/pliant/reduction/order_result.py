@@ -1,4 +1,4 @@
-"""The outcome of an order selection: errors by order and frame, the choice and its reason."""
+"""Result of an order selection: errors by order and frame, the chosen order and the reason."""
 
 from __future__ import annotations
 
@@ -13,33 +13,37 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-FEW_STATIONS = 3  # inside a segment; with fewer the largest error at the stations may be a fifth too low
+FEW_STATIONS = 3  # inside a segment; with fewer, the largest error at the stations may be 20 % too low
 
 
 @dataclass(frozen=True, repr=False)
 class OrderResult(Shown):
-    """Errors of the reconstructed shape for every order.
+    """Errors of the reconstructed shape for every order, and the chosen order.
 
     Attributes
     ----------
     orders : tuple of int
         Numbers of segments n.
     time : (T,) array, s
-        The frames that were used.
+        Times of the frames that were used.
     max_error, mean_error : (N, T) arrays, m
-        Over the stations of a frame, for each order.
+        Largest and mean error over the stations, for each order and frame.
     node_arc_length : tuple of (n + 1,) arrays, m
+        Arc lengths of the joints, base and tip included, for each order.
     stations_between : tuple of int
-        Fewest stations inside a segment, for each order. Without one an order cannot be judged.
+        Fewest stations inside a segment, for each order. An order with 0 cannot be judged.
     bound : float or None, m
+        Largest allowed error.
     boundary, placement, metric : str
+        Options of `select_order`.
     stations : int
+        Number of stations.
     frames_left_out : int
-        Frames with missing stations.
+        Number of frames with missing stations, which were left out.
     length : float, m
         Arc length of the body.
     notes : tuple of str
-        What was assumed on the way.
+        Assumptions and remarks, one sentence each.
     """
 
     orders: tuple[int, ...]
@@ -64,7 +68,7 @@ class OrderResult(Shown):
 
     @property
     def chosen(self) -> int | None:
-        """Lowest order whose largest error over all frames keeps the bound; None when there is none."""
+        """Lowest order whose largest error over all frames is within the bound; None where there is none."""
         if self.bound is None:
             return None
         for n, errors, inside in zip(self.orders, self.max_error, self.stations_between, strict=True):
@@ -74,39 +78,43 @@ class OrderResult(Shown):
 
     @property
     def reason(self) -> str:
-        """Return why this order was chosen, or none, in a sentence; says when the stations are too few to judge it."""
+        """Sentence that says why this order was chosen, or none; it warns where the stations are too few to judge."""
         if self.bound is None:
             return "No order was chosen, because no bound was given."
         bound = f"the bound of {self.bound * 1e3:g} mm"
         judged = [n for n, inside in zip(self.orders, self.stations_between, strict=True) if inside > 0]
         if self.chosen is None and not judged:
-            return f"No order can be judged: {self.stations} stations leave none between the joints."
+            return f"No order can be judged: with {self.stations} stations there is none between the joints."
         if self.chosen is None:
             n = min(judged, key=lambda m: float(self.max_error[self._row(m)].max()))
             least = self.max_error[self._row(n)].max() * 1e3
-            text = f"No order up to {judged[-1]} keeps {bound}: the smallest maximum is {least:.2f} mm, with n = {n}."
+            text = (f"No order up to {judged[-1]} is within {bound}: the smallest maximum error is {least:.2f} mm, "
+                    f"at n = {n}.")
             return text + self._caution(n)
         n = self.chosen
-        text = f"n = {n} is the lowest order that keeps {bound} in all {self.frames} frames"
-        return f"{text} (maximum {self.max_error[self._row(n)].max() * 1e3:.2f} mm)." + self._caution(n)
+        text = f"n = {n} is the lowest order within {bound} in all {self.frames} frames"
+        return f"{text} (maximum error {self.max_error[self._row(n)].max() * 1e3:.2f} mm)." + self._caution(n)
 
     def fraction_within(self, order: int) -> float:
-        """Fraction of frames whose largest error keeps the bound; 1 when there is no bound."""
+        """Return the fraction of frames whose largest error is within the bound; 1 without a bound."""
         if self.bound is None:
             return 1.0
         return float((self.max_error[self._row(order)] <= self.bound).mean())
 
     def worst_frames(self, order: int, count: int = 5) -> list[tuple[float, float]]:
-        """The `count` worst frames of an order: (time s, largest error m), worst first."""
+        """Return (time [s], largest error [m]) of the `count` worst frames of an order, worst first."""
         errors = self.max_error[self._row(order)]
         return [(float(self.time[k]), float(errors[k])) for k in np.argsort(-errors, kind="stable")[:count]]
 
     def operations(self, order: int) -> int:
-        """Additions and multiplications of one evaluation of the n-link dynamics, about (dense, absolute angles)."""
+        """Return the approximate number of additions and multiplications per evaluation of n-link dynamics.
+
+        It counts dense equations in absolute angles.
+        """
         return round(order**3 / 3 + 55 * order**2 / 6)
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers in millimetres, as `pliant order --json` prints them."""
+        """Return the errors by order and the choice in millimetres, as `pliant order --json` prints them."""
         return {
             "orders": {str(n): self._row_dict(k) for k, n in enumerate(self.orders)},
             "chosen": self.chosen,
@@ -116,7 +124,7 @@ class OrderResult(Shown):
         }
 
     def to_xarray(self) -> xr.Dataset:
-        """Errors over order and time, with units."""
+        """Return the errors over order and time as an `xarray.Dataset` with units."""
         import xarray as xr
 
         about = {"max_error": (self.max_error, "largest"), "mean_error": (self.mean_error, "mean")}
@@ -132,7 +140,7 @@ class OrderResult(Shown):
         return xr.Dataset(data, coords, attrs | {"reason": self.reason, "notes": "\n".join(self.notes)})
 
     def summary(self) -> str:
-        """The choice and what it rests on, in sentences."""
+        """Return the choice, its settings and its data in sentences."""
         kind = "at equal arc length" if self.metric == "arc" else "to the closest point"
         place = "at equal arc length" if self.placement == "equal" else "where the largest error is smallest"
         text = f"{self.reason} Errors {kind}, joints {place}, {self.boundary} spline, {self.stations} stations"
@@ -142,7 +150,7 @@ class OrderResult(Shown):
         return text
 
     def card(self) -> Card:
-        """The errors of every order, and the choice."""
+        """Return a table of the errors of every order, and the choice, as a card for notebooks."""
         head = ["segments", "max mm", "mean mm", "95 % of max mm", "frames within bound"]
         rows = []
         for n, row in zip(self.orders, self.to_dict()["orders"].values(), strict=True):
@@ -168,6 +176,6 @@ class OrderResult(Shown):
         if inside >= FEW_STATIONS:
             return ""
         return (
-            f" But a segment of n = {order} holds only {inside} station(s) between its joints: too few to judge this "
-            "order, the true maximum may be larger."
+            f" But a segment of n = {order} has only {inside} station(s) between its joints, too few to judge this "
+            "order: the true maximum error may be larger."
         )

@@ -1,4 +1,4 @@
-"""Positions of the joints: at equal arc length, or such that the largest error over the recording is smallest."""
+"""Choose the positions of the joints: at equal arc length, or such that the largest error is smallest."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DENSE_STATIONS = 65  # eight stations in each of eight segments
-ACTIVE_FRAMES = 96  # frames that the search looks at; the worst of all others join it round by round
+ACTIVE_FRAMES = 96  # frames in the search; the worst of the others are added each round
 ROUNDS = 8
 START_SEGMENTS = 16
 
 
 def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") -> NDArray[np.float64]:
-    """Nodes (n + 1,) at equal arc length, m.
+    """Return the arc lengths (n + 1,) [m] of nodes at equal spacing, base and tip included.
 
-    With ``nodes="interpolated"`` they lie at exactly j L / n, between the stations where need be; with
-    ``"stations"`` at the stations nearest to that. ``"auto"`` interpolates from 65 stations on: a local cubic
-    between stations L / 64 apart errs by 0.05 % of what an eight-segment spline errs by, so it no longer
-    matters; with fewer stations only measured points are used.
+    With ``nodes="interpolated"`` they are exactly j L / n, between stations where necessary. With ``"stations"`` they
+    are at the nearest stations. ``"auto"`` interpolates from 65 stations on: a local cubic between stations L / 64
+    apart has 0.05 % of the error of an eight-segment spline. With fewer stations only measured points are used.
     """
     target = np.linspace(0.0, arc_length[-1], n + 1)
     if nodes == "interpolated" or (nodes == "auto" and arc_length.size >= DENSE_STATIONS):
@@ -36,11 +35,11 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
 
 
 def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Nodes (n + 1,) that make the largest error over all frames and stations small; never worse than `start`.
+    """Return the arc lengths (n + 1,) [m] of nodes with a small largest error, never worse than that of `start`.
 
-    Base and tip stay. The search exchanges stations, alone and in blocks, on the frames that matter, and takes
-    in the worst of all frames until none is worse than those. It starts from the equal nodes and from de Boor's
-    equidistribution of |x''''|^(1/4), and ends in a local optimum.
+    Base and tip are fixed. The search moves nodes from station to station, alone and in blocks, on a set of active
+    frames. It adds the worst of all frames until none is worse than the active ones. It starts from the equal nodes and
+    from de Boor's equidistribution of |x''''|^(1/4), and ends in a local optimum.
 
     Parameters
     ----------
@@ -48,8 +47,9 @@ def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64
     n : int
         Number of segments.
     boundary : str
+        End conditions of the spline.
     start : (n + 1,) array, m
-        Nodes to improve upon.
+        Arc lengths of the initial nodes.
     """
     s = body.arc_length
     best, best_errors = start, _largest(body, start, boundary)
@@ -72,7 +72,7 @@ def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64
 
 
 def stations_between(arc_length: NDArray[np.float64], knots: NDArray[np.float64]) -> int:
-    """Fewest stations strictly inside a segment: the points that can tell its error."""
+    """Return the smallest number of stations strictly inside a segment; only these show its error."""
     tolerance = 1e-9 * arc_length[-1]
     inside = [((arc_length > a + tolerance) & (arc_length < b - tolerance)).sum() for a, b in pairwise(knots)]
     return int(min(inside))
@@ -83,7 +83,7 @@ def _largest(body: BodyShape, knots: NDArray[np.float64], boundary: str) -> NDAr
 
 
 class _Search:
-    """Exchange of stations on a fixed set of frames; a segment always keeps a station inside."""
+    """Search over stations as nodes on a fixed set of frames; a segment always keeps a station inside."""
 
     def __init__(self, body: BodyShape, frames: NDArray[np.intp], boundary: str) -> None:
         self.s = body.arc_length
@@ -94,7 +94,7 @@ class _Search:
         self.seen: dict[bytes, float] = {}
 
     def cost(self, index: NDArray[np.intp]) -> float:
-        """Largest squared error, m^2."""
+        """Return the largest squared error [m^2] for nodes at the stations `index`."""
         key = index.tobytes()
         if key not in self.seen:
             spline, slope = spline_matrix(self.s[index], self.s, self.boundary)
@@ -106,7 +106,7 @@ class _Search:
         return self.seen[key]
 
     def descend(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], float]:
-        """Best indices found from `index`, and their largest error, m."""
+        """Return the best indices found from `index`, and their largest error [m]."""
         cost = self.cost(index)
         n = index.size - 1
         stride = max(1, self.s.size // (4 * n))
@@ -125,7 +125,7 @@ class _Search:
 
 
 def _to_indices(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Stations nearest to the knots, at least two apart, first and last kept."""
+    """Return the stations nearest to the knots, at least two apart, with the first and last kept."""
     index = np.abs(s[None, :] - knots[:, None]).argmin(axis=1)
     index[0], index[-1] = 0, s.size - 1
     for j in range(1, index.size - 1):
@@ -136,7 +136,7 @@ def _to_indices(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[n
 
 
 def _equidistributed(body: BodyShape, n: int) -> NDArray[np.float64]:
-    """Nodes that share int |x''''|^(1/4) ds equally, x'''' from the jumps of a fine spline's third derivative."""
+    """Return nodes that divide int |x''''|^(1/4) ds equally, with x'''' from jumps of a spline's third derivative."""
     s = body.arc_length
     segments = max(2, min(START_SEGMENTS, (s.size - 1) // 2))
     knots = s[_to_indices(s, np.linspace(0.0, s[-1], segments + 1))]

@@ -1,4 +1,4 @@
-"""The continuous shape back from a chain: a spline through the tips, or a curve of continuous curvature."""
+"""Reconstruct a continuous shape from a chain: a spline through the tips, or a curve of continuous curvature."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.arcs import tangents
+from pliant.numerics.curve import tangents
 from pliant.numerics.spline import BOUNDARIES, CLAMPED, spline_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 GAUSS_POINTS = 4
-PIECES = 4  # quadrature intervals of a segment, at least
+PIECES = 4  # least number of quadrature intervals per segment
 
 
 def spline_shape(
@@ -27,15 +27,18 @@ def spline_shape(
     base: ArrayLike = (0.0, 0.0),
     base_tangent: ArrayLike = (0.0, 1.0),
 ) -> NDArray[np.float64]:
-    """Cubic spline through the base and the link tips.
+    """Evaluate the cubic spline through the base and the link tips, and return points (T, P, d) [m].
 
     Parameters
     ----------
     tips : (T, n, d) array, m
+        Positions of the link tips.
     node_arc_length : (n + 1,) array, m
+        Arc lengths of base and tips.
     arc_length : (P,) array, m
-        Where the shape is wanted.
+        Arc lengths at which the shape is evaluated.
     boundary : {"natural", "not-a-knot", "clamped+not-a-knot"}
+        End conditions of the spline.
     base : (d,) array, m
     base_tangent : (d,) or (T, d) array
         Unit tangent at the base; used when the base is clamped.
@@ -47,7 +50,7 @@ def spline_shape(
     Raises
     ------
     InputError
-        When the shapes do not fit, the boundary is unknown, or there is only one link.
+        When the array shapes do not match, the boundary is unknown, or there is only one link.
 
     Notes
     -----
@@ -58,7 +61,8 @@ def spline_shape(
     if tip.ndim != 3 or knots.shape != (tip.shape[1] + 1,):
         raise InputError(f"tips (T, n, d) need n + 1 node arc lengths, but their shapes are {tip.shape}, {knots.shape}")
     if boundary not in BOUNDARIES or knots.size < 3:
-        raise InputError(f"a spline needs two links and a boundary out of {', '.join(BOUNDARIES)}, not {boundary!r}")
+        raise InputError(f"a spline needs two links or more and a boundary among {', '.join(BOUNDARIES)}, not "
+                         f"{boundary!r}")
     first = np.broadcast_to(np.asarray(base, dtype=np.float64), (len(tip), 1, tip.shape[2]))
     matrix, slope = spline_matrix(knots, np.asarray(arc_length, dtype=np.float64), boundary)
     tangent = np.broadcast_to(np.asarray(base_tangent, dtype=np.float64), (len(tip), tip.shape[2]))
@@ -66,7 +70,7 @@ def spline_shape(
 
 
 def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> NDArray[np.float64]:
-    """Curvature (T, P), 1/m: piecewise linear and continuous, from turns (T, n) = q + theta_0.
+    """Return the continuous, piecewise linear curvature (T, P) [1/m] of a chain with turns (T, n) = q + theta_0 [rad].
 
     The tangent angle phi(s) is the quadratic spline whose mean over segment i is the chord angle
     alpha_i = sum_{k<=i} turns_k, with phi(0) = 0: the derivative of the clamped cubic spline through
@@ -78,23 +82,23 @@ def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: 
 def curvature_shape(
     turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike, *, base: ArrayLike = (0.0, 0.0)
 ) -> NDArray[np.float64]:
-    """Planar shape (T, P, 2), m, of the continuous curvature of `curvature_profile`, from the base along +y.
+    """Return the planar shape (T, P, 2) [m] whose curvature is that of `curvature_profile`, from the base along +y.
 
-    Its length is exact by construction; it passes near the link tips, not through them.
+    The length is exact by construction. The curve passes near the link tips, not through them.
 
     Parameters
     ----------
     turns : (T, n) array, rad
-        q + theta_0.
+        Angle of each link to the previous one: q + theta_0.
     node_arc_length : (n + 1,) array, m
     arc_length : (P,) array, m
-        Where the shape is wanted, from 0 on.
+        Arc lengths at which the shape is evaluated, from 0 on.
     base : (2,) array, m
     """
     at = np.asarray(arc_length, dtype=np.float64)
     knots = np.asarray(node_arc_length, dtype=np.float64)
     if at.size and (at.min() < knots[0] or at.max() > knots[-1] * (1 + 1e-9)):
-        raise InputError(f"arc lengths must lie between {knots[0]:g} and {knots[-1]:g} m")
+        raise InputError(f"arc_length must be between {knots[0]:g} and {knots[-1]:g} m")
     fine = np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in pairwise(knots)])
     grid = np.unique(np.concatenate((fine, at)))
     x, w = np.polynomial.legendre.leggauss(GAUSS_POINTS)

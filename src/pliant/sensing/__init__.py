@@ -1,10 +1,9 @@
-"""From the strain of a multicore fibre to curvature and shape."""
+"""Compute curvature and shape from the strain of a multicore fibre."""
 
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.sensing.cores import read_shape
-from pliant.sensing.recording import shape_from_strain
+from pliant.sensing.recording import point_covariance, shape_from_strain, tip_sigma
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
-from pliant.sensing.uncertainty import point_covariance, tip_sigma
 
 __all__ = [
     "CoreLayout",

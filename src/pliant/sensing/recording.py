@@ -1,4 +1,4 @@
-"""A recording of strain -> a recording of positions."""
+"""Convert a recording of strain to a recording of positions, with the uncertainty of the points."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ from pliant.numerics.curve import spatial_curve
 from pliant.recording.inputs import input_arguments
 from pliant.recording.schema import check_recording, make_recording
 from pliant.sensing.strain import CoreLayout, curvature_from_strain
-from pliant.sensing.uncertainty import tip_sigma
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import NDArray
-
+    from numpy.typing import ArrayLike, NDArray
 
 def shape_from_strain(
     recording: xr.Dataset,
@@ -26,38 +24,40 @@ def shape_from_strain(
     bridge: int = 0,
     sigma_strain: float | None = None,
 ) -> xr.Dataset:
-    """Integrate the strain of a multicore fibre to positions in space.
+    """Integrate the strain of a multicore fibre and return a recording of positions in space.
 
     Parameters
     ----------
     recording : xarray.Dataset
-        With strain (time, core, gauge), relative to the straight fibre.
+        A recording with strain (time, core, gauge) relative to the straight fibre.
     layout : CoreLayout
         One entry for each core of the recording, in its order.
     common_mode : {"least-squares", "centre"}
+        How the strain common to all cores is determined; see `curvature_from_strain`.
     bridge : int
-        Up to so many neighbouring gauges that are missing are interpolated, and counted. Behind a longer gap the
-        shape is unknown: positions are NaN.
+        Largest number of neighbouring missing gauges that are interpolated; they are counted in the history. Beyond a
+        longer gap the shape is unknown and positions are NaN.
     sigma_strain : float, optional
-        Standard deviation of the strain of one core and gauge; default from what the model leaves over, where
+        Standard deviation of the strain of one core and gauge. Default: from the residual of the strain model, where
         there are more cores than unknowns.
 
     Returns
     -------
     xarray.Dataset
-        Recording in frame "tracker": first gauge at the origin, tangent there +y. Inputs are kept. Attribute
-        `tip_sigma_m`, where the noise is known: standard deviation of the last point of a straight fibre.
+        Recording in frame "tracker", with the first gauge at the origin and the tangent there along +y. Inputs are
+        kept. Where the noise is known, the attribute `tip_sigma_m` holds the standard deviation of the last point of a
+        straight fibre.
 
     Raises
     ------
     InputError
-        When there is no strain, or the layout does not fit.
+        When there is no strain, or the layout does not match the cores.
     """
     check_recording(recording)
     if "strain" not in recording:
-        raise InputError("strain is needed, but the recording holds none")
+        raise InputError("shape_from_strain needs strain, but the recording holds none")
     if bridge < 0:
-        raise InputError(f"bridge must not be negative, but is {bridge}")
+        raise InputError(f"bridge must be 0 or a positive number of gauges, not {bridge}")
     s = recording["gauge_position"].values
     strain, filled, lost = _bridged(recording["strain"].values, s, bridge)
     state = curvature_from_strain(strain, s, layout, common_mode=common_mode)
@@ -67,8 +67,8 @@ def shape_from_strain(
     if sigma is not None:
         spacing = float(np.diff(s).mean())
         attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
-    seen = "seen" if state.sees_twist else "not seen by this layout, taken as zero"
-    counted = f"{filled} missing strain value(s) bridged, {lost} frame(s) unknown behind a gap"
+    seen = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
+    counted = f"{filled} missing strain value(s) interpolated, {lost} frame(s) unknown beyond a gap"
     history = [
         *str(recording.attrs.get("history", "")).split("\n"),
         f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
@@ -84,7 +84,7 @@ def shape_from_strain(
 def _bridged(
     strain: NDArray[np.float64], s: NDArray[np.float64], bridge: int
 ) -> tuple[NDArray[np.float64], int, int]:
-    """Strain with short gaps interpolated along the fibre, values filled, frames that keep a gap."""
+    """Return the strain with short gaps interpolated, the number of filled values, and of frames that keep a gap."""
     missing = np.isnan(strain)
     if not missing.any():
         return strain, 0, 0
@@ -105,3 +105,53 @@ def _estimated_noise(residual: NDArray[np.float64], layout: CoreLayout, sees_twi
     if spare < 1:
         return None
     return float(np.sqrt(np.nanmean(np.square(residual)) * layout.radius.size / spare))
+
+
+def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
+    """Return the standard deviation [m] of the tip of a straight fibre across its axis.
+
+    sigma_tip = sigma_kappa sqrt(ds L^3 / 3), for independent errors of the curvature samples
+
+    Parameters
+    ----------
+    sigma_curvature : float, 1/m
+        Standard deviation of one curvature sample.
+    spacing, length : float, m
+        Distance between samples, and length of the fibre.
+    """
+    return float(sigma_curvature * np.sqrt(spacing * length**3 / 3))
+
+
+def point_covariance(
+    points: ArrayLike,
+    sigma_curvature: float,
+    *,
+    sigma_base_angle: float = 0.0,
+    sigma_bias: float = 0.0,
+) -> NDArray[np.float64]:
+    """Return the covariance (S, 2, 2) [m^2] of each point of a planar curve, to first order.
+
+    delta p_k = sum_{j<=k} S (p_k - p_j) delta kappa_j ds_j + S (p_k - p_0) delta phi_0,  S = [[0, -1], [1, 0]]
+
+    Parameters
+    ----------
+    points : (S, 2) array, m
+        Points of the curve, from the base.
+    sigma_curvature : float, 1/m
+        Standard deviation of the independent error of each curvature sample.
+    sigma_base_angle : float, rad
+        Standard deviation of the tangent angle at the base.
+    sigma_bias : float, 1/m
+        Standard deviation of a curvature error that is common to all samples.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    ds = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    share = np.concatenate((ds[:1] / 2, (ds[1:] + ds[:-1]) / 2, ds[-1:] / 2))  # trapezoidal weight of a sample
+    arm = p[:, None, :] - p[None, :, :]
+    lever = np.stack([-arm[..., 1], arm[..., 0]], axis=2) * (share * np.tri(len(p)))[..., None]
+    covariance = sigma_curvature**2 * np.einsum("kja,kjb->kab", lever, lever)
+    shared = lever.sum(axis=1)
+    turned = np.stack([-(p - p[0])[:, 1], (p - p[0])[:, 0]], axis=1)
+    for sigma, direction in ((sigma_bias, shared), (sigma_base_angle, turned)):
+        covariance += sigma**2 * direction[:, :, None] * direction[:, None, :]
+    return np.asarray(covariance)

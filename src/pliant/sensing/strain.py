@@ -1,6 +1,6 @@
-"""Strain of the cores of one fibre -> bending, twist and what all cores share (tension, temperature).
+"""Compute bending, twist and common strain (tension, temperature) from the strain of the cores of one fibre.
 
-Core c at radius r_c and angle theta_c, counted from m1 towards m2, sees
+Core c at radius r_c and angle theta_c, counted from m1 towards m2, has the strain
 eps_c = eps_0 - r_c (k1 cos theta_c + k2 sin theta_c) + g_c phi',  g_c = (2 pi r_c^2 / P) / (1 + (2 pi r_c / P)^2)
 with the curvature vector (k1, k2), the twist rate phi' and the pitch P of a spun fibre (no g_c without spin).
 """
@@ -23,14 +23,14 @@ COMMON_MODES = ("centre", "least-squares")
 
 @dataclass(frozen=True)
 class CoreLayout:
-    """Positions of the cores in the cross-section.
+    """Positions of the cores in the cross-section of a fibre.
 
     Attributes
     ----------
     radius : (C,) array, m
-        Distance from the fibre's axis; 0 is a centre core.
+        Distance of each core from the fibre's axis; 0 for a centre core.
     angle : (C,) array, rad
-        From m1 towards m2, at the first gauge.
+        Angle of each core from m1 towards m2, at the first gauge.
     pitch : float, m, optional
         Length of one turn of a spun fibre, positive for a right-handed helix; None for straight cores.
     """
@@ -42,9 +42,10 @@ class CoreLayout:
     def __post_init__(self) -> None:
         radius, angle = np.asarray(self.radius, dtype=np.float64), np.asarray(self.angle, dtype=np.float64)
         if radius.ndim != 1 or radius.shape != angle.shape or not np.isfinite([radius, angle]).all():
-            raise InputError(f"each core needs a finite radius and angle, but {radius.shape}, {angle.shape} came")
+            raise InputError(f"radius and angle must be finite and of equal length (one per core), but their shapes "
+                             f"are {radius.shape}, {angle.shape}")
         if (radius < 0).any() or self.pitch == 0:
-            raise InputError("core radii must not be negative, and the pitch of a spun fibre not zero")
+            raise InputError("core radii must not be negative, and pitch must not be zero: use None for straight cores")
         object.__setattr__(self, "radius", radius)
         object.__setattr__(self, "angle", angle)
 
@@ -52,14 +53,14 @@ class CoreLayout:
     def symmetric(
         cls, outer: int, radius: float, *, centre: bool = True, first_angle: float = 0.0, pitch: float | None = None
     ) -> CoreLayout:
-        """A centre core, where there is one, then `outer` evenly spread cores at `radius` (m)."""
+        """Return a layout of `outer` evenly spaced cores at `radius` [m], with a centre core before them on request."""
         angle = first_angle + 2 * np.pi * np.arange(outer) / outer
         lead = [0.0] if centre else []
         return cls(np.array([*lead, *([radius] * outer)]), np.array([*lead, *angle]), pitch)
 
     @property
     def twist_gain(self) -> NDArray[np.float64]:
-        """Strain (C,) per rad/m of twist; zero without spin."""
+        """Strain (C,) of each core per rad/m of twist; 0 without a pitch."""
         if self.pitch is None:
             return np.zeros_like(self.radius)
         turn = 2 * np.pi / self.pitch
@@ -69,21 +70,22 @@ class CoreLayout:
 
 @dataclass(frozen=True)
 class FibreState:
-    """Curvature and its direction along the fibre, from strain.
+    """Curvature, twist and common strain along a fibre, as `curvature_from_strain` returns them.
 
     Attributes
     ----------
     curvature : (T, G, 2) array, 1/m
         (k1, k2) in the frame that does not rotate about the tangent (Bishop).
     twist : (T, G) array, rad/m
-        Zero where the layout cannot see it.
+        Twist rate; zero where the layout cannot measure it.
     common : (T, G) array
-        Strain that all cores share.
+        Strain that is common to all cores.
     residual : (T, G) array
-        Root mean square of the strain that the model leaves over; zero when there is nothing to spare.
+        Root mean square over the cores of the residual strain; zero where there are as many unknowns as cores.
     curvature_gain : float, 1/m
         Standard deviation of one curvature component per unit standard deviation of the strain of a core.
     sees_twist : bool
+        Whether the layout measures twist.
     """
 
     curvature: NDArray[np.float64]
@@ -97,17 +99,17 @@ class FibreState:
 def curvature_from_strain(
     strain: ArrayLike, gauge_position: ArrayLike, layout: CoreLayout, *, common_mode: str = "least-squares"
 ) -> FibreState:
-    """Curvature vector, twist and common strain of every gauge.
+    """Compute curvature vector, twist and common strain at every gauge from the strain of the cores.
 
     Parameters
     ----------
     strain : (T, C, G) array
-        Relative to the straight, untwisted fibre. NaN stays NaN at its gauge.
+        Strain of each core and gauge relative to the straight, untwisted fibre. NaN stays NaN at its gauge.
     gauge_position : (G,) array, m
     layout : CoreLayout
     common_mode : {"least-squares", "centre"}
-        Whether the shared strain is estimated from all cores, or is what the centre core shows. The first
-        averages noise over all cores; with straight symmetric cores both give the same curvature.
+        Whether the common strain is estimated from all cores, or is that of the centre core. The first averages noise
+        over all cores. With straight symmetric cores both give the same curvature.
 
     Returns
     -------
@@ -116,17 +118,17 @@ def curvature_from_strain(
     Raises
     ------
     InputError
-        When the cores are too few or badly placed, or there is no centre core to use.
+        When the cores are too few or badly positioned, or the centre core is missing that `common_mode` needs.
 
     Notes
     -----
-    Twist turns the cores along the fibre; the curvature is turned back by 2 pi s / P + int phi' ds, counted from
-    the first gauge.
+    Spin and twist turn the cores along the fibre. The curvature is turned back by 2 pi s / P + int phi' ds, counted
+    from the first gauge.
     """
     values, s = np.asarray(strain, dtype=np.float64), np.asarray(gauge_position, dtype=np.float64)
     if values.ndim != 3 or values.shape[1] != layout.radius.size or values.shape[2] != s.size:
         raise InputError(
-            f"strain must have shape (time, {layout.radius.size} cores, {s.size} gauges), but has {values.shape}"
+            f"strain must have the shape (time, {layout.radius.size} cores, {s.size} gauges), not {values.shape}"
         )
     if common_mode not in COMMON_MODES:
         raise InputError(f"common_mode must be one of {', '.join(COMMON_MODES)}, not {common_mode!r}")
@@ -145,17 +147,17 @@ def curvature_from_strain(
 
 
 def _design(layout: CoreLayout, *, sees_twist: bool) -> NDArray[np.float64]:
-    """Strain (C, 3 or 4) of the cores per unit of eps_0, k1, k2 and, where it shows, twist."""
+    """Return the strain (C, 3 or 4) of the cores per unit of eps_0, k1, k2 and, where measured, twist."""
     r, theta = layout.radius, layout.angle
     columns = [np.ones_like(r), -r * np.cos(theta), -r * np.sin(theta)]
     return np.stack([*columns, layout.twist_gain] if sees_twist else columns, axis=1)
 
 
 def _solver(layout: CoreLayout, common_mode: str) -> tuple[NDArray[np.float64], bool]:
-    """Matrix (3 or 4, C) from strains to unknowns, and whether twist is among them."""
+    """Return the matrix (3 or 4, C) from strains to unknowns, and whether twist is among the unknowns."""
     centre = np.flatnonzero(layout.radius == 0)
     if common_mode == "centre" and centre.size == 0:
-        raise InputError("common_mode='centre' needs a core at radius 0; use 'least-squares'")
+        raise InputError("common_mode='centre' needs a core at radius 0: use 'least-squares'")
     for sees_twist in (True, False):
         design = _design(layout, sees_twist=sees_twist)
         if sees_twist and layout.pitch is None:
@@ -171,8 +173,8 @@ def _solver(layout: CoreLayout, common_mode: str) -> tuple[NDArray[np.float64], 
             difference = np.eye(layout.radius.size)[outer] - share
             return np.concatenate((share, _pseudo_inverse(design[outer, 1:]) @ difference)), sees_twist
     raise InputError(
-        f"{layout.radius.size} core(s) in this place cannot tell bending from tension: three cores that do not lie on "
-        "one line are needed"
+        f"{layout.radius.size} core(s) at these positions cannot separate bending from tension: three cores that "
+        "are not on one line are needed"
     )
 
 

@@ -1,4 +1,4 @@
-"""From a model and a pressure to motion: offline, against a reference, and one step at a time."""
+"""Simulation of a model under pressure inputs: whole motions, reference solutions, and single time steps."""
 
 from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Trace, ramp, step, triangle

@@ -1,9 +1,10 @@
-"""Error of a simulated tip, estimated by repeating the motion.
+"""Estimate of the error of a simulated tip position, by repeating the simulation with other steps.
 
-A rule of second order with the step 2h has four times the error of the step h, so that their difference is three times
-the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). A small difference clears a motion; otherwise it
-is repeated with h/2 too. Where the two differences are not in the ratio of 4, the steps are too long for this law, and
-the larger of two estimates counts. `benchmarks/energy.py` counts what this misses and what it reports in vain.
+A second-order rule with the step 2h has four times the error of the step h, so that the difference of the two is three
+times the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). If this difference is small, the simulation
+is accepted. Otherwise it is also repeated with h/2. Where the two differences are not in the ratio of 4, the steps are
+too long for this law, and the larger of two estimates is used. `benchmarks/energy.py` counts missed errors and false
+warnings.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from pliant.errors import SimulationError
 
 Array = np.ndarray
 LIMIT = 0.01  # of the length: a larger error of the tip is reported
-CLEARED = 0.3 * LIMIT  # difference to the motion of twice the step, of the length, that needs no second look
-ORDERS = (3.0, 4.0)  # ratio of two differences that is trusted
+CLEARED = 0.3 * LIMIT  # of the length: a smaller difference to the motion with twice the step is accepted
+ORDERS = (3.0, 4.0)  # bounds of the ratio of the two differences
 MARGIN = 1.1
 Again = Callable[[float], tuple[Array, Array]]
 
 
 class AccuracyWarning(UserWarning):
-    """The step of a simulation is too long for the motion that it computes."""
+    """The time step of a simulation is too long for its motion."""
 
 
 def tip_error(again: Again) -> float:
-    """Return an upper estimate of the largest error of a motion's positions, in the unit of `again`.
+    """Return an upper estimate of the largest error of a motion's tip position, in the unit of `again`.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def tip_error(again: Again) -> float:
         of the motion and of its repetition at equal times, over the length of the body. It may raise SimulationError.
     """
     coarse = difference(again, 2.0)
-    if 0.0 < coarse <= CLEARED:  # without any difference, other times may have ended the same steps
+    if 0.0 < coarse <= CLEARED:  # a difference of 0 may mean that both had the same steps
         return coarse
     fine = difference(again, 0.5)
     if not (np.isfinite(coarse) and fine > 0.0):
@@ -47,7 +48,7 @@ def tip_error(again: Again) -> float:
 
 
 def difference(again: Again, factor: float) -> float:
-    """Largest distance between a motion and its repetition; infinite where the repetition fails."""
+    """Return the largest distance between a motion and its repetition; infinite where the repetition fails."""
     try:
         return distance(*again(factor))
     except SimulationError:
@@ -55,10 +56,10 @@ def difference(again: Again, factor: float) -> float:
 
 
 def distance(one: Array, other: Array) -> float:
-    """Largest distance between two positions (..., d) of the same time."""
+    """Return the largest distance between two arrays of positions (..., d)."""
     return float(np.sqrt(np.sum((one - other) ** 2, axis=-1).max(initial=0.0)))
 
 
 def step_for(error: float) -> float:
-    """Factor, 0.1 to 0.7, on a step that brings a relative `error` of second order to half the limit."""
+    """Return the factor, 0.1 to 0.7, by which to shorten a step so that a relative `error` falls to half the limit."""
     return float(np.clip(np.sqrt(0.5 * LIMIT / error), 0.1, 0.7))

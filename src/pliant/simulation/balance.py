@@ -1,7 +1,7 @@
-"""The balance of energy of a computed motion, in both directions, and the sentence that reports what is wrong with it.
+"""Energy balance of a computed motion, and warnings where energy appears or disappears.
 
-The implicit midpoint rule balances energy to second order in the step. Where links move so fast that a step cannot
-follow them, a chain gains energy that nobody gave it, or loses energy that nothing took.
+The implicit midpoint rule balances energy to second order in the step. Where links move too fast for the step, the
+computed chain gains energy without a source or loses energy without dissipation.
 """
 
 from __future__ import annotations
@@ -16,35 +16,37 @@ from pliant.equations.memory import memory_stored
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation.accuracy import LIMIT, AccuracyWarning
+from pliant.simulation.memory import laws_of
 
 Array = np.ndarray
-MOST_MISSING = 0.01  # of the energy in play
-MOST_MISSING_WHERE_RIGHT = 0.1  # where the tip is right
+MOST_MISSING = 0.01  # of the exchanged energy, see `energy_defects`
+MOST_MISSING_WHERE_RIGHT = 0.1  # the same where the tip is accurate
 STORED = ("kinetic_energy", "elastic_energy", "gravitational_energy", "memory_energy")
 LOST = ("dissipated_energy", "memory_dissipation")
 ROUNDING = 1e-9  # of the energies themselves
 NOTHING = 1e-18  # J: joints of 1 N m/rad that turn by 1e-9 rad
-EVERY = 256  # steps between two looks of a `Stepper`
+EVERY = 256  # steps between two balances of a `Stepper`
 
 
 class EnergyWarning(AccuracyWarning):
-    """Energy appears or disappears in a computed motion."""
+    """The energy of a computed motion is not balanced."""
 
 
 def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
-    """Return the energies that a motion gains from nothing and loses to nothing, as fractions of the energy in play.
+    """Return the energies that a motion gains without a source and loses without dissipation, as fractions.
 
-    The energy in play is the largest that any form of it changes by, what the dampers took included.
+    They are relative to the exchanged energy: the largest change of any form of energy, or the energy dissipated by the
+    dampers, whichever is larger.
 
     Parameters
     ----------
     motion : xarray.Dataset
-        From `simulate`: kinetic, elastic, gravitational and memory energy, input work, both losses (time), J.
+        From `simulate`: kinetic, elastic, gravitational and hysteresis energy, input work, both losses (time), J.
 
     Returns
     -------
     gain, loss : float
-        0 where stored energy less input work plus losses never rises above, or falls below, its first value.
+        Largest rise and fall of stored energy - input work + losses from its first value, over the exchanged energy.
     """
     stored = np.array([motion[name].values for name in STORED if name in motion])
     lost = np.sum([motion[name].values for name in LOST if name in motion], axis=0)
@@ -55,24 +57,29 @@ def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
 
 
 def in_play(low: Array, high: Array, lost: float) -> float:
-    """Energy in play [J] of forms of energy between two values each; 0 where nothing but rounding moves."""
+    """Return the exchanged energy [J]: the largest range of a form of energy, or the dissipation `lost` if larger.
+
+    `low` and `high` are the extremes of each form of energy [J].
+
+    The result is 0 where nothing but rounding changes.
+    """
     size = max(float((high - low).max()), lost)
     return size if size > max(ROUNDING * float(np.abs([low, high]).max()), NOTHING) else 0.0
 
 
 class Defects(NamedTuple):
-    """Faults of a computed motion."""
+    """Tip error and energy imbalance of a computed motion."""
 
-    error: float  # of the tip, of the length; not a number: not estimated
+    error: float  # of the tip, over the length; NaN: not estimated
     length: float  # m
-    gain: float  # of the energy in play, from nothing
-    loss: float  # of the energy in play, to nothing
+    gain: float  # energy without a source, over the exchanged energy
+    loss: float  # energy lost without dissipation, over the exchanged energy
 
 
 def warn_of_defects(found: Defects, step: float, advice: str) -> None:
-    """Issue one warning where the tip is wrong by more than 1 % of the length, or energy appears or disappears.
+    """Issue one warning where the tip error is above 1 % of the length, or the energy is not balanced.
 
-    Energy alone is reported beyond 10 %, beyond 1 % where the error of the tip was not estimated.
+    The limit of the energy imbalance is 10 %, or 1 % where the error of the tip was not estimated.
     """
     missing, energy = missing_energy(found.gain, found.loss)
     if found.error > LIMIT:
@@ -90,44 +97,48 @@ def warn_of_defects(found: Defects, step: float, advice: str) -> None:
 
 
 def missing_energy(gain: float, loss: float) -> tuple[float, str]:
-    """The larger one of two fractions of the energy in play, and how to put it."""
+    """Return the larger of gain and loss, two fractions of the exchanged energy, and its description for a message."""
     if gain >= loss:
-        return gain, f"gains {100 * gain:.3g} % of its energy from nothing"
-    return loss, f"loses {100 * loss:.3g} % of its energy to nothing"
+        return gain, f"gains {100 * gain:.3g} % of its energy without a source"
+    return loss, f"loses {100 * loss:.3g} % of its energy without dissipation"
 
 
 def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
-    """Energies (4,) of a chain now, J: kinetic, elastic, gravitational, of the memory with its states."""
+    """Return the energies (4,) [J] of a chain: kinetic, elastic, gravitational, and stored by hysteresis.
+
+    `states` are its hysteresis states.
+    """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, law = chain.joint_coordinates(x), chain.joints.K, model.memory.law()
-    held = [K[i] * memory_stored(i, q[i], states, law) for i in range(len(states))] if model.memory else [0.0]
+    q, K, held = chain.joint_coordinates(x), chain.joints.K, [0.0]
+    if model.memory:
+        held = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
     return np.array([kinetic, elastic, weight, sum(held)], dtype=float)
 
 
 class EnergyWatch:
-    """Balances the energy of a chain that moves one step at a time, every `EVERY` steps.
+    """Energy balance of a chain that is advanced step by step, computed every `EVERY` steps.
 
     Attributes
     ----------
     gain, loss : float
-        Largest energies that came from nothing and went to nothing, as fractions of the energy in play: the largest
-        change of a form of energy, or what the dampers took.
+        Largest energies gained without a source and lost without dissipation, as fractions of the exchanged energy (see
+        `energy_defects`).
     """
 
     def __init__(self, model: Model) -> None:
         self._model, self._left = model, 0
-        self.total = np.zeros(3)  # J: input work, loss of the dampers, loss of the memory; the steps add to it
+        self.total = np.zeros(3)  # J: input work, loss of the dampers, loss of hysteresis; the steps add to it
         self.forget()
         self.gain = self.loss = 0.0
 
     def forget(self) -> None:
-        """Begin anew: something else than the inputs has done work."""
+        """Restart the balance, after the state was changed from outside."""
         self._first: Array | None = None
         self._low = self._high = np.zeros(4)
 
     def look(self, x: Array, v: Array, states: Array, length: float, steps: int = 1) -> None:
-        """Take note of steps of a `length` [s] that were made, and warn of energy that is missing."""
+        """Count `steps` steps of a `length` [s]; if a balance is due, compute it and warn of missing energy."""
         self._left -= steps
         if self._left > 0:
             return

@@ -1,7 +1,7 @@
-"""Chamber pressures under a command, interval by interval: as floats, and as dual numbers with derivatives.
+"""Time series of chamber pressures and torques under a command, interval by interval, as floats or dual numbers.
 
-A chamber and its valve enter the compiled loops as one row of numbers, so that whoever wants derivatives by any of them
-lays them beside that row (`pliant.compiler.duals`) and runs the same loops.
+A chamber with its valve enters the compiled loops as one row of numbers. For derivatives by any of these numbers, the
+row is given as dual numbers (`pliant.compiler.duals`), and the same loops are run.
 """
 
 from __future__ import annotations
@@ -18,84 +18,91 @@ from pliant.simulation import opening_loops, pressure_loops
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
-Twin = Callable[[Any], Any]  # of a kernel, on floats or on duals
-OF_A_VALVE = 11  # entries of a row that are the valve's, the first
-BEFORE_LAW = OF_A_VALVE + 8  # and before the torque law, whose length is its own
+Twin = Callable[[Any], Any]  # returns the compiled form of a kernel, for floats or for dual numbers
+OF_A_VALVE = 11  # number of entries of a row for the valve, which come first
+BEFORE_LAW = OF_A_VALVE + 8  # number of entries before those of the torque law, whose number varies
 
 
 class ValveConstants(NamedTuple):
-    """Constants of a valve in the loops: floats, or duals."""
+    """Constants of a valve for the compiled loops, as floats or dual numbers."""
 
     lag: Lag
     settle_share: Any
     settle_time: Any  # s
     omega: Any  # rad/s, of a second-order valve
     damping_ratio: Any
-    before: Any  # Pa, behind it at first
+    before: Any  # Pa, initial pressure behind the valve
     dead_band: Any  # Pa
     opening_time: Any  # s
 
 
 class Intervals(NamedTuple):
-    """The steps of a drive and the intervals that they are made of: floats, or duals."""
+    """Lengths of the time steps and of the intervals into which they are divided, as floats or dual numbers."""
 
     h: Any  # (steps,) s
-    lengths: Any  # (m,) s, of the intervals
-    first: Array  # (steps + 1,) first interval of each step, and their number
+    lengths: Any  # (m,) s, lengths of the intervals
+    first: Array  # (steps + 1,) index of the first interval of each step; the last entry is m
 
 
 def lag_of(valve: Valve) -> Lag:
-    """The first-order part of a valve, for the loops."""
+    """Return the first-order lag of a valve, for the compiled loops."""
     return Lag(
         float(valve.rise_time), float(valve.fall_time), valve.rise_rate or UNLIMITED, valve.fall_rate or UNLIMITED
     )
 
 
 def delivered(valve: Valve, command: float) -> float:
-    """Pressure [Pa] at which the valve settles under a constant command [Pa]: what its dead band leaves of it."""
+    """Return the pressure [Pa] at which the valve settles under a constant command [Pa], considering its dead band."""
     return float(np.sign(command) * max(abs(command) - valve.dead_band, 0.0)) if valve.dead_band else command
 
 
 def valve_row(valve: Valve, before: float) -> Array:
-    """All that a pressure behind a valve depends on, beside the command, in one row; it was `before` [Pa] at first."""
+    """Return the constants of a valve, with its initial pressure `before` [Pa], as one row of numbers."""
     omega = 2 * np.pi * valve.natural_frequency
     rest = valve.settle_share, valve.settle_time, omega, valve.damping_ratio, before, valve.dead_band
     return np.array([*lag_of(valve), *rest, valve.opening_time])
 
 
 def row_of(chamber: Chamber, before: float) -> Array:
-    """All that a chamber's torque depends on, beside the command, in one row: valve, rubber, slow states, law."""
+    """Return the constants of a chamber as one row of numbers, with its equilibrium at the pressure `before` [Pa].
+
+    The entries are valve, rubber, slow states and law.
+    """
     law, *rubber = chamber.kernel()
     return np.concatenate([valve_row(chamber.valve, before), rubber, chamber.rest_state(before), law])
 
 
 def valve_constants(row: Array) -> ValveConstants:
-    """The entries of a `valve_row`, or of one of duals (.., SLOTS)."""
+    """Return the named entries of a `valve_row`, which may hold dual numbers (.., SLOTS)."""
     single = row[:OF_A_VALVE].tolist() if row.ndim == 1 else row[:OF_A_VALVE]
     return ValveConstants(Lag(*single[:4]), *single[4:])
 
 
-def pass_valve(run: Twin, valve: Valve, made: ValveConstants, lengths: Any, p: Any) -> None:
-    """Turn what is commanded in intervals of some lengths into the pressure behind a valve, p (m, 4) [Pa], in place."""
+def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any, p: Any) -> None:
+    """Replace the commanded pressures p (m, 4) [Pa] by the pressures behind a valve, in place.
+
+    The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
+    ``run(kernel)`` returns the compiled form of a kernel. `constants` are the constants of the `valve`.
+    """
     if valve.dead_band:
-        run(pressure_loops.past_dead_band)(made.dead_band, p)
+        run(pressure_loops.past_dead_band)(constants.dead_band, p)
     if valve.natural_frequency:
-        run(pressure_loops.second_order_valve)(lengths, made.omega, made.damping_ratio, made.before, p)
+        run(pressure_loops.second_order_valve)(lengths, constants.omega, constants.damping_ratio, constants.before, p)
     elif valve.rise_rate or valve.fall_rate:
-        run(pressure_loops.rate_limited_valve)(lengths, made.lag, made.before, p)
+        run(pressure_loops.rate_limited_valve)(lengths, constants.lag, constants.before, p)
     elif valve.rise_time or valve.fall_time:
-        run(pressure_loops.first_order_valve)(lengths, made.lag.rise, made.lag.fall, made.before, p)
+        run(pressure_loops.first_order_valve)(lengths, constants.lag.rise, constants.lag.fall, constants.before, p)
     if valve.opening_time:
-        run(opening_loops.through_opening)(lengths, made.opening_time, made.before, p)
+        run(opening_loops.through_opening)(lengths, constants.opening_time, constants.before, p)
     if valve.settle_share:
-        run(pressure_loops.settle)(lengths, made.settle_share, made.settle_time, made.before, p)
+        run(pressure_loops.settle)(lengths, constants.settle_share, constants.settle_time, constants.before, p)
 
 
 def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any, torque: Any, grown: Any) -> None:
-    """Write the mean torque of each step, torque (steps,) [N m], from the pressures p (m, 4) behind the valve.
+    """Write the mean torque of each step to torque (steps,) [N m], from the pressures p (m, 4) [Pa] behind the valve.
 
-    `row` is that of the chamber. Where its rubber takes time, grown (m + 1,) takes the fourth power of the stretch
-    between the intervals.
+    `row` is the row of the chamber (`row_of`). If the chamber has slow states, grown (m + 1,) receives the fourth power
+    of its hoop stretch between the intervals.
     """
     law = row[BEFORE_LAW:]
     if chamber.plain:
@@ -107,10 +114,13 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
-    """Derivatives (steps, WIDTH) of the mean torques of the steps, from those beside a `row` of duals.
+    """Return the derivatives (steps, WIDTH) of the mean torque of each step, for a `row` of dual numbers.
 
-    The steps' lengths `at.h` are duals too; where each is made of one interval, they stand for the intervals'.
-    `commands` (m, 4) [Pa] are those at the start, middle and end of each interval, and their mean.
+    They are the derivatives by the variables whose derivatives the dual numbers hold.
+
+    The lengths of the steps `at.h` are dual numbers too. If every step has one interval, they also replace the lengths
+    of the intervals. `commands` (m, 4) [Pa] are the command at the start, middle and end of each interval, and its
+    mean.
     """
     from pliant.compiler.duals import WIDTH, dual_twin, duals  # loads the compiler
 

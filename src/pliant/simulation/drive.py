@@ -1,7 +1,7 @@
-"""From pressure inputs to what the steps need: their lengths and the mean torque of each chamber in each.
+"""Time steps of a simulation under pressure inputs, and the mean torque of each chamber in each step.
 
-The torque enters a step as its mean over the step, integrated between the breakpoints of the input, and every jump of
-a pressure is the end of a step. So the answer does not depend on how the edges of the input and the steps align.
+The torque of a step is its mean over the step, integrated between the breakpoints of the input. Every jump of a
+pressure is the end of a step. The result therefore does not depend on how the edges of the input and the steps align.
 """
 
 from __future__ import annotations
@@ -32,45 +32,45 @@ from pliant.simulation.march_loops import Steps
 
 Array = np.ndarray
 _GAUSS = 0.5 / np.sqrt(3.0)
-LONGEST = 1e8  # steps in one simulation: beyond, memory runs out before the result comes
-_SAME = 1e-9  # of a step: times closer than this are one time, written with different rounding
+LONGEST = 1e8  # steps in one simulation: more do not fit into memory
+_SAME = 1e-9  # of a step: times closer than this are equal but for rounding
 
 
 class Drive(NamedTuple):
-    """Inputs of the compiled march, with the pressures at the output times for the record."""
+    """Input of the compiled time-stepping loop: steps and torques, with the pressures at the output times."""
 
     h: Array  # (steps,) s
     torque: Array  # (steps, C) N m, mean of each chamber over each step
-    gain: Array  # (C, n) share of it that each joint feels
-    keep: Array  # (steps,) row of the output after the step, negative: none
+    gain: Array  # (C, n) fraction of the chamber's torque at each joint
+    keep: Array  # (steps,) output row of the state after the step; negative: no output
     pressure: Array  # (rows, C) Pa, behind the valves, at the output times
-    initial: Array  # (C,) Pa, before anything happens at the first time: a jump there is part of the motion
-    stretch: Array | None = None  # (rows, C) hoop stretch, at the output times, where a chamber inflates
-    load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step, where forces pull
-    layout: Layout | None = None  # of its steps
+    initial: Array  # (C,) Pa, just before the first time, so that a jump there is part of the motion
+    stretch: Array | None = None  # (rows, C) hoop stretch at the output times, if a chamber inflates
+    load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step; no rows: no forces
+    layout: Layout | None = None  # of the steps
 
     @property
     def steps(self) -> Steps:
-        """For the march."""
+        """The arrays of the time-stepping loop."""
         return Steps(self.h, self.torque, self.gain, self.keep, self.load)
 
     @property
     def joint_torque(self) -> Array:
-        """Mean torque (steps, n) of each joint over each step, N m."""
+        """Mean torque (steps, n) [N m] of each joint over each step."""
         return np.asarray(self.torque @ self.gain)
 
 
 class Grid(NamedTuple):
-    """The steps between the output times, and the intervals that they are made of."""
+    """The time steps between the output times, and the intervals into which they are divided."""
 
-    corners: Array  # s, the output times and the jumps, between which steps are of one length
+    corners: Array  # s, the output times and the jumps, between which all steps are equal
     nodes: Array  # (steps + 1,) s
     fine: Array  # (m + 1,) s, with the breakpoints of the inputs between the nodes
-    keep: Array  # (steps,) row of the output after the step, or -1; -2 where a jump ends it
+    keep: Array  # (steps,) output row of the state after the step, or -1; -2 where the step ends at a jump
 
 
 class Driven(NamedTuple):
-    """Torque and states of one chamber in the steps of a drive."""
+    """Torque, pressure and stretch of one chamber in the steps of a `Drive`."""
 
     torque: Array  # (steps,) N m, mean over each step
     pressure: Array  # (rows,) Pa, behind the valve, at the output times
@@ -78,34 +78,35 @@ class Driven(NamedTuple):
 
 
 class Layout:
-    """The steps of a drive and what its inputs command in them: of the chambers only the dead times decide them.
+    """The time steps for given inputs, and the commands of the inputs in them.
 
-    It keeps what lies behind valves and what chambers made of it, for drives that differ in the other one or none.
+    Of the chambers only the dead times affect the steps. Pressures behind valves and torques of chambers are cached,
+    for models that differ only in other parameters.
     """
 
     def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> None:
-        self.grid = made = grid(inputs, dead_times, times, step)
-        self.keep, self.at = made.keep, np.searchsorted(made.fine, times)
-        self.intervals = Intervals(np.diff(made.nodes), np.diff(made.fine), np.searchsorted(made.fine, made.nodes))
+        self.grid = grids = grid(inputs, dead_times, times, step)
+        self.keep, self.at = grids.keep, np.searchsorted(grids.fine, times)
+        self.intervals = Intervals(np.diff(grids.nodes), np.diff(grids.fine), np.searchsorted(grids.fine, grids.nodes))
         pairs = list(zip(inputs, dead_times, strict=True))
-        self.commands = [commanded(source, made.fine, dead) for source, dead in pairs]
+        self.commands = [commanded(source, grids.fine, dead) for source, dead in pairs]
         self.jumps = [source.jumps + dead for source, dead in pairs]
         self.initial = np.array([before(source, dead, times) for source, dead in pairs])
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._driven: dict[tuple[Any, ...], Driven] = {}
 
     def behind(self, c: int, valve: Valve) -> Array:
-        """Pressure (m, 4) behind the valve of chamber `c`, Pa; see `through_valve`."""
+        """Return the pressure (m, 4) [Pa] behind the valve of chamber `c`; see `through_valve`."""
         if (c, valve) not in self._behind:
             self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], self.resting(c, valve))
         return self._behind[c, valve]
 
     def resting(self, c: int, valve: Valve) -> float:
-        """Pressure [Pa] behind the valve of chamber `c` before anything happens."""
+        """Return the initial pressure [Pa] behind the valve of chamber `c`."""
         return delivered(valve, float(self.initial[c]))
 
     def driven(self, c: int, chamber: Chamber) -> Driven:
-        """Return the response of chamber `c`."""
+        """Return the torque, pressure and stretch of chamber `c` in all steps."""
         key = (c, chamber.key)
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
@@ -113,7 +114,7 @@ class Layout:
             if not chamber.plain:
                 row = row_of(chamber, self.resting(c, chamber.valve))
                 take_torques(twin, chamber, row, self.intervals, behind, torque, grown)
-            else:  # arithmetic on whole arrays: nothing that a first simulation would have to compile
+            else:  # arithmetic on whole arrays, which needs no compilation before the first simulation
                 impulse = self.intervals.lengths * mean_of_law(Interval(*behind.T), chamber.kernel().law)
                 torque = np.add.reduceat(impulse, self.intervals.first[:-1]) / self.intervals.h
             shown = np.append(behind[self.at[:-1], 0], behind[-1, 2])
@@ -122,10 +123,10 @@ class Layout:
         return self._driven[key]
 
     def jump_slope(self, c: int, k: int) -> Array | None:
-        """Derivative (steps,) of the steps' lengths by the moment of jump `k` of chamber `c`: those beside it change.
+        """Return the derivative (steps,) of the steps' lengths by the time of jump `k` of chamber `c`, or None.
 
-        None where there is none or it is no end of a step by itself, as on an output time, or where inputs bend within
-        steps.
+        Only the lengths of the steps next to the jump change. None if the jump does not exist, if its time is also an
+        output time or is otherwise not the end of a step, or if inputs have breakpoints within steps.
         """
         corners, nodes = self.grid.corners, self.grid.nodes
         if k >= self.jumps[c].size or self.grid.fine.size > nodes.size:
@@ -142,36 +143,37 @@ class Layout:
         return slope
 
     def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
-        """Derivatives (steps, C, WIDTH) of the mean torques, from those beside rows of duals, one of each chamber.
+        """Return the derivatives (steps, C, WIDTH) of the mean torques of all chambers, for rows of dual numbers.
 
-        h (steps,) are the steps' lengths, duals too; where inputs bend within steps, nothing changes these.
+        `rows` has one row for each chamber (`row_of`). h (steps,) are the lengths of the steps, dual numbers too. Where
+        inputs have breakpoints within steps, the derivatives of h must be 0.
         """
         pairs = zip(chambers, rows, self.commands, strict=True)
         return np.stack([torque_slopes(c, row, self.intervals._replace(h=h), u) for c, row, u in pairs], axis=1)
 
 
 def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
-    """One input for each chamber: a single one is enough where there is one chamber.
+    """Return one input for each chamber as a tuple; `pressure` may be a single input if there is one chamber.
 
     Raises
     ------
     InputError
-        When an input is none, or there are not as many as chambers.
+        When an object is not an input, or their number is not that of the chambers.
     """
     many = tuple(pressure) if isinstance(pressure, Sequence) else (pressure,)
     for one in many:
         if not all(hasattr(one, name) for name in ("__call__", "jumps", "breakpoints")):
-            raise InputError(f"pressure must be an input, as Pulse(level) or Trace(time, pressure), got {one!r:.60}")
+            raise InputError(f"pressure must be an input, like Pulse(level) or Trace(time, pressure), got {one!r:.60}")
     if len(many) != model.actuation.count:
         raise InputError(
-            f"model {model.name!r} has {model.actuation.count} chamber(s), {model.actuation.listing}, and takes as "
-            f"many pressure inputs, in this order; got {len(many)}"
+            f"model {model.name!r} needs {model.actuation.count} pressure input(s), one for each chamber "
+            f"({model.actuation.listing}) in this order, got {len(many)}"
         )
     return many
 
 
 def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: float) -> Drive:
-    """Steps of at most `step` [s] that meet every time of `times` and every jump, with their mean torques.
+    """Return time steps of at most `step` [s], which meet all `times` and jumps, with the mean torques of the chambers.
 
     Parameters
     ----------
@@ -189,7 +191,7 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
 
 
 def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Layout:
-    """The layout of a drive by one input for each chamber; arguments and errors as of `drive`."""
+    """Return the layout of the steps for one input per chamber; arguments and errors are those of `drive`."""
     times = check_times(times)
     if not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
@@ -199,7 +201,7 @@ def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array,
 
 
 def check_times(times: Array) -> Array:
-    """The output times (T,) as an array; InputError where there are less than two, or they do not increase."""
+    """Return the output times (T,) as an array; raise InputError unless there are two or more and they increase."""
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0):
         raise InputError("simulation times must be at least two, strictly increasing, in seconds")
@@ -207,7 +209,7 @@ def check_times(times: Array) -> Array:
 
 
 def driven(model: Model, layout: Layout) -> Drive:
-    """Return a march's inputs for the chambers of a model, for steps that are laid out already."""
+    """Return the `Drive` of a model's chambers for steps that are already laid out."""
     columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
@@ -219,7 +221,7 @@ def driven(model: Model, layout: Layout) -> Drive:
 
 
 def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
-    """The steps and intervals of `drive` for inputs that valves follow after their dead times [s]."""
+    """Return the steps and intervals of `drive`, for inputs that the valves follow after their dead times [s]."""
     same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
     jumps = np.concatenate([p.jumps + dead for p, dead in pairs])
@@ -233,12 +235,12 @@ def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, ste
 
 
 def before(pressure: Input, dead_time: float, times: Array) -> float:
-    """Pressure before anything happens at the first time, Pa."""
+    """Return the pressure [Pa] of an input just before the first time."""
     return float(pressure(np.nextafter(times[0] - dead_time, -np.inf)))
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
-    """`times` with those of `moments` that lie between the first and the last, none nearer than `same` to another."""
+    """Return `times` and those of `moments` within them which are more than `same` from any other time, sorted."""
     moments = np.unique(np.asarray(moments, dtype=float))
     moments = moments[(moments > times[0]) & (moments < times[-1])]
     moments = moments[np.diff(moments, prepend=-np.inf) > same]
@@ -248,7 +250,7 @@ def merge(times: Array, moments: Array, same: float) -> Array:
 
 
 def subdivide(corners: Array, step: float) -> Array:
-    """Every corner, with equal parts of at most `step` between neighbours."""
+    """Return all `corners` [s] with equal steps of at most `step` [s] in between."""
     gap = np.diff(corners)
     parts = np.maximum(1, np.ceil(gap / step * (1 - 1e-9))).astype(int)
     start = np.repeat(np.arange(gap.size), parts)
@@ -258,18 +260,20 @@ def subdivide(corners: Array, step: float) -> Array:
 
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
-    """Pressure behind the valve at the start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
+    """Return the pressure (m, 4) [Pa] behind a valve at start, middle and end of each interval, and its mean.
 
-    The valve starts at rest at the pressure `before` [Pa].
+    `nodes` (m + 1,) [s] are the ends of the intervals.
+
+    The valve starts in equilibrium at the pressure `before` [Pa].
     """
     return lagging(valve, np.diff(nodes), commanded(pressure, nodes, valve.dead_time), before)
 
 
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
-    """Return the command at start, middle and end of each interval of `nodes`, and its mean; (m, 4), Pa.
+    """Return the command (m, 4) [Pa] at start, middle and end of each interval of `nodes`, and its mean.
 
-    The command is taken as straight within an interval, from two inner points, so that a jump at a node is seen from
-    its proper side.
+    The command within an interval is the straight line through two inner points, so that a jump at a node counts on the
+    right side.
     """
     h = np.diff(nodes)
     middle = 0.5 * (nodes[:-1] + nodes[1:]) - dead_time
@@ -278,19 +282,25 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
     half = 0.5 * (u[1] - u[0]) / (2 * _GAUSS)
     out = np.stack([mean - half, mean, mean + half, mean], axis=1)
     if not np.isfinite(out).all():
-        raise InputError("the pressure input is not finite everywhere between the first and the last time")
+        raise InputError(
+            "the pressure input is not finite everywhere between the first and the last time: repair it, or simulate a "
+            "part of this time"
+        )
     return out
 
 
 def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
-    """Same as `through_valve`, of `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
+    """Return the pressures of `through_valve` for `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
     out = commands.copy()
     pass_valve(twin, valve, valve_constants(valve_row(valve, before)), h, out)
     return out
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """Return the message for a step that turns a link by more than a radian, or in which a spring has `given_way`."""
+    """Return the SimulationError for a step in which a link turns by more than 1 rad, or for another failure.
+
+    `given_way` describes the other failure.
+    """
     if given_way:
         return SimulationError(f"{plan.h[: failed + 1].sum():.6g} s after the start {given_way}")
     return SimulationError(

@@ -1,4 +1,4 @@
-"""A motion to be computed, and its march by the midpoint rule."""
+"""The initial value problem of a simulation, and its integration by the midpoint rule."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
 from pliant.simulation.inputs import Input
 
 Array = np.ndarray
-Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, states of the memory, at the output times
+Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, hysteresis states, at the output times
 
 
 class Solution(NamedTuple):
-    """A computed motion, and how it was computed."""
+    """A computed motion with its pressures, longest step and estimated error."""
 
     pressure: Array  # (T, C) Pa, behind the valves
     marched: Marched
-    step: float  # s, the longest
-    stretch: Array | None = None  # (T, C), of chambers that inflate
-    error: float = np.nan  # upper estimate of the error of the tip, of the length; not a number: not estimated
+    step: float  # s, longest step
+    stretch: Array | None = None  # (T, C) hoop stretch, if a chamber inflates
+    error: float = np.nan  # upper estimate of the error of the tip, over the length; NaN: not estimated
 
 
 class InitialValueProblem(NamedTuple):
-    """A motion to be computed."""
+    """A motion to be computed: model, inputs, output times, forces and initial state."""
 
     model: Model
     pressure: tuple[Input, ...]
     times: Array  # (T,) s
     forces: tuple[PointForce, ...]
-    initial: Array  # (C,) Pa, before anything happens at the first time
+    initial: Array  # (C,) Pa, just before the first time
     start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
-    states: Array = np.zeros((0, 0))  # (n, branches) rad, of the memory; in space (m, branches)
+    states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
-        """The problem with its start: the arguments of `simulate`."""
+        """Return the problem with an initial state: joint angles, rates and hysteresis states, as in `simulate`."""
         model, load = self.model, loads_before(self.model, self.forces, self.times)
         rest = angle is None
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
@@ -52,46 +52,46 @@ class InitialValueProblem(NamedTuple):
         return self._replace(start=start, states=memory.first_states(model, q, states))
 
     def plan(self, step: float, times: Array | None = None) -> Drive:
-        """The steps of at most `step` [s] that meet `times` (default: all), under the pressure and the forces."""
+        """Return steps of at most `step` [s] that meet `times` (default: all output times), with torques and forces."""
         times = self.times if times is None else times
         return self.loaded(drive(self.model, self.pressure, times, step))
 
     def loaded(self, plan: Drive) -> Drive:
-        """A plan with the mean loads of the forces on the links."""
+        """Return `plan`, a `Drive`, with the mean loads of the known forces on the links added."""
         if not self.forces:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
         return plan._replace(load=mean_loads(self.model, self.forces, nodes))
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
-        """Integrate a plan by the midpoint rule, keeping as many rows as given (default: those of its pressure)."""
+        """Integrate `plan`, a `Drive`, by the midpoint rule; return `rows` output rows (default: one per pressure)."""
         rows = len(plan.pressure) if rows is None else rows
         if self.model.memory:
             return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
         return *march(self.model, plan, self.start, rows), self.states
 
     def tips(self, phi: Array) -> Array:
-        """Positions (T, 2) of the tip, over the length of the body."""
+        """Return the positions (T, 2) of the tip over the length of the body, in space (T, 3)."""
         return np.asarray(mechanics_of(self.model).tips(phi)[:, -1] / self.model.length)
 
     def repeated(self, plan: Drive, phi: Array, factor: float) -> tuple[Array, Array]:
-        """Tips of a motion and of its repetition with `factor` times the steps of its plan, at equal times."""
-        every = 2 if factor > 1.0 and self.times.size > 2 else 1  # every second time: no step reaches beyond one
+        """Return tip positions of a motion and of its repetition with `factor` times the steps, at equal times."""
+        every = 2 if factor > 1.0 and self.times.size > 2 else 1  # half of the output times, since no step passes one
         other = self.plan(factor * float(plan.h.max()), self.times[::every])
         if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
-            raise SimulationError("the output times and jumps permit no longer steps")
+            raise SimulationError("the output times and jumps do not permit longer steps")
         return self.tips(phi[::every]), self.tips(self.marched(other)[0])
 
 
 def posed(
     model: Model, pressure: Input | Sequence[Input], times: Array, forces: Sequence[PointForce]
 ) -> InitialValueProblem:
-    """The problem, yet without its start.
+    """Return the initial value problem of a simulation, without its initial state.
 
     Raises
     ------
     InputError
-        When the inputs are not those of the model, the times do not increase, or a force is none.
+        When the inputs do not fit the model, the times do not increase, or a force is invalid.
     """
     inputs, times = inputs_of(model, pressure), check_times(times)
     pull = tuple(checked("simulate", force, mechanics_of(model).dimension) for force in forces)
@@ -101,14 +101,16 @@ def posed(
 
 
 def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
-    """Loads (n, 2) of the links before anything happens at the first time, N m; None where no force pulls."""
+    """Return the loads (n, 2) [N m] of the links just before the first time; None if there are no forces."""
     return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
 
 
 def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
-    """Absolute angles and rates (rows, n) and input work and loss (rows, 2) by the compiled march.
+    """Integrate `plan`, a `Drive`, by the midpoint rule; return absolute angles, rates and energies.
 
-    A model with memory starts relaxed at these angles.
+    Angles and rates are (rows, n). The energies (rows, 2) [J] are input work and dissipation.
+
+    Hysteresis states start in equilibrium at the initial angles.
     """
     if model.memory:
         states = state.relaxed(model, mechanics_of(model).joint_coordinates(start[0]))

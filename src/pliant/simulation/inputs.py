@@ -1,7 +1,7 @@
-"""Pressure inputs: what is commanded (or was measured) against time. Gauge pressure in Pa, time in s.
+"""Pressure inputs as functions of time, commanded or measured. Gauge pressure in Pa, time in s.
 
-Every input is a callable of time and says where it bends or jumps (`breakpoints`) and where it jumps (`jumps`), so
-that a simulation can integrate across these times exactly instead of sampling past them.
+Every input is a callable of time with the attributes `jumps` (times of jumps) and `breakpoints` (times of jumps and
+kinks), so that a simulation can integrate exactly across these times.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from typing import Any, Protocol
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.numerics.peak import peak
+from pliant.numerics.ringdown import peak
 
 Array = np.ndarray
 
 
 class Input(Protocol):
-    """The interface of a pressure input that `simulate` takes."""
+    """The interface of a pressure input for `simulate`."""
 
     @property
     def jumps(self) -> Array:
-        """Times at which the pressure jumps, s."""
+        """Times [s] at which the pressure jumps."""
 
     @property
     def breakpoints(self) -> Array:
-        """Times at which the pressure jumps or bends, s."""
+        """Times [s] at which the pressure jumps or has a kink."""
 
     def __call__(self, t: Any) -> Array:
-        """Gauge pressure at the times `t`, Pa."""
+        """Return the gauge pressure [Pa] at the times `t` [s]."""
 
 
 def _check(what: str, **values: float) -> None:
@@ -41,7 +41,9 @@ def _check(what: str, **values: float) -> None:
 
 @dataclass(frozen=True)
 class Pulse:
-    """A rectangle: `level` [Pa] from `start` for `width` [s], zero elsewhere. A step is a pulse of infinite width.
+    """A rectangular pulse: `level` [Pa] from `start` [s] for `width` [s], zero elsewhere.
+
+    A pulse of infinite width is a step.
 
     Raises
     ------
@@ -82,7 +84,7 @@ class Pulse:
 
 
 def step(level: float, start: float = 0.0) -> Pulse:
-    """A step to `level` [Pa] at `start` [s].
+    """Return a step from 0 to `level` [Pa] at `start` [s].
 
     Examples
     --------
@@ -96,20 +98,20 @@ def step(level: float, start: float = 0.0) -> Pulse:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Straight lines through points: a measured trace, a ramp, a triangle. Constant outside the first and last.
+    """A piecewise linear pressure through given points, such as a measured time series.
 
-    Two points at the same time make a jump.
+    It is constant before the first and after the last point. Two points at the same time make a jump.
 
     Parameters
     ----------
     time : (P,) array, s
-        Not decreasing.
+        Times, not decreasing.
     pressure : (P,) array, Pa gauge
 
     Raises
     ------
     InputError
-        When the arrays differ in length, are empty or not finite, or time goes back.
+        When the arrays differ in length, are empty or not finite, or the times decrease.
 
     Examples
     --------
@@ -132,14 +134,14 @@ class Trace:
             bad = int((~(np.isfinite(t) & np.isfinite(p))).sum())
             raise InputError(f"a pressure trace must be finite: {bad} of {t.size} samples are not; repair them first")
         if np.any(np.diff(t) < 0):
-            raise InputError("the times of a pressure trace must not decrease")
+            raise InputError("the times of a pressure trace must not decrease: sort its samples by time")
         same = np.diff(t) == 0
         for name, value in (("time", t), ("pressure", p), ("breakpoints", np.unique(t)), ("jumps", t[1:][same])):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
     def __call__(self, t: Any) -> Array:
-        if isinstance(t, float):  # as solvers ask, a hundred thousand times
+        if isinstance(t, float):  # fast path: solvers call it a hundred thousand times
             return np.array(self._at(t))
         t = np.asarray(t, dtype=float)
         after = np.maximum(1, np.minimum(np.searchsorted(self.time, t, side="right"), self.time.size - 1))
@@ -152,11 +154,11 @@ class Trace:
 
     @property
     def peak(self) -> float:
-        """The value farthest from 0: below 0 where a vacuum drives the body."""
+        """The pressure [Pa] farthest from 0, with its sign (negative for a vacuum)."""
         return peak(self.pressure)
 
     def _at(self, t: float) -> float:
-        """The pressure at one time, by the same arithmetic."""
+        """Return the pressure [Pa] at one time [s], by the same arithmetic as `__call__`."""
         if self.time.size == 1 or t >= self.time[-1]:
             return float(self.pressure[-1])
         after = max(1, min(int(self.time.searchsorted(t, side="right")), self.time.size - 1))  # NaN stays NaN
@@ -167,7 +169,7 @@ class Trace:
 
 
 def ramp(level: float, start: float, duration: float) -> Trace:
-    """From 0 to `level` [Pa] in a straight line that begins at `start` and lasts `duration` [s], then constant.
+    """Return a linear rise from 0 to `level` [Pa] that begins at `start` [s] and lasts `duration` [s], then constant.
 
     Raises
     ------
@@ -186,12 +188,12 @@ def ramp(level: float, start: float, duration: float) -> Trace:
 
 
 def triangle(level: float, period: float, cycles: int, start: float = 0.0) -> Trace:
-    """`cycles` triangles between 0 and `level` [Pa] of `period` [s], beginning at `start` [s].
+    """Return `cycles` triangles between 0 and `level` [Pa] with a `period` [s], beginning at `start` [s].
 
     Raises
     ------
     InputError
-        When the period is not positive, or there is no cycle.
+        When the period is not positive, or `cycles` is below 1.
 
     Examples
     --------
@@ -208,9 +210,10 @@ def triangle(level: float, period: float, cycles: int, start: float = 0.0) -> Tr
 
 @dataclass(frozen=True)
 class Chirp:
-    """`offset` + `amplitude` sin(phase), the frequency going evenly from `f0` to `f1` [Hz] in `duration` [s].
+    """A sine sweep: `offset` + `amplitude` sin(phase), with a frequency from `f0` to `f1` [Hz] in `duration` [s].
 
-    Amplitude and offset in Pa; zero before `start` [s] and after the sweep.
+    The frequency changes linearly with time. Amplitude and offset are in Pa. The pressure is zero before `start` [s]
+    and after the sweep.
 
     Raises
     ------
@@ -253,14 +256,14 @@ class Chirp:
 
 @dataclass(frozen=True)
 class Multisine:
-    """`offset` + sines of equal `amplitude` [Pa] at `frequencies` [Hz], Schroeder phases for a low crest factor.
+    """A sum of sines: `offset` [Pa] + sines of equal `amplitude` [Pa] at `frequencies` [Hz].
 
-    The offset in Pa; zero before `start` [s].
+    Schroeder phases give a low crest factor. The pressure is zero before `start` [s].
 
     Raises
     ------
     InputError
-        When a number is not finite, or there is no positive frequency.
+        When a number is not finite, or a frequency is not positive.
     """
 
     amplitude: float

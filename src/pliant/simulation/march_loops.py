@@ -1,6 +1,6 @@
-"""The loops that run compiled: many steps of the chain, with and without memory.
+"""Compiled time-stepping loops of the chain, with and without hysteresis.
 
-Plain text here; `pliant.compiler.choose.twin` makes what runs.
+The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from pliant.equations.memory import step_with_memory
 from pliant.equations.motion import step
 from pliant.equations.symbols import (
     ActuationConstants,
+    AxialMemoryLaw,
     Body,
+    ExtensibleHeld,
     Held,
     Joints,
     Lag,
@@ -33,52 +35,54 @@ from pliant.simulation.pressure_loops import held_interval
 
 
 class Steps(NamedTuple):
-    """The steps of a march."""
+    """Input of a time-stepping loop: lengths, torques and loads of all steps."""
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
-    gain: np.ndarray  # (C, n) share of it that each joint feels
-    keep: np.ndarray  # (steps,) row of the output after the step, negative: none
-    load: np.ndarray  # (steps, n, 2) N m of `contact.add_link_loads`; no rows where no force pulls
+    gain: np.ndarray  # (C, n) fraction of the chamber's torque at each joint
+    keep: np.ndarray  # (steps,) output row of the state after the step; negative: no output
+    load: np.ndarray  # (steps, n, 2) N m, see `contact.add_link_loads`; no rows if there are no forces
 
 
 class Rows(NamedTuple):
-    """What a march writes."""
+    """Output of a time-stepping loop."""
 
     phi: np.ndarray  # (rows, n) rad
     w: np.ndarray  # (rows, n) rad/s
-    energy: np.ndarray  # (rows, 3) J so far: input work, loss of the dampers, loss of the memory
-    state: np.ndarray  # (rows, n, branches) rad, of the memory; in space (rows, m, branches)
+    energy: np.ndarray  # (rows, 3) J since the start: input work, loss of the dampers, loss of hysteresis
+    state: np.ndarray  # (rows, n, branches) rad, hysteresis states; in space (rows, m, branches)
     total: np.ndarray  # (3,) the energies after the last step
 
 
 def rows_for(rows, size, states, energies):
-    """`Rows` of zeros: of so many angles, states of the memory of a shape (n, branches), and 2 or 3 energies."""
+    """Return a `Rows` of zeros for `rows` output rows, `size` coordinates and 2 or 3 `energies`.
+
+    `states` is the shape (n, branches) of the hysteresis states.
+    """
     shapes = ((rows, size), (rows, size), (rows, energies), (rows, *states), 3)
     return Rows(*map(np.zeros, shapes))
 
 
 class Drives(NamedTuple):
-    """The chambers of a body that moves one step at a time, advanced in place."""
+    """Chambers and their states for a body that is advanced step by step; the arrays are updated in place."""
 
     actuation: ActuationConstants
-    valve: np.ndarray  # (C, 4) a `Lag` for each chamber
+    valve: np.ndarray  # (C, 4) the `Lag` of each chamber
     pressure: np.ndarray  # (C,) Pa, behind the valves
     state: np.ndarray  # (C, 2) slow states, see `equations.chamber.advance`
 
 
 def march(phi, w, steps, body, joints, work, out):
-    """Take all `steps` (`Steps`) under the mean torques of each; phi and w (n,) are advanced in place.
+    """Advance phi and w (n,) in place over all `steps` (a `Steps`), and write the output rows to `out` (a `Rows`).
 
-    Of a body that lengthens, (n + S,) hold the strains of its segments behind the angles: its twin takes the step of
-    `equations.extension`, and all other arrays are as long.
+    For a body that lengthens, all arrays are (n + S,), with strains behind the angles, and the compiled loop uses the
+    step of `equations.extension`.
 
-    The whole march is refused where a spring has softened to nothing, or a link turns by more than a radian in one
-    step: the rule takes the turn of half a step as straight, and what it returned beyond would be finite and wrong.
+    The loop stops at a step in which a spring loses its stiffness or a link turns by more than 1 rad. The rule assumes
+    a constant rate over half a step, so that results of larger turns would be finite but wrong.
 
-    Where keep[k] >= 0, the state after step k goes to row keep[k] of `out` (`Rows`), with the input work and the
-    dissipated energy so far [J], both by the midpoint rate that the step itself uses.
-    Returns the index of the first step that fails, or -1.
+    Where keep[k] >= 0, row keep[k] of `out` receives the state after step k, with the input work and the dissipated
+    energy since the start [J], both by the mid-step rates. Returns the index of the first step that fails, or -1.
     """
     n = len(phi)
     for k in range(len(steps.h)):
@@ -102,10 +106,10 @@ def march(phi, w, steps, body, joints, work, out):
 
 
 def march_with_memory(phi, w, steps, body, joints, past, work, out):
-    """As `march`, with the memory of the joints (`symbols.Past`): its state is advanced in place and kept.
+    """Advance a chain with hysteresis over all `steps`, as `march`; the states in `past` (`symbols.Past`) advance.
 
-    The last column of the energy takes what the memory dissipated. Returns -1; the index k of a step that turns a link
-    by more than a radian; or -2 - k where the branches of step k find no agreement.
+    The states are output too, and the last column of the energy is the energy dissipated by hysteresis. Returns -1, the
+    index k of a step that turns a link by more than 1 rad, or -2 - k if step k does not converge.
     """
     n = len(phi)
     for k in range(len(steps.h)):
@@ -135,7 +139,10 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
 
 
 def take_torques(h, command, drives, tau):
-    """Mean torques tau (n,) [N m] of the joints over h [s] under commands (C,) [Pa]; `drives` (`Drives`) moves on."""
+    """Write the mean torques of the joints to tau (n,) [N m] over h [s] under constant commands (C,) [Pa].
+
+    `drives` (a `Drives`) is advanced in place.
+    """
     for c in range(len(command)):
         valve = drives.valve
         lag = Lag(valve[c, 0], valve[c, 1], valve[c, 2], valve[c, 3])
@@ -146,7 +153,10 @@ def take_torques(h, command, drives, tau):
 
 
 def held_step(phi, w, h, command, drives, body, joints, work):
-    """One step of `march` behind valves, under commands (C,) [Pa] held constant; 0, or -1 where the step failed."""
+    """Advance one step of h [s] behind valves, under constant commands (C,) [Pa]; return 0, or -1 if the step fails.
+
+    phi, w (n,) and `drives` (a `Drives`) are updated in place.
+    """
     take_torques(h, command, drives, work.tau)
     step(phi, w, h, work.tau, body, joints, work)
     if follows(phi, w, h, joints):
@@ -155,7 +165,10 @@ def held_step(phi, w, h, command, drives, body, joints, work):
 
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
-    """As `held_step` with memory (`symbols.Past`); `chain` is (body, joints)."""
+    """Advance one step of a chain with hysteresis, as `held_step`.
+
+    `chain` is (body, joints), `past` a `symbols.Past`.
+    """
     body, joints = chain
     take_torques(h, command, drives, work.tau)
     taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
@@ -165,11 +178,11 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
 
 
 def hold(phi, w, held, drives, body, joints, work):
-    """As `held_step`, several times and under a force, of plain tuples; the index of the step that fails, or -1.
+    """Advance several steps of constant command and force, and return the index of the step that fails, or -1.
 
-    `held` is (h, steps, command, load, total): load (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
-    none; total (3,) takes input work, loss of the dampers and loss of the memory, J. Python hands the arrays of plain
-    tuples over in a third of the time of named ones.
+    `held` is (h, steps, command, load, total). `load` (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
+    none. Input work, loss of the dampers and loss of hysteresis [J] are added to `total` (3,). All records are plain
+    tuples, which Python passes to a compiled function in a third of the time of named ones.
     """
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
@@ -187,7 +200,7 @@ def hold(phi, w, held, drives, body, joints, work):
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
-    """As `hold` with memory; chain is (body, joints)."""
+    """Advance several steps of a chain with hysteresis, as `hold`; `chain` is (body, joints)."""
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
     chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
@@ -208,13 +221,16 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 
 @cache
-def of_records(kernel, body, joints, workspace):
-    """Return a kernel's text with other records in the place of `Body`, `Joints` and `Workspace`."""
+def of_records(kernel, body, joints, workspace, law=MemoryLaw):
+    """Return a kernel that uses other record types in place of `Body`, `Joints`, `Workspace` and `MemoryLaw`."""
     if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
-    scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace}
+    scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}
     if joints is SpatialJoints:
         scope["Held"] = SpatialHeld
-    copy = FunctionType(kernel.__code__, scope, f"{kernel.__name__}_{body.__name__}")
-    copy.__doc__, copy.__module__ = f"As `{kernel.__name__}`, of a {body.__name__}.", kernel.__module__
+    if law is AxialMemoryLaw:
+        scope["Held"] = ExtensibleHeld
+    name = f"{kernel.__name__}_{body.__name__}{'_axial' * (law is AxialMemoryLaw)}"
+    copy = FunctionType(kernel.__code__, scope, name)
+    copy.__doc__, copy.__module__ = f"`{kernel.__name__}` for records of the type {body.__name__}.", kernel.__module__
     return copy

@@ -1,4 +1,4 @@
-"""Chains that remember: their march, and the outputs of their hysteresis states."""
+"""Simulation of chains with hysteresis, and the output of their hysteresis states."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
-from pliant.equations.symbols import Past
+from pliant.equations.symbols import MemoryLaw, Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -20,10 +20,11 @@ Entry = tuple[tuple[str, ...], Array]
 def march_with_memory(
     model: Model, plan: Drive, start: tuple[Array, Array], states: Array, rows: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Coordinates and rates (rows, N), work and losses (rows, 3), states of the memory (rows, m, branches).
+    """Integrate a chain with hysteresis; return coordinates, rates, energies and hysteresis states at the output rows.
 
-    The losses are those of the dampers, then those of the memory. A model without memory gives, bit for bit, what the
-    march without memory gives.
+    Coordinates and rates are (rows, N). Energies (rows, 3) [J] are input work, loss of the dampers and loss of
+    hysteresis. States are (rows, m, branches). For a model without hysteresis the result equals, bit for bit, that of
+    the loop without hysteresis.
     """
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0], out.state[0] = *start, states
@@ -36,35 +37,46 @@ def march_with_memory(
         raise too_fast(plan, failed, state.given_way(model, now))
     if failed < -1:
         raise SimulationError(
-            f"{plan.h[: -1 - failed].sum():.6g} s after the start the slip elements find no agreement with the motion "
+            f"{plan.h[: -1 - failed].sum():.6g} s after the start the iteration for slip elements does not converge "
             f"within a step of {plan.h[-2 - failed] * 1e3:.3g} ms; use a shorter step"
         )
     return out.phi, out.w, out.energy, out.state
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:
-    """States of the memory at the start: as given, else relaxed at the joint coordinates q0."""
+    """Return the initial hysteresis states: those `given`, else in equilibrium at the joint coordinates q0 (N,)."""
     rest = state.relaxed(model, q0)
     if given is None:
         return rest
-    shape = (len(rest), len(model.memory.labels))
+    shape = (len(rest), max(len(model.memory.labels), len(model.memory.axial.labels)))
     states = np.asarray(given, dtype=float)
     if states.shape != shape or not np.isfinite(states).all():
-        raise InputError(f"initial_memory must be finite angles (joint, memory) = {shape}, got shape {states.shape}")
+        rows = "joint and segment" if model.memory.has_axial else "joint"
+        raise InputError(
+            f"initial_memory must be finite angles of shape ({rows}, memory) = {shape}, got {states.shape}"
+        )
     rest[:, : shape[1]] = states
     return rest
 
 
+def laws_of(model: Model) -> list[MemoryLaw]:
+    """Return the branches of each coordinate with hysteresis states: those of joints, behind them those of segments."""
+    joints, axial, segments = model.memory.law(), model.memory.axial.law(), len(model.extensions)
+    rows = mechanics_of(model).remembering
+    return [axial if i >= model.size - segments else joints for i in range(rows)]
+
+
 def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
-    """States, torque, stored and dissipated energy of the memory along a trajectory, with their dimensions."""
+    """Return states, torque, stored and dissipated energy of hysteresis as dataset variables; {} if there is none."""
     if not model.memory:
         return {}
-    chain, law = mechanics_of(model), model.memory.law()
+    chain = mechanics_of(model)
     rows = chain.remembering
     q, K = chain.joint_coordinates(x)[:, :rows], chain.joints.K[:rows]
     moved = np.moveaxis(states, 0, -1)  # (rows, branches, T), as the kernels index
-    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, law) for i in range(rows)], axis=1)
-    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, law) for i in range(rows)], axis=1)
+    laws = laws_of(model)
+    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
+    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
     values: dict[str, Entry] = {}
     for kind in chain.kinds:
         if kind.over == "joint":
@@ -73,4 +85,8 @@ def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Ent
                 ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
             )
             values["memory_torque" + axis] = (("time", "joint"), (K * angle)[:, kind.rows])
+        elif model.memory.has_axial:
+            labels = model.memory.axial.labels
+            values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
+            values["axial_memory_force"] = (("time", "segment"), (K * angle)[:, kind.rows] / model.segment_length)
     return values | {"memory_energy": (("time",), stored @ K), "memory_dissipation": (("time",), loss)}

@@ -1,12 +1,13 @@
-"""A chamber that fills and vents through an opening, in closed form: the flow of ISO 6358, choked and below.
+"""Pressure of a chamber that fills and vents through an opening, in closed form: choked and subsonic flow of ISO 6358.
 
-The absolute pressure P of a rigid chamber follows P' = (U / T) psi(P / U) while the command U lies above it, and
-P' = -(P / T) psi(U / P) while it lies below, with psi(r) = 1 for r < b, else sqrt(1 - ((r - b) / (1 - b))^2), and
-b = 1/2. T is volume over conductance and standard pressure, of gas whose temperature stays. It arrives in finite time.
+The absolute pressure P of a rigid chamber follows P' = (U / T) psi(P / U) while the command U lies above it, and P' =
+-(P / T) psi(U / P) while it lies below, with psi(r) = 1 for r < b, else sqrt(1 - ((r - b) / (1 - b))^2), and b = 1/2. T
+is volume over conductance and standard pressure, for gas of constant temperature. The pressure reaches the command in
+finite time.
 
 Source: ISO 6358-1:2013; b lies between 0.2 and 0.5 for most valves and tubes.
 
-Plain text here; `pliant.compiler.choose.twin` makes what runs.
+The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ from __future__ import annotations
 import numpy as np
 
 ATMOSPHERE = 101325.0  # Pa
-ARRIVED = 1e-12  # of the absolute command: nearer is there
-LEAST = 1.0  # Pa, of an absolute command: no pump makes less
+ARRIVED = 1e-12  # of the absolute command: within this distance the pressure has reached it
+LEAST = 1.0  # Pa, smallest absolute command
 
 
 def through_opening(h, time, before, p):
-    """Pressure of a chamber behind an opening, exact where that before the opening is constant in each interval; Pa.
+    """Replace the pressures p (m, 4) [Pa gauge] before an opening by those of the chamber behind it, in place.
 
-    p (m, 4) holds the gauge pressure before the opening at the start, the middle and the end of each interval of
-    lengths h (m,) [s], and its mean, which alone counts; the chamber's, which begins at `before`, takes its place.
-    `time` is T [s].
+    The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. Only the mean
+    of the pressure before the opening is used, so that the result is exact where it is constant in each interval. The
+    chamber starts at `before` [Pa]. `time` is T [s].
     """
     for k in range(len(h)):
         command = p[k, 3]
@@ -34,7 +35,7 @@ def through_opening(h, time, before, p):
 
 
 def opening_interval(h, command, time, p):
-    """Pressure h [s] after p under a constant command, and its mean until then; Pa gauge."""
+    """Return the pressure [Pa gauge] after h [s] at a constant command, starting from p, and its mean until then."""
     supply = command + ATMOSPHERE
     if supply.real < LEAST:
         supply = LEAST + 0.0 * command
@@ -51,7 +52,10 @@ def opening_interval(h, command, time, p):
 
 
 def filled(s, x):
-    """Value at s of x' = 1 below 0, sqrt(1 - x^2) from there to 1, and its integral: x = 2 P / U - 1."""
+    """Return x(s) and its integral for x' = 1 below 0, x' = sqrt(1 - x^2) from 0 to 1, starting from `x`.
+
+    x = 2 P / U - 1.
+    """
     area = 0.0 * s
     if x.real < 0.0:
         choked = min(s, -x)
@@ -67,7 +71,10 @@ def filled(s, x):
 
 
 def vented(s, x):
-    """Value at s of x' = -(1 + x) / 2 above 1, -sqrt(x) from there to 0, and its integral: x = (P - U) / U."""
+    """Return x(s) and its integral for x' = -(1 + x) / 2 above 1, x' = -sqrt(x) from 1 to 0, starting from `x`.
+
+    x = (P - U) / U.
+    """
     area = 0.0 * s
     if x.real > 1.0:
         choked = min(s, 2.0 * np.log(0.5 * (1.0 + x)))

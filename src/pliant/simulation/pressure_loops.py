@@ -1,6 +1,6 @@
-"""The loops between a command and what a chamber makes of it: valves and slow pressure, interval by interval.
+"""Loops over time intervals for valves, lagged pressures and chamber torques.
 
-Plain text here; `pliant.compiler.choose.twin` makes what runs.
+The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import numpy as np
 from pliant.equations.chamber import advance, mean_of_law, slow_interval
 from pliant.equations.symbols import Interval
 
-UNLIMITED = 1e30  # Pa/s; not infinite, whose product with no lag is not a number
+UNLIMITED = 1e30  # Pa/s; not infinite, whose product with a lag of 0 is NaN
 
 
 def past_dead_band(band, p):
-    """Take the dead band [Pa] of a regulator off the commands p (m, 4) [Pa], in place.
+    """Subtract the dead band [Pa] of a regulator from the commands p (m, 4) [Pa], in place.
 
-    p holds the command at the start, middle and end of each interval, and its mean; exact but for intervals in which
-    the command crosses the band.
+    The columns are the command at the start, middle and end of each interval, and its mean. The result is exact except
+    for intervals in which the command crosses the band.
     """
     for k in range(len(p)):
         for j in range(4):
@@ -30,11 +30,11 @@ def past_dead_band(band, p):
 
 
 def first_order_valve(h, rise, fall, before, p):
-    """Pressure behind a first-order lag, exact for a command that is straight in each interval; Pa.
+    """Replace the commands p (m, 4) [Pa] by the pressures behind a first-order lag, in place.
 
-    p (m, 4) holds the command at the start, the middle and the end of each interval of lengths h (m,) [s], and its
-    mean; the pressure, which begins at `before`, takes its place. `rise` and `fall` are the time constants [s] while
-    the command lies above or below the pressure.
+    The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. The pressure
+    starts at `before` [Pa]. `rise` and `fall` [s] are the time constants while the command lies above or below the
+    pressure. The result is exact for a command that is linear in each interval.
     """
     for k in range(len(h)):
         p[k, 0], p[k, 1], p[k, 2], p[k, 3] = first_order_interval(h[k], p[k, 0], p[k, 2], rise, fall, before)
@@ -42,7 +42,7 @@ def first_order_valve(h, rise, fall, before, p):
 
 
 def first_order_interval(h, u0, u1, rise, fall, p):
-    """Pressure at the start, the middle and the end of one interval of `first_order_valve`, and its mean; Pa."""
+    """Return the pressure [Pa] at start, middle and end of one interval of `first_order_valve`, and its mean."""
     command = 0.5 * (u0 + u1)
     lag = rise
     if command.real < p.real:
@@ -57,14 +57,17 @@ def first_order_interval(h, u0, u1, rise, fall, p):
 
 
 def rate_limited_valve(h, lag, before, p):
-    """As `first_order_valve`, with the limits of a `symbols.Lag`."""
+    """Replace the commands p (m, 4) [Pa] by the pressures behind a lag with limited rates, as `first_order_valve`.
+
+    `lag` is a `symbols.Lag`.
+    """
     for k in range(len(h)):
         p[k, 0], p[k, 1], p[k, 2], p[k, 3] = rate_limited_interval(h[k], p[k, 0], p[k, 2], lag, before)
         before = p[k, 2]
 
 
 def rate_limited_interval(h, u0, u1, valve, p):
-    """Pressure at the start, the middle and the end of one interval of `rate_limited_valve`, and its mean; Pa."""
+    """Return the pressure [Pa] at start, middle and end of one interval of `rate_limited_valve`, and its mean."""
     slope = (u1 - u0) / h
     lag = valve.rise
     rate = valve.rise_rate
@@ -72,7 +75,7 @@ def rate_limited_interval(h, u0, u1, valve, p):
         lag = valve.fall
         rate = -valve.fall_rate
     gap = u0 - p
-    limited = 0.0  # how long the limit holds: until the gap is down to what the lag alone would make of it
+    limited = 0.0  # time until the lag alone would be slower than the limit
     if ((gap - rate * lag) * rate).real > 0.0:
         limited = h
         if ((rate - slope) * rate).real > 0.0:
@@ -83,7 +86,10 @@ def rate_limited_interval(h, u0, u1, valve, p):
 
 
 def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
-    """Pressure [Pa] at the time t [s] after p, and its integral, at a `rate` for the time `limited`, then lagging."""
+    """Return the pressure [Pa] at the time t [s], and its integral, at `rate` for the time `limited`, then lagging.
+
+    It starts at p [Pa].
+    """
     first = min(t, limited)
     value = p + rate * first
     area = first * (p + 0.5 * rate * first)
@@ -96,7 +102,7 @@ def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
 
 
 def held_interval(h, command, valve, p):
-    """`Interval` of pressure behind a valve (`symbols.Lag`) over h [s] under a `command` [Pa] held constant."""
+    """Return the `Interval` of pressure behind a valve (a `symbols.Lag`) over h [s] under a constant `command` [Pa]."""
     if valve.rise_rate.real >= UNLIMITED and valve.fall_rate.real >= UNLIMITED:
         start, middle, end, mean = first_order_interval(h, command, command, valve.rise, valve.fall, p)
     else:
@@ -105,9 +111,12 @@ def held_interval(h, command, valve, p):
 
 
 def second_order_valve(h, omega, zeta, before, p):
-    """Pressure behind p'' + 2 zeta omega p' + omega^2 p = omega^2 u, exact for a command straight in each interval.
+    """Replace the commands p (m, 4) [Pa] by the pressures behind a second-order valve, in place.
 
-    As `first_order_valve`, with natural frequency omega [rad/s] and damping ratio zeta; starts at rest.
+    p'' + 2 zeta omega p' + omega^2 p = omega^2 u
+
+    As `first_order_valve`, with natural frequency omega [rad/s] and damping ratio zeta. The rate at the start is 0.
+    Exact for a command that is linear in each interval.
     """
     rate = 0.0 * before
     damped = zeta * zeta - 1.0
@@ -122,7 +131,7 @@ def second_order_valve(h, omega, zeta, before, p):
         v = rate - slope
         for j in range(1, 3):
             t = 0.5 * j * h[k]
-            c = np.exp(-zeta * omega * t)  # the decay goes into c and s: apart they would overflow
+            c = np.exp(-zeta * omega * t)  # c and s include the decay, without which they could overflow
             s = c * t
             if damped.real < -1e-9:
                 root = omega * np.sqrt(-damped)
@@ -142,16 +151,16 @@ def second_order_valve(h, omega, zeta, before, p):
 
 
 def settle(h, share, time, before, p):
-    """Let a share of the pressures p (m, 4) [Pa] come late, in place, behind a further lag of a time constant [s].
+    """Delay a fraction `share` of the pressures p (m, 4) [Pa] in place, by a lag with the time constant `time` [s].
 
-    p holds them at the start, middle and end of each interval, and their mean; they were `before` long before. Exact
-    for a pressure straight in each interval.
+    The columns are the values at the start, middle and end of each interval, and the mean. The lag starts in
+    equilibrium at `before`. The result is exact for a pressure that is linear in each interval.
     """
     slow = before
     for k in range(len(h)):
         first = slow
         half, slow = slow_interval(h[k], Interval(p[k, 0], p[k, 1], p[k, 2], p[k, 3]), first, time)
-        mean = p[k, 3] - time * (slow - first) / h[k]  # of the late one, from its own equation
+        mean = p[k, 3] - time * (slow - first) / h[k]  # of the lagged pressure, from its equation
         p[k, 0] = p[k, 0] + share * (first - p[k, 0])
         p[k, 1] = p[k, 1] + share * (half - p[k, 1])
         p[k, 2] = p[k, 2] + share * (slow - p[k, 2])
@@ -159,9 +168,9 @@ def settle(h, share, time, before, p):
 
 
 def law_torques(h, lengths, first, p, law, torque):
-    """Mean torque of each step, torque (steps,) [N m], of a law at the pressures p (m, 4) [Pa] of the intervals.
+    """Write the mean torque of each step to torque (steps,) [N m], for a polynomial law at pressures p (m, 4) [Pa].
 
-    Step k of length h[k] is made of the intervals from first[k] on, of lengths (m,) [s].
+    Step k of length h[k] [s] consists of the intervals first[k] ... first[k + 1] - 1, of `lengths` (m,) [s].
     """
     for k in range(len(h)):
         total = 0.0 * h[k]
@@ -171,9 +180,10 @@ def law_torques(h, lengths, first, p, law, torque):
 
 
 def slow_torques(h, lengths, first, p, chamber, state, torque, grown):
-    """As `law_torques`, of a chamber whose rubber takes time; its slow `state` (2,) moves on in place.
+    """Write the mean torque of each step to torque (steps,) [N m], for a chamber with slow states, as `law_torques`.
 
-    grown (m + 1,) takes the fourth power of the hoop stretch between the intervals.
+    The slow `state` (2,) is updated in place. grown (m + 1,) receives the fourth power of the hoop stretch between the
+    intervals.
     """
     grown[0] = state[1]
     for k in range(len(h)):

@@ -1,7 +1,7 @@
-"""Reference solutions by SciPy's adaptive solvers on the compiled right-hand side and its exact Jacobian.
+"""Reference solutions by SciPy's adaptive solvers, with the compiled right-hand side and its exact Jacobian.
 
-The paper solves with ode15s; BDF and LSODA are its relatives. The valve and the energies are states of their own here,
-so that nothing is shared with the fixed-step path but the equation of motion.
+The paper solves with ode15s; BDF and LSODA are related methods. Valve pressures and energies are states of the solver
+here, so that only the equation of motion is shared with the fixed-step simulation.
 """
 
 from __future__ import annotations
@@ -26,35 +26,29 @@ from pliant.simulation.state import given_way
 
 Array = np.ndarray
 METHODS = ("LSODA", "BDF", "Radau")
-SHORTEST_LAG = 1e-6  # s; stands for none where a valve lags in one direction only: its pressure is a state here
+SHORTEST_LAG = 1e-6  # s, for 0 where a valve lags in one direction only, because its pressure is a state here
 
 
 class Start(NamedTuple):
-    """Start state of a solution."""
+    """Initial state of a reference solution."""
 
     phi: Array  # (n,) rad
     w: Array  # (n,) rad/s
-    pressure: Array  # (C,) Pa, before anything happens at the first time
+    pressure: Array  # (C,) Pa, just before the first time
     memory: Array  # (n, branches) rad
 
 
 def solve_reference(
     model: Model, pressure: Input | Sequence[Input], times: Array, start: Start, method: str, rtol: float
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Absolute angles and rates (T, n), work and losses (T, 3), states of the memory (T, n, branches), stretch (T, C).
+    """Return angles, rates, energies, hysteresis states and hoop stretch at `times`, by a SciPy solver.
 
-    Solved piece by piece between the jumps and bends of the pressures.
+    Absolute angles and rates are (T, n), energies (T, 3) [J] input work and the losses of dampers and hysteresis,
+    states (T, n, branches), stretch (T, C). The solver restarts at each breakpoint of the pressures.
     """
-    from scipy.integrate import solve_ivp  # a third of a second that the default need not pay
+    from scipy.integrate import solve_ivp  # slow import, not needed by the default method
 
-    if model.memory.slip_share or model.memory.boucwen_share:
-        raise InputError(f"{method} follows creep, not slip or Bouc-Wen, which have corners: use method='midpoint'")
-    if any(c.valve.settle_share for c in model.chambers):
-        raise InputError(f"{method} does not follow a pressure that settles late: use method='midpoint'")
-    if any(c.valve.dead_band for c in model.chambers):
-        raise InputError(f"{method} does not follow a regulator with a dead band: use method='midpoint'")
-    if any(c.valve.opening_time for c in model.chambers):
-        raise InputError(f"{method} does not follow flow through an opening: use method='midpoint'")
+    refuse_unfollowed(model, method)
     at, inputs = layout(model), inputs_of(model, pressure)
     bends = [p.breakpoints + c.valve.dead_time for p, c in zip(inputs, model.chambers, strict=True)]
     corners = merge(times[[0, -1]], np.concatenate(bends), 1e-9 * (times[-1] - times[0]))
@@ -73,7 +67,9 @@ def solve_reference(
             lost = given_way(model, solution.y_events[0][0][at.phi], 1e-6)
             raise SimulationError(f"{solution.t_events[0][0] - times[0]:.6g} s after the start {lost}")
         if not solution.success or not np.isfinite(solution.y).all():
-            raise SimulationError(f"{method} stopped between {left:.6g} and {right:.6g} s: {solution.message}")
+            raise SimulationError(
+                f"{method} stopped between {left:.6g} and {right:.6g} s: {solution.message} Use method='accurate'"
+            )
         out[due] = solution.y[:, : due.size].T
         y = solution.y[:, -1]
     kept = np.zeros((times.size, *start.memory.shape))
@@ -85,8 +81,22 @@ def solve_reference(
     return out[:, at.phi], out[:, at.w], work, kept, stretch
 
 
+def refuse_unfollowed(model: Model, method: str) -> None:
+    """Raise InputError where a model has laws that a variable-step `method` does not follow."""
+    if model.memory.has_axial:
+        raise InputError(f"{method} does not follow hysteresis of segments that lengthen: use method='midpoint'")
+    if model.memory.slip_share or model.memory.boucwen_share:
+        raise InputError(f"{method} does not support slip or Bouc-Wen, only creep: use method='midpoint'")
+    if any(c.valve.settle_share for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with settle_share: use method='midpoint'")
+    if any(c.valve.dead_band for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with a dead_band: use method='midpoint'")
+    if any(c.valve.opening_time for c in model.chambers):
+        raise InputError(f"{method} does not support a valve with an opening_time: use method='midpoint'")
+
+
 def first(model: Model, at: StateLayout, start: Start) -> Array:
-    """The states at the first time."""
+    """Return the initial state vector of the solver."""
     y = np.zeros(at.size)
     y[at.phi], y[at.w] = start.phi, start.w
     for c, chamber, p in zip(at.chambers, model.chambers, start.pressure, strict=True):
@@ -96,7 +106,7 @@ def first(model: Model, at: StateLayout, start: Start) -> Array:
 
 
 def tolerances(at: StateLayout, rtol: float) -> Array:
-    """Absolute tolerances of the states."""
+    """Return the absolute tolerances of the solver's states."""
     atol = np.full(at.size, rtol * 1e-3)  # rad and J
     for c in at.chambers:
         atol[c.p], atol[c.dp], atol[c.slow] = rtol * 1e2, rtol * 1e4, rtol * 1e2  # Pa and Pa/s
@@ -104,9 +114,7 @@ def tolerances(at: StateLayout, rtol: float) -> Array:
 
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
-    """Return an event that stops a solver where a spring has no stiffness left, or None; beyond, the motion may
-    diverge.
-    """
+    """Return an event that stops the solver where a spring loses its stiffness, or None for linear springs."""
     springs = springs_of(model)
     if not springs.hardening.any():
         return None
@@ -119,28 +127,28 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
 
 
 class Place(NamedTuple):
-    """Indices of one chamber's states."""
+    """Indices of one chamber's states in the solver's state vector."""
 
     p: int
     dp: int
-    slow: slice  # of a chamber that swells, one place or none
-    stretch: slice  # its fourth power, of a hyperelastic wall, one place or none
+    slow: slice  # lagged pressure: one index, or none without viscoelastic lag
+    stretch: slice  # fourth power of the hoop stretch: one index, or none for a rigid wall
 
 
 class StateLayout(NamedTuple):
-    """Indices of the states; an absent feature takes no index, so that it cannot affect the step size."""
+    """Indices of the solver's states; a feature which the model lacks has no state."""
 
     phi: slice
     w: slice
     chambers: tuple[Place, ...]
-    creep: slice  # relaxed angles, coordinate by coordinate of the joints
-    work: int  # work of the pressure, loss of the dampers, loss of creep where there is any
+    creep: slice  # relaxed angles of the creep branches, joint coordinate by joint coordinate
+    work: int  # first index of: work of the pressure, loss of the dampers, loss of creep (if any)
     remembers: bool
     size: int
 
 
 def layout(model: Model) -> StateLayout:
-    """The places of the states of `model`; strains stand behind the angles, their rates behind the rates."""
+    """Return the indices of the states of `model`; strains come behind the angles, their rates behind the rates."""
     n, branches = model.size, len(model.memory.creep_share)
     places, end = [], 2 * n
     for c in model.chambers:
@@ -154,15 +162,15 @@ def layout(model: Model) -> StateLayout:
     )
 
 
-Valves = Callable[[int, float, Array], tuple[float, Array, Array]]  # pressure, rates, Jacobian behind the valve of one
+Valves = Callable[[int, float, Array], tuple[float, Array, Array]]  # pressure, rates, Jacobian of a chamber's valve
 
 
 def right_hand_side(
     model: Model, inputs: Sequence[Input], left: float, right: float,
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
-    """The derivative of the states and its Jacobian between two corners of the input.
+    """Return the functions for the derivative of the states and for its Jacobian, between two breakpoints of the input.
 
-    The Jacobian of a model that creeps, swells or inflates, or has tendons, is left to the solver.
+    The Jacobian is None for models with creep, viscoelastic lag, inflation or tendons: the solver then approximates it.
     """
     at = layout(model)
     chain = mechanics_of(model)
@@ -183,8 +191,8 @@ def right_hand_side(
         moved = []
         for c, (own, place) in enumerate(chambers):
             p, rates, _ = valve(c, t, y)
-            made, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
-            share_out(c, made, gain, torque)
+            chamber_torque, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
+            share_out(c, chamber_torque, gain, torque)
             moved += [rates, *slow_rates]
         seen, crept, lost = crept_springs(chain, model.memory, phi, y[at.creep]) if at.remembers else (joints, [], [])
         accelerate(phi, w, torque, body, seen, scratch, a)
@@ -199,7 +207,10 @@ def right_hand_side(
 
 
 def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -> tuple[Any, Array, list[float]]:
-    """Creep seen as stiffer springs with other rest angles; the rates of its states and what it loses, W."""
+    """Return joints whose springs include creep, the rates of the creep states, and their energy loss [W].
+
+    Creep acts as stiffer springs with other rest angles.
+    """
     joints, rows = chain.joints, chain.remembering
     share, tau = np.array(memory.creep_share), np.array(memory.creep_time)
     xi, stiff = states.reshape(rows, -1), 1.0 + share.sum()
@@ -213,14 +224,17 @@ def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -
 def torque_and_rates(
     own: symbols.ChamberConstants, p: float, slow: Array, wall: Array
 ) -> tuple[float, tuple[Array, Array]]:
-    """Torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states (none or one of each)."""
+    """Return the torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states.
+
+    There is none or one of each slow state.
+    """
     late, y = (slow[0] if slow.size else p), (wall[0] if wall.size else 1.0)
     slow_rate, growth = slow_rates(p, late, y, own)
     return float(torque_now(p, late, y, own)), (0.0 * slow + slow_rate, 0.0 * wall + growth)
 
 
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
-    """The exact Jacobian of the right-hand side of a model that neither creeps nor swells, behind its valves."""
+    """Return the exact Jacobian of the right-hand side as a function, for models without creep, lag or inflation."""
     n, at, gain = model.size, layout(model), model.actuation.gain
     body, joints, scratch = mechanics_of(model).parts()
     solve = twin(ldl_solve)
@@ -233,8 +247,8 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         behind = [valve(c, t, y) for c in range(len(gain))]
         torques = model.actuation.torques([p for p, _, _ in behind])
         torque = np.zeros(n)
-        for c, made in enumerate(torques):
-            share_out(c, made, gain, torque)
+        for c, chamber_torque in enumerate(torques):
+            share_out(c, chamber_torque, gain, torque)
         phi, w = y[:n].copy(), y[n : 2 * n].copy()
         differentiate(phi, w, torque, body, joints, scratch, out)
         J = np.zeros((y.size, y.size))
@@ -244,19 +258,19 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         J[-2:, n : 2 * n] = torques @ share, 2.0 * (joints.D * (T @ w)) @ T
         for c, (p, _, by_valve) in enumerate(behind):
             if by_valve.any():
-                here = at.chambers[c].p
+                column = at.chambers[c].p
                 push = share[c] * model.chambers[c].law_slope(p)
-                J[-2, here] = push @ w
+                J[-2, column] = push @ w
                 solve(scratch.A, push)
-                J[n : 2 * n, here] = push
-                J[here : here + 2, here : here + 2] = by_valve
+                J[n : 2 * n, column] = push
+                J[column : column + 2, column : column + 2] = by_valve
         return J
 
     return jacobian
 
 
 def behind_valve(valve: Valve, u: float, state: Array) -> tuple[float, Array, Array]:
-    """Pressure behind a valve under the command u [Pa], the rates of its `state` (p, dp), and their Jacobian (2, 2)."""
+    """Return the pressure [Pa] behind a valve under the command u [Pa], and rates and Jacobian of its state (p, dp)."""
     p, dp = state
     if valve.natural_frequency:
         omega = 2.0 * np.pi * valve.natural_frequency

@@ -1,4 +1,4 @@
-"""The trajectory of a simulation: a labelled dataset with units."""
+"""The result of a simulation as a labelled dataset with units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pliant.version import __version__
 
 Array = np.ndarray
 AXES = {"x": "the swing about the x axis", "y": "the swing about the y axis", "twist": "the twist"}
-ENDINGS = ("", *(f"_{axis}" for axis in AXES))  # of variables of the joints: in a plane, in space of each axis
+ENDINGS = ("", *(f"_{axis}" for axis in AXES))  # of the names of joint variables: "" in a plane, the others in space
 LABELS = {
     "joint_angle": ("rad", "joint angle from the rest shape"),
     "joint_rate": ("rad/s", "joint rate"),
@@ -39,13 +39,15 @@ LABELS = {
     "memory_torque": ("N m", "torque of creep, slip and Bouc-Wen against the bend"),
     **{f"memory_state_{axis}": ("rad", f"the same, of {name}") for axis, name in AXES.items()},
     **{f"memory_torque_{axis}": ("N m", f"the same, along {name}") for axis, name in AXES.items()},
+    "axial_memory_state": ("1", "relaxed strain of the segments' creep branches, stretch of their slip elements"),
+    "axial_memory_force": ("N", "axial force of the segments' creep and slip against the strain"),
     "memory_energy": ("J", "energy held by creep, slip and Bouc-Wen"),
     "memory_dissipation": ("J", "energy dissipated by creep, slip and Bouc-Wen since the start"),
 }
 
 
 class Motion(NamedTuple):
-    """The arrays of a simulation."""
+    """Times, pressures, angles and rates of a simulation."""
 
     times: Array  # (T,) s
     pressure: Array  # (T, C) Pa
@@ -57,10 +59,9 @@ def trajectory(
     model: Model, motion: Motion, energies: dict[str, Array], memory: Mapping[str, tuple[tuple[str, ...], Array]], *,
     method: str, step: float,
 ) -> xr.Dataset:
-    """Label the arrays of a simulation.
+    """Return the arrays of a simulation as a labelled dataset.
 
-    `memory` holds what `memory.outputs` returns, and the stretch of a chamber that inflates; empty for a model that
-    remembers nothing.
+    `memory` holds further variables: those of `memory.outputs`, and the stretch of chambers that inflate.
     """
     times, pressure, phi, w = motion
     chain = mechanics_of(model)
@@ -76,6 +77,8 @@ def trajectory(
         **memory,
     }
     labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
+    if model.memory.has_axial:
+        labels["axial_memory"] = list(model.memory.axial.labels)
     labels["input"] = list(model.actuation.names)
     return xr.Dataset(
         {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},
@@ -92,8 +95,8 @@ def trajectory(
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:
-    """A variable that says what it is.
+    """Return a variable with its unit and long name.
 
-    The fast path spares xarray from loading Dask, where that is installed, to ask whether this is one of its arrays.
+    The fast path avoids xarray's import of Dask.
     """
     return xr.Variable(dims, np.asarray(values), {"units": units, "long_name": long_name}, fastpath=True)

@@ -1,4 +1,4 @@
-"""`simulate`: a model and a pressure input in, a labelled trajectory out."""
+"""The function `simulate`: from a model and pressure inputs to a labelled trajectory."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
-from pliant.simulation.accurate import march_accurate
 from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
 from pliant.simulation.drive import LONGEST
-from pliant.simulation.extrapolated import march_extrapolated
+from pliant.simulation.extrapolation import march_accurate, march_extrapolated
 from pliant.simulation.forces import PointForce
 from pliant.simulation.initial_value import InitialValueProblem, Solution, posed
 from pliant.simulation.inputs import Input
@@ -26,16 +25,16 @@ from pliant.simulation.result import Motion, trajectory
 from pliant.simulation.time_step import EVERY, nice, time_step
 
 Array = np.ndarray
-STEPS_PER_PERIOD = 8  # of the first mode: below, a step cannot draw the oscillation that it claims to follow
+STEPS_PER_PERIOD = 8  # of the first mode: fewer steps do not resolve its oscillation
 OWN_METHODS = ("midpoint", "extrapolated", "accurate")
 WITH_FORCES = ("midpoint", "accurate")
-REFINEMENTS = 8  # of a step that nobody gave
-SHORTER = 0.15  # of the first such step
-MOST_STEPS = 500_000  # that such a step may lead to
+REFINEMENTS = 8  # of the automatic step, at most
+SHORTER = 0.15  # of the first automatic step: shorter ones are not tried after a failure
+MOST_STEPS = 500_000  # with the automatic step, at most
 
 
 class Settings(NamedTuple):
-    """The arguments of `simulate` that choose its method and accuracy."""
+    """The arguments of `simulate` for method and accuracy."""
 
     step: float | None
     method: str
@@ -60,15 +59,15 @@ def simulate(
     tolerance: float = 1e-4,
     check: bool = True,
 ) -> xr.Dataset:
-    """Simulate the chain under a pressure input. Paper: Eq. (5) [eq:eom], solver D14.
+    """Simulate a model under pressure inputs, and return its motion. Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
     model : Model
     pressure : Input, or one for each chamber in their order
-        What is commanded, Pa gauge: `Pulse`, `Trace`, `Chirp`, ... or any object with the same three members.
+        Commanded pressure, Pa gauge: `Pulse`, `Trace`, `Chirp`, ... or any object with the interface `Input`.
     duration : float
-        s from time 0, output every `step` (every millisecond without one); or give `times`.
+        Duration from time 0, s, with output every `step` (default: every millisecond). Alternatively give `times`.
     times : array (T,)
         Output times, s, strictly increasing; the first is the start.
     step : float, optional
@@ -76,54 +75,54 @@ def simulate(
         `pliant.simulation.time_step.time_step`, at most 1 ms, shortened until the estimated error of the tip is below
         1 % of the length.
     method : {"midpoint", "extrapolated", "accurate", "LSODA", "BDF", "Radau"}
-        The linearly implicit midpoint rule of fixed cost (second order, stable); the same extrapolated to fourth order
-        from two marches, where errors below a hundredth of a millimetre count; the same with steps halved until the
-        tip is known to `tolerance`; or a SciPy solver with the compiled right-hand side and Jacobian as reference
-        (relative tolerance `rtol` of each step).
+        "midpoint": the linearly implicit midpoint rule (second order, stable, fixed cost). "extrapolated": two such
+        simulations extrapolated to fourth order, for errors below a hundredth of a millimetre. "accurate": steps halved
+        until the error of the tip is below `tolerance`. Others: a SciPy solver as a reference, with the compiled
+        right-hand side and Jacobian, and the relative tolerance `rtol` in each step.
     initial_angle, initial_rate : array (n,)
-        Joint angles and rates at the start, rad and rad/s; default: at rest under gravity and the
-        pressure just before the first time, so that a step at the first time moves the chain. Of a body that lengthens
-        (n + S,): the strains of its segments and their rates behind them.
+        Initial joint angles and rates, rad and rad/s; default: equilibrium under gravity and the pressure just before
+        the first time, so that a step at the first time moves the chain. For a body that lengthens (n + S,), with the
+        strains of its segments, or their rates, behind.
     initial_memory : array (n, memory)
-        States of the model's memory at the start, rad, as ``memory_state`` holds them; default: long at rest there,
-        creep relaxed, slip elements and Bouc-Wen unstretched.
+        Initial hysteresis states, rad, in the order of ``memory_state``; default: equilibrium, with creep relaxed and
+        slip elements and Bouc-Wen unstretched.
     forces : sequence of `pliant.simulation.forces.PointForce`
-        That pull at points of the body, N in the base frame; their mean over each step acts at the angles half a step
-        ahead, and their work is part of the input work. By ``method="midpoint"`` or ``"accurate"``.
+        Forces at points of the body, N in the base frame. Their mean over each step acts at the mid-step angles, and
+        their work is part of the input work. Only with ``method="midpoint"`` or ``"accurate"``.
     rtol : float
-        Of the SciPy solvers.
+        Relative tolerance of the SciPy solvers.
     tolerance : float
-        Of ``method="accurate"``: largest error of the tip, as a fraction of the length.
+        For ``method="accurate"``: largest error of the tip, as a fraction of the length.
     check : bool
-        Whether to estimate the error of the tip and to warn of it and of missing energy: half as many steps more, and
-        twice as many again where the first look does not clear the motion.
+        Whether to estimate the error of the tip, and to warn of it and of missing energy. This takes half as many steps
+        again, and twice as many more if the first estimate is not small.
 
     Returns
     -------
     xarray.Dataset
         joint_angle, joint_rate (time, joint); tip_position (time, link, axis); station_position (time, station,
-        axis), station_angle; pressure (time, input), also of one input; kinetic, elastic and gravitational energy,
+        axis), station_angle; pressure (time, input), also for one input; kinetic, elastic and gravitational energy,
         input work, dissipated energy (time).
-        With memory also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
+        With hysteresis also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
-        (time, segment). Kinetic + elastic + gravitational + memory energy then balance input work less both
-        losses. Attributes: step_s; energy_gain and energy_loss, the fractions of the energy in play that the
-        computed motion gains from nothing and loses to nothing; tip_error, an upper estimate of the largest error
-        of the tip, m (not with `check` = False, nor of a SciPy solver).
+        (time, segment). The change of kinetic + elastic + gravitational + hysteresis energy equals input work less
+        both losses. Attributes: step_s; energy_gain and energy_loss, the energy which the computed motion gains
+        without a source and loses without dissipation, as fractions of the largest change of any form of energy;
+        tip_error, an upper estimate of the largest error of the tip, m (not with `check` = False or a SciPy solver).
 
     Raises
     ------
     InputError
         When times, step or method are not usable, or the step is too long for the model's first mode.
     SimulationError
-        When a value stops being finite, no rest exists to start from, or `tolerance` cannot be reached.
+        When a value is not finite, there is no equilibrium to start from, or `tolerance` cannot be reached.
 
     Warns
     -----
     AccuracyWarning
         When the estimated error of the tip is more than 1 % of the length.
     EnergyWarning
-        When more than 1 % of the energy in play appears or disappears.
+        When energy appears or disappears by more than 1 % of the largest change of any form of energy.
 
     Examples
     --------
@@ -152,7 +151,7 @@ def simulate(
 
 
 def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float) -> xr.Dataset:
-    """The motion with its defects as attributes, and a warning of them where they are to be checked."""
+    """Return the motion with its tip error and energy imbalance as attributes; warn of them if `how.check`."""
     gain, loss = energy_defects(motion)
     motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
     if np.isfinite(solution.error):
@@ -167,10 +166,10 @@ def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float)
 
 
 def solved(problem: InitialValueProblem, how: Settings) -> Solution:
-    """The motion of a problem by one of the methods."""
+    """Return the motion of an initial value problem by the method in `how`."""
     step = how.step or EVERY
     if problem.forces and how.method not in WITH_FORCES:
-        raise InputError("forces pull at a body by method='midpoint' or 'accurate' alone")
+        raise InputError(f"forces need method='midpoint' or method='accurate', got {how.method!r}")
     if how.method in METHODS:
         plan = problem.plan(step)
         start = Start(*problem.start, problem.initial, problem.states)
@@ -186,7 +185,7 @@ def solved(problem: InitialValueProblem, how: Settings) -> Solution:
 
 
 def first_step(problem: InitialValueProblem, how: Settings) -> float:
-    """The given step [s], or the one that the model needs."""
+    """Return the step [s] in `how`, or else the one that the model needs."""
     if how.step is not None:
         return how.step
     model, duration = problem.model, float(np.ptp(problem.times))
@@ -195,9 +194,10 @@ def first_step(problem: InitialValueProblem, how: Settings) -> float:
 
 
 def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
-    """The motion by the midpoint rule; a step that nobody gave is shortened until the tip is right.
+    """Return the motion by the midpoint rule; an automatic step is shortened until the tip is accurate.
 
-    A motion that is too fast for the first such step is refused, unless a shorter one makes it right.
+    If the motion is too fast for the first automatic step, shorter ones are tried, and SimulationError is raised if
+    none makes the tip accurate.
     """
     step = first = first_step(problem, how)
     refused: SimulationError | None = None
@@ -221,10 +221,10 @@ def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
 
 
 def output_times(duration: float | None, times: Array | None, step: float | None) -> Array:
-    """The output times, from a duration, every `step` [s] or every millisecond, or as given."""
+    """Return the output times [s]: `times`, or every `step` (default: every millisecond) of a duration."""
     step = EVERY if step is None else step
     if (duration is None) == (times is None):
-        raise InputError("give either duration (s) or times (s), not both and not neither")
+        raise InputError("give either duration (s) or times (s), not both")
     if times is not None:
         return np.asarray(times, dtype=float)
     if duration is None or not (np.isfinite(duration) and duration > 0):
@@ -235,7 +235,7 @@ def output_times(duration: float | None, times: Array | None, step: float | None
 
 
 def check_step(model: Model, step: float | None, method: str) -> None:
-    """Refuse a step that is none, an unknown method, and a fixed step that cannot draw the model's first mode."""
+    """Raise InputError for a step that is not positive or too long for the first mode, and for an unknown method."""
     if step is not None and not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if method in METHODS:
@@ -254,7 +254,7 @@ def check_step(model: Model, step: float | None, method: str) -> None:
 
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
-    """Energies (T,) [J] along a trajectory: kinetic, elastic, gravitational, input work, dissipated."""
+    """Return the energies (T,) [J] of a trajectory: kinetic, elastic, gravitational, input work, dissipated."""
     stored = mechanics_of(model).energy(phi, w)
     return {
         "kinetic_energy": np.asarray(stored.kinetic),

@@ -1,4 +1,4 @@
-"""The chain at rest, its modes, and the start of its memory: functions of a model over `mechanics`."""
+"""Equilibrium of a chain, its modes of vibration, equilibrium hysteresis states, and its typical pressure."""
 
 from __future__ import annotations
 
@@ -12,23 +12,28 @@ from pliant.model import Model
 
 Array = np.ndarray
 
-UNSOLVED = 1e80  # coordinates of this size: tendons found no agreement in a step, see `equations.tendon.step`
+UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
+BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
+RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
 
 
 def relaxed(model: Model, q: Array) -> Array:
-    """States of a memory long at rest at the joint coordinates q (N,): creep relaxed, the others unstretched.
+    """Return the hysteresis states in equilibrium at the joint coordinates q (N,).
 
-    They are (n, branches), in space (m, branches) with m coordinates of joints.
+    Creep is relaxed, and the other branches are unstretched.
+
+    They are (n, branches), in space (m, branches) with m joint coordinates.
     """
     memory, rows = model.memory, mechanics_of(model).remembering
-    creep = len(memory.creep_share)
-    states = np.zeros((rows, creep + len(memory.slip_share) + 1))
-    states[:, :creep] = q[:rows, None]
+    first = model.size - len(model.extensions)  # of the strains
+    states = np.zeros((rows, max(len(memory.labels), len(memory.axial.labels)) + (not memory.boucwen_share)))
+    for law, own in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
+        states[own, : len(law.creep_share)] = q[own, None]
     return states
 
 
 def vector(model: Model, value: Any) -> Array:
-    """`value` as joint coordinates (N,), finite."""
+    """Return `value` as joint coordinates (N,); raise InputError unless it is N finite numbers."""
     a = np.asarray(value, dtype=float)
     if a.shape != (model.size,) or not np.isfinite(a).all():
         counted = mechanics_of(model).counted
@@ -39,7 +44,7 @@ def vector(model: Model, value: Any) -> Array:
 def equilibrium(
     model: Model, pressure: float | Array = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
 ) -> Array:
-    """Joint angles (n,) at rest under constant `pressure` [Pa], gravity and a force at the last tip, rad.
+    """Return the joint angles (n,) [rad] in equilibrium under constant `pressure` [Pa], gravity and a tip force.
 
     Paper: Eq. (5) [eq:eom] without motion.
 
@@ -50,19 +55,19 @@ def equilibrium(
     tip_force : array (2,), (3,) in space
         Force on the last tip in the base frame, N; none by default.
     link_load : array (n, 2)
-        Loads of forces at other points, N m: what each link carries, times the force.
-        Of a body that lengthens (n + 1, 4), see `pliant.simulation.forces.link_loads`.
+        Loads of the links by forces at other points, N m; (n + 1, 4) for a body that lengthens. See
+        `pliant.simulation.forces.link_loads`.
 
     Returns
     -------
     array (n,)
-        Stable equilibrium, by Newton's method with the exact tangent, reached from the unloaded shape. Of a body that
-        lengthens (n + S,), the strains of its segments behind the joint angles.
+        Stable equilibrium, by Newton's method with the exact tangent from the unloaded shape. For a body that lengthens
+        (n + S,), with the strains of its segments behind the joint angles.
 
     Raises
     ------
     SimulationError
-        When no stable equilibrium is found: the load buckles the chain, or the chamber's wall has no equilibrium.
+        When no stable equilibrium is found, because the chain buckles or the chamber's wall has no equilibrium.
     InputError
         When the pressure or the force is not finite.
 
@@ -76,7 +81,7 @@ def equilibrium(
     chain = mechanics_of(model)
     force = np.zeros(chain.dimension) if tip_force is None else np.asarray(tip_force, dtype=float)
     if not (np.isfinite(pressure).all() and np.isfinite(force).all()):
-        raise InputError(f"rest needs a finite pressure (Pa) and tip force (N), got {pressure} and {tip_force}")
+        raise InputError(f"an equilibrium needs finite pressure (Pa) and tip_force (N), got {pressure} and {tip_force}")
     torque = model.actuation.joint_torques(pressure)
     if not np.isfinite(torque).all():
         raise SimulationError(model.actuation.no_rest(pressure))
@@ -84,38 +89,49 @@ def equilibrium(
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
-    """Return a sentence on what fails at coordinates phi (N,): tendons without agreement, a softened spring; or ''.
+    """Return a message on what fails at coordinates phi (N,), tendons or a softened spring, or ''.
 
-    A spring has softened where its slope falls to a fraction `least` of K.
+    Tendons fail where their iteration did not converge, a spring where its slope is at most `least` times K.
     """
     if model.actuation.tendons and not (np.abs(phi) < UNSOLVED).all():
         return (
-            "the tensions of the tendons find no agreement with the motion within a step: use a shorter step, or a "
+            "the iteration for the tensions of the tendons does not converge within a step: use a shorter step, or a "
             "larger slip_rate where tendons have friction"
         )
-    return springs.softened(model, mechanics_of(model).joint_angles(phi), least)
+    if lost := springs.softened(model, mechanics_of(model).joint_angles(phi), least):
+        return lost
+    return springs.softened_segment(model, phi[phi.size - len(model.extensions) :], least)
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
-    """Same as `given_way`, of a trajectory (T, n) at `times` [s], with the time."""
+    """Return the message of `given_way` with the time, for the first failure of a spring in a trajectory, or ''.
+
+    `phi` is (T, n), `times` (T,) [s].
+    """
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
-    lost = np.flatnonzero((slopes <= 0).any(axis=1))
+    gone = (slopes <= 0).any(axis=1)
+    if any(e.curved for e in model.extensions):
+        strain = phi[:, phi.shape[1] - len(model.extensions) :]
+        gone = gone | (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
+    lost = np.flatnonzero(gone)
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
-    """Undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about `q` (default: rest).
+    """Return undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about a shape `q`.
 
-    Of a body that lengthens there are n + S, those of its strains among them.
+    The default shape is the equilibrium without pressure.
 
-    The damping ratio is that of the modal diagonal of D: exact where D is proportional to K. Memory adds its stiffness
-    as before it slips: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+    A body that lengthens has n + S modes, including those of its strains.
+
+    The damping ratio is that of the modal diagonal of D, which is exact where D is proportional to K. Hysteresis adds
+    its instantaneous stiffness: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
 
     Parameters
     ----------
     model : Model
     q : (n,) array, rad, optional
-        Joint angles of the shape, with strains behind them where segments lengthen.
+        Joint angles of the shape; where segments lengthen, strains follow.
 
     Raises
     ------
@@ -136,9 +152,11 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Modes of `linear_parts`: angular frequencies (n,) [rad/s], ascending; shapes, columns of (n, n); decay [1/s].
+    """Return angular frequencies (n,) [rad/s], ascending, mode shapes (n, n) as columns, and decay rates (n,) [1/s].
 
-    Shapes V have V'MV = 1; the rates of decay (n,) are those of the modal diagonal of D.
+    M and K (n, n) are inertia and stiffness, as of `Mechanics.linear_parts`.
+
+    The shapes V have V'MV = 1. The decay rates are those of the modal diagonal of D.
 
     Raises
     ------
@@ -148,6 +166,50 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
     inverse = np.linalg.inv(np.linalg.cholesky(M))
     squared, V = np.linalg.eigh(inverse @ K @ inverse.T)
     if squared[0] <= 0:
-        raise SimulationError("the chain is not stable at this shape: it has no frequency of oscillation there")
+        raise SimulationError("the chain is not stable at this shape and has no natural frequencies: use another shape")
     shapes = inverse.T @ V
     return np.sqrt(squared), shapes, 0.5 * np.einsum("ik,i,ik->k", shapes, mechanics_of(model).joints.D, shapes)
+
+
+def typical_pressure(model: Model, which: int = 0) -> float:
+    """Return the pressure [Pa] that bends the chain by half a radian, or 0.8 of its largest static pressure if less.
+
+    A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
+    pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
+    displacement [m] or angle [rad].
+    """
+    try:
+        rest = equilibrium(model, first_alone(model, 0.0))
+    except SimulationError:
+        return 0.0
+    low, (high, highest) = 0.0, RANGES[model.actuation.units[which]]
+    while (bend := bent(model, high, rest, which)) is not None and bend < BENT:
+        low, high = high, 2.0 * high
+        if high > highest:
+            return 0.0
+    held = bend is not None
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        bend = bent(model, middle, rest, which)
+        if bend is None or bend >= BENT:
+            high, held = middle, bend is not None
+        else:
+            low = middle
+    return float(f"{low if held else 0.8 * low:.2g}")
+
+
+def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
+    """Return pressures (C,) [Pa]: `pressure` in one chamber, the first by default, and 0 in the others."""
+    return np.asarray(pressure * np.eye(model.actuation.count)[which])
+
+
+def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> float | None:
+    """Return the bend [rad] from the rest shape under a pressure; None if the chain has no equilibrium.
+
+    In space it is the size of the bend in both directions.
+    """
+    try:
+        q = equilibrium(model, first_alone(model, pressure, which)) - rest
+    except SimulationError:
+        return None
+    return float(np.linalg.norm(q[: 2 * model.n].reshape(-1, 2).sum(axis=0)) if model.space else abs(q.sum()))

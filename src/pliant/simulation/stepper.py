@@ -1,4 +1,4 @@
-"""One step at a time, for real-time use: the same step as `simulate`, no allocation."""
+"""Simulation step by step for real-time use: the step of `simulate`, without allocation of memory."""
 
 from __future__ import annotations
 
@@ -23,43 +23,43 @@ Array = np.ndarray
 class Snapshot(NamedTuple):
     """State of a `Stepper`, from which it can continue."""
 
-    angle: Array  # (n,) rad; with the strains of a body that lengthens behind them, (n + S,)
-    rate: Array  # (n,) rad/s, as long
-    memory: Array  # (n, branches) rad
+    angle: Array  # (n,) rad; (n + S,) with strains behind, for a body that lengthens
+    rate: Array  # rad/s, of the same shape
+    memory: Array  # (n, branches) rad, hysteresis states
     pressure: Array  # (C,) Pa, behind the valves
     chambers: Array  # (C, 2) slow states
     time: float  # s
 
 
 class Stepper:
-    """A model that moves one step of fixed length at each call. Paper: Eq. (5) [eq:eom], solver D14.
+    """A simulation that advances by one step of fixed length at each call. Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
     model : Model
-        Its valves are applied to the pressures passed in: lag and limits of the rate exact for a pressure held over
-        the step.
+        The model. Its valves act on the commanded pressures; lag and rate limits are exact for a command that is
+        constant over the step.
     step : float
         Length of a step, s.
     pressure : float, or array (C,) for several chambers
-        Pressure at the start, Pa, under which the chain begins at rest.
+        Initial pressure, Pa, under which the chain starts in equilibrium.
 
     Attributes
     ----------
     angle, rate : array (n,)
         Absolute link angles [rad] and rates [rad/s], updated in place by `step`; in space (N,) the joint coordinates.
     strain, strain_rate : array (S,)
-        Of the segments that lengthen, and per second, updated in place by `step`.
+        Strains of the segments that lengthen and their rates [1/s], updated in place by `step`.
     memory : array (n, branches)
-        States of the model's memory, rad, updated in place; the last column is Bouc-Wen's. In space (m, branches), one
-        row for each coordinate of a joint.
-    pressure, stretch : float, or array (C,)
+        Hysteresis states, rad, updated in place; the last column is Bouc-Wen's. In space (m, branches), one row for
+        each coordinate of a joint.
+    pressure, stretch : array (C,)
         Pressure behind the valve, Pa; hoop stretch of a chamber that inflates, 1 for a rigid wall.
     time : float
-        s since the start.
+        Time since the start, s.
     energy_gain, energy_loss : float
-        Largest energy that came from nothing and that went to nothing, as fractions of the energy in play, balanced
-        every 256 steps against the work of pressures and forces and the losses.
+        Largest energy gained without a source and lost without dissipation, as fractions of the largest change of any
+        form of energy. The balance with the work of pressures and forces and the losses is computed every 256 steps.
 
     Raises
     ------
@@ -72,7 +72,7 @@ class Stepper:
     AccuracyWarning
         When the step is too long for a mode that moves the tip; see `pliant.simulation.time_step.time_step`.
     EnergyWarning
-        When more than 1 % of the energy in play appears or disappears while the chain is stepped.
+        When energy appears or disappears by more than 1 % of the largest change of any form of energy.
 
     Examples
     --------
@@ -90,7 +90,8 @@ class Stepper:
             v = chamber.valve
             if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
                 raise InputError(
-                    "a Stepper takes an ideal or first-order valve: pass it the pressure behind another one"
+                    "a Stepper supports an ideal or first-order valve only: give the model an ideal valve, and pass "
+                    "the pressure behind your valve to `step`"
                 )
         check_step(model, step, "midpoint")
         warn_too_coarse(model, step)
@@ -104,7 +105,7 @@ class Stepper:
         self._body, self._joints, self._work = mechanics_of(model).parts()
         self._law, self._held = model.memory.law(), mechanics_of(model).held()
         loop = march_loops.hold_with_memory if model.memory else march_loops.hold
-        records: Any = type(self._body), type(self._joints), type(self._work)
+        records: Any = type(self._body), type(self._joints), type(self._work), type(self._law)
         self._advance = twin(march_loops.of_records(loop, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
@@ -113,10 +114,12 @@ class Stepper:
     def reset(
         self, pressure: float | Array = 0.0, *, joint_angle: Array | None = None, joint_rate: Array | None = None
     ) -> None:
-        """Back to rest under `pressure` [Pa], or to `joint_angle` and `joint_rate` (n,) [rad, rad/s]; time 0.
+        """Reset the time to 0 and the state to equilibrium under `pressure` [Pa], or to given joint angles and rates.
 
-        The memory is long at rest at these angles; a force is let go. Of a body that lengthens both are (n + S,),
-        strains behind angles.
+        `joint_angle` and `joint_rate` are (n,) [rad, rad/s].
+
+        Hysteresis states are in equilibrium at these angles, and a force of `push` is removed. For a body that
+        lengthens both arrays are (n + S,), with strains behind angles.
 
         Raises
         ------
@@ -143,49 +146,49 @@ class Stepper:
 
     @property
     def position(self) -> Array:
-        """Angles with strains behind them (N,): the coordinates that `mechanics_of` takes; the live array."""
+        """Coordinates (N,) as `mechanics_of` takes them, angles and then strains; updated in place by `step`."""
         return self._x
 
     @property
     def velocity(self) -> Array:
-        """Rates of `position` (N,); the live array."""
+        """Rates (N,) of `position`; updated in place by `step`."""
         return self._v
 
     @property
     def energy_gain(self) -> float:
-        """Largest energy that came from nothing, as a fraction of the energy in play."""
+        """Largest energy gained without a source, as a fraction of the largest change of any form of energy."""
         return self._watch.gain
 
     @property
     def energy_loss(self) -> float:
-        """Largest energy that went to nothing, as a fraction of the energy in play."""
+        """Largest energy lost without dissipation, as a fraction of the largest change of any form of energy."""
         return self._watch.loss
 
     @property
     def pressure(self) -> Array:
-        """Pressures (C,) behind the valves, Pa; a copy."""
+        """Pressures (C,) [Pa] behind the valves, as a copy."""
         return self._drives.pressure.copy()
 
     @property
     def stretch(self) -> Array:
-        """Hoop stretch (C,) of the chambers."""
+        """Hoop stretch (C,) of the chambers, 1 for a rigid wall."""
         return np.asarray(self._drives.state[:, 1] ** 0.25)
 
     def push(self, force: Array | None, at: str | Station | None = None) -> None:
-        """From now on a force (2,) [N] in the base frame pulls at a point of the body; None lets go.
+        """Apply a constant force (2,) [N] in the base frame at a point of the body from now on; None removes it.
 
-        The force keeps its direction and follows its point. Within a step it counts at the angles half a step ahead.
+        The force keeps its direction and follows its point. In each step it acts at the mid-step angles.
 
         Parameters
         ----------
         force : array (2,), (3,) in space, or None
         at : str or Station
-            One of the model's observed points by its name, or a place on a link; default: the last observed point.
+            Name of an observed point of the model, or another point; default: the last observed point.
 
         Raises
         ------
         InputError
-            When the force is not two finite numbers, or the model has no such point.
+            When the force is not two (in space three) finite numbers, or the model has no such point.
         """
         if force is None:
             self._load = mechanics_of(self.model).no_loads()[:0]
@@ -196,16 +199,17 @@ class Stepper:
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
     def step(self, pressure: float | Array, steps: int = 1) -> tuple[Array, Array]:
-        """Advance one step, or several at once, under `pressure` [Pa], (C,) for several chambers, held constant.
+        """Advance by one step, or by several `steps`, under a constant `pressure` [Pa] ((C,) for several chambers).
 
         Returns
         -------
-        (angle, rate) : the live arrays
+        angle, rate : array (n,)
+            The attributes of the same names, rad and rad/s.
 
         Raises
         ------
         SimulationError
-            When the pressure is not finite, or moves a link faster than the step can follow; `reset` before going on.
+            When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
         self._command[:] = pressure
         held = (self.length, steps, self._command, self._load, self._watch.total)
@@ -223,32 +227,35 @@ class Stepper:
         return self.angle, self.rate
 
     def tips(self) -> Array:
-        """Tips of the links now (n, 2), m."""
+        """Return the present tips of the links (n, 2) [m]."""
         return mechanics_of(self.model).tips(self._x)
 
     def stations(self) -> tuple[Array, Array]:
-        """Positions (S, 2) [m] and angles (S,) [rad] of the model's observed points now."""
+        """Return the present positions (S, 2) [m] and angles (S,) [rad] of the observed points."""
         return mechanics_of(self.model).stations(self._x)
 
     def snapshot(self) -> Snapshot:
-        """All that moves, copied: `restore` goes on from here."""
+        """Return a copy of the whole state, for `restore`."""
         return Snapshot(
             self._x.copy(), self._v.copy(), self.memory.copy(), self._drives.pressure.copy(),
             self._drives.state.copy(), self.time,
         )
 
     def restore(self, saved: Snapshot) -> None:
-        """Go back to a `snapshot` of this stepper, or of one of an equal model.
+        """Set the state to a `snapshot` of this stepper or of one with an equal model.
 
         Raises
         ------
         InputError
-            When the snapshot is of another kind of model.
+            When the snapshot does not fit this model.
         """
         held = (self._x, self._v, self.memory, self._drives.pressure, self._drives.state)
         if [a.shape for a in held] != [b.shape for b in saved[:5]]:
-            raise InputError(f"this snapshot is of a model with {saved.angle.size} links or other memory or chambers")
+            raise InputError(
+                f"this snapshot is of a model with {saved.angle.size} coordinates or other hysteresis or chambers: "
+                "restore one of an equal model"
+            )
         for own, value in zip(held, saved[:5], strict=True):
-            own[...] = value  # in place: the compiled step holds these arrays
+            own[...] = value  # in place, since the compiled step refers to these arrays
         self.time = saved.time
         self._watch.forget()

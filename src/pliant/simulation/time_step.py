@@ -1,8 +1,8 @@
-"""The time step that a model needs: from the highest mode of small motions that matters at the tip.
+"""The time step which a model needs, from the highest mode of vibration that matters at the tip.
 
 The midpoint rule slows a mode of angular frequency w by the fraction (w h)^2 / 12 (Hairer, Norsett and Wanner I, Sec.
-II.16, applied to an oscillator). A mode that moves the tip by A and decays at the rate d is then wrong by at most
-A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
+II.16, applied to an oscillator). The error of a mode that moves the tip by A and decays at the rate d is therefore at
+most A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from pliant.simulation import state
 from pliant.simulation.accuracy import LIMIT, AccuracyWarning
 
 Array = np.ndarray
-EVERY = 1e-3  # s, between output times that nobody gave, and the longest step that nobody gave
+EVERY = 1e-3  # s, default interval of output times, and longest automatic step
 SHORTEST = 1e-6  # s
-TOLERANCE = 3e-3  # of the length: error of one mode at the tip, a third of what a simulation reports
+TOLERANCE = 3e-3  # of the length: error of one mode at the tip, a third of the error which a simulation reports
 TYPICAL = 0.25  # of the length: static displacement of the tip by a typical pressure, a bend of half a radian
 DURATION = 1.0  # s, over which an undamped mode keeps its phase
 NICE = (5.0, 2.0, 1.0)
 
 
 def time_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
-    """Return the longest step, s, that follows every mode which matters at the tip.
+    """Return the longest step [s] that resolves every mode which matters at the tip.
 
     A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
     rest, or the given displacement, moves the tip in this mode by more than 0.15 % of the length. The step keeps the
@@ -39,19 +39,19 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
     ----------
     model : Model
     displacement : array (N,), optional
-        Joint coordinates at the start of a free motion, from rest, rad (and strains).
+        Joint coordinates at the start of a free motion, from equilibrium, rad (and strains).
     duration : float
-        s, for which a mode without damping must keep its phase.
+        Time for which a mode without damping must keep its phase, s.
 
     Returns
     -------
     float
-        1 ms or less: 1, 0.5, 0.2, 0.1, ... ms.
+        1, 0.5, 0.2, 0.1, ... ms, in s.
 
     Raises
     ------
     SimulationError
-        When the chain is not stable at rest.
+        When the chain has no stable equilibrium.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
 
 
 def shared_step(models: Iterable[Model]) -> float:
-    """The shortest `time_step` [s] of some models; 1 ms for those that are not stable at rest."""
+    """Return the shortest `time_step` [s] of several models; 1 ms for those without a stable equilibrium."""
     steps = [EVERY]
     for model in models:
         with suppress(SimulationError):
@@ -71,21 +71,21 @@ def shared_step(models: Iterable[Model]) -> float:
 
 
 def longest_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
-    """Longest step [s] that follows every mode which matters; infinite where none does. See `time_step`."""
+    """Return the longest step [s] that resolves every mode which matters, infinite if none does; see `time_step`."""
     return float(mode_steps(*tip_modes(model, displacement), duration).min())
 
 
 def mode_steps(
     omega: Array, decay: Array, moved: Array, duration: float = DURATION, tolerance: float = TOLERANCE
 ) -> Array:
-    """Longest step (N,) [s] by which each of `tip_modes` errs by `tolerance`; infinite for those that never do."""
+    """Return the step (N,) [s] at which each of `tip_modes` has the error `tolerance`; infinite for small modes."""
     peak = np.minimum(duration, 1.0 / np.maximum(decay, 1e-300))
     error = moved * omega**3 / 12.0 * peak * np.exp(-decay * peak)  # over the square of the step
     return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)
 
 
 def warn_too_coarse(model: Model, step: float) -> None:
-    """Issue an `AccuracyWarning` where a step [s] errs by more than 1 % of the length in a mode that matters."""
+    """Issue an `AccuracyWarning` if a step [s] gives an error above 1 % of the length in a mode that matters."""
     omega, decay, moved = tip_modes(model)
     longest = mode_steps(omega, decay, moved, tolerance=LIMIT)
     worst = int(longest.argmin())
@@ -99,9 +99,11 @@ def warn_too_coarse(model: Model, step: float) -> None:
 
 
 def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, Array, Array]:
-    """Angular frequencies [rad/s], rates of decay [1/s] and tip displacements [of the length] (N,) of the modes.
+    """Return angular frequencies [rad/s], decay rates [1/s] and tip displacements (over the length) of all modes.
 
-    The displacement is the largest of those by the sudden loads of `time_step`.
+    Each is (N,).
+
+    The displacement is the largest under the sudden pressures of `time_step`.
     """
     body, q = mechanics_of(model), state.equilibrium(model)
     M, K = body.linear_parts(q)
@@ -117,7 +119,7 @@ def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, A
 
 
 def nice(step: float) -> float:
-    """The longest of 1, 0.5, 0.2, 0.1, ... ms, or of such a series of any power of ten, that is not above `step`."""
+    """Return the largest number of the series 1, 0.5, 0.2, 0.1, ... ms that is not above `step` [s]; in s."""
     step = max(step, SHORTEST)
     power = 10.0 ** np.floor(np.log10(step * (1 + 1e-9)))
     return float(f"{next(k * power for k in NICE if k * power <= step * (1 + 1e-9)):.6g}")

@@ -1,4 +1,4 @@
-"""A study: which recordings, which actuator, what to fit, what to hold out; and the run that answers it."""
+"""A study: recordings of an actuator, fits of its model and predictions, described in a file and run as a whole."""
 
 from pathlib import Path
 
@@ -9,20 +9,20 @@ __all__ = ["Study", "angles_study", "camera_study", "demo_study", "load_study", 
 
 
 def demo_study() -> Path:
-    """The study file of the recordings that come with pliant."""
+    """Return the path of the study file of the fibre recordings that come with pliant."""
     return Path(__file__).parent / "bundled" / "demo.toml"
 
 
 def angles_study() -> Path:
-    """The study file of the logs of angle and pressure that come with pliant."""
+    """Return the path of the study file of the logs of angle and pressure that come with pliant."""
     return Path(__file__).parent / "bundled" / "angles.toml"
 
 
 def space_study() -> Path:
-    """The study file of the body in space that comes with pliant."""
+    """Return the path of the study file of the body in space that comes with pliant."""
     return Path(__file__).parent / "bundled" / "space.toml"
 
 
 def camera_study() -> Path:
-    """The study file of the film that comes with pliant."""
+    """Return the path of the study file of the video that comes with pliant."""
     return Path(__file__).parent / "bundled" / "camera.toml"

@@ -1,4 +1,6 @@
-"""Dense shapes in a study: tip by the cap, body, alignment, order, links, experiment (paper, Secs. II and III-A)."""
+"""Preparation of dense shapes in a study: tip, body, alignment, order, links and experiment (paper, Secs. II and
+III-A).
+"""
 
 from __future__ import annotations
 
@@ -22,77 +24,77 @@ from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
 
-SAME_LENGTH = 0.01  # share by which two films may differ in the length of one body
+SAME_LENGTH = 0.01  # relative difference that two videos may show in the length of one body
 REST_S = 0.1  # the rest shape is the mean of the first frames, before the pressure
 
 
 def body_of_fibre(
     raw: xr.Dataset, fibre: Fibre, *, space: bool = False, normal: np.ndarray | None = None
 ) -> tuple[xr.Dataset, str]:
-    """The body alone, in the base frame, from a fibre with lead, body, cap and tail; and how its tip was found.
+    """Return the body cut from a fibre with lead, body, cap and tail, in the base frame, and a sentence on its tip.
 
     Parameters
     ----------
     raw : xarray.Dataset
-        Positions along the fibre in the tracker's frame, lead first.
+        Positions along the fibre in the tracker's frame, starting with the lead.
     fibre : Fibre
     space : bool
-        Keep three dimensions.
+        Keep three dimensions instead of projecting the body onto its plane of bending.
     normal : (3,) array, optional
-        Normal of the plane of bending, the axis x in space, where another recording tells it.
+        Normal of the plane of bending (in space: the x axis), if another recording determines it.
 
     Raises
     ------
     InputError
-        When the cap is not found, or the body would begin before the fibre does.
+        When the cap is not found, or the body would begin before the start of the fibre.
     """
     first = str(raw["station"].values[0])
     whole = align(raw, base=first, tangent="clamp", clamp_length=fibre.clamp_length, rest=fibre.rest, space=space)
     frame = alignment_of(whole)
-    start, side, found = (fibre.start, 1.0, "") if fibre.start is not None else before_cap(whole, fibre)
+    start, side, tip_status = (fibre.start, 1.0, "") if fibre.start is not None else before_cap(whole, fibre)
     cut = cut_body(raw, start, start + fibre.body_length)
     plane = side * np.array(frame.normal) if normal is None else normal
     base = str(cut["station"].values[0])
     body = align(cut, base=base, tangent=frame.base_tangent, plane=plane, bend=None, space=space)
     ends = f"the body lies {1e3 * start:.1f} to {1e3 * (start + fibre.body_length):.1f} mm along the fibre, as stated"
-    return body, found or ends
+    return body, tip_status or ends
 
 
 def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
-    """Arc length [m] of the base, one body length before the cap; the side to which the cap bends; how it was found.
+    """Return the arc length [m] of the base, the side to which the cap bends (1 or -1), and a sentence on the cap.
 
-    In space the cap is found by the size of its curvature.
+    The base lies one body length before the cap. In space, the cap is found by the magnitude of its curvature.
     """
     space, frame = whole.attrs["frame"] == "spatial", alignment_of(whole)
     kappa = curvature_of(whole, method="savgol", window=15)
-    kappa = kappa.sel(time=slice(*frame.rest_s))  # in a bent body the fibre has slid in its lumen, and the tip along it
+    kappa = kappa.sel(time=slice(*frame.rest_s))  # at rest: in a bent body the fibre slides in its lumen
     s = kappa["arc_length"].values
     cap = float(fibre.cap_curvature or 0.0)
-    seen = [find_tip(
+    candidates = [find_tip(
         side * kappa.values, float(np.median(np.diff(s))), cap_curvature=abs(cap) if space else cap,
         cap_length=float(fibre.cap_length or 0.0), gauge_length=fibre.gauge_length,
-    ) for side in ((1.0,) if space else (1.0, -1.0))]  # the cap says to which side it bends: a curled body does not
-    mirrored = not space and seen[1].found and not seen[0].found
-    tip = seen[mirrored]
+    ) for side in ((1.0,) if space else (1.0, -1.0))]  # the cap decides the side, since a curled body cannot
+    mirrored = not space and candidates[1].found and not candidates[0].found
+    tip = candidates[mirrored]
     if not tip.found:
-        raise InputError(f"{tip.status} State the cap's curvature and length as they are, or cut the fibre yourself.")
+        raise InputError(f"{tip.status} Check cap_curvature and cap_length, or state start in [fibre].")
     if tip.arc_length < fibre.body_length:
         raise InputError(
             f"the tip lies {1e3 * tip.arc_length:.1f} mm along the fibre, less than the body's "
-            f"{1e3 * fibre.body_length:.1f} mm: state body_length as it lies along the fibre"
+            f"{1e3 * fibre.body_length:.1f} mm: correct body_length in [fibre]"
         )
     return tip.arc_length - fibre.body_length, -1.0 if mirrored else 1.0, tip.status
 
 
 def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
-    """Curvature, order and links of the recording whose shape decides the chain."""
+    """Return the curvature, order and links of the recording whose shape determines the chain."""
     order: OrderResult = select_order(
         body, max_order=max(reduction.max_order, reduction.links or 2), bound=1e-3 * reduction.bound_mm,
         boundary=reduction.boundary, placement=reduction.placement,
     )
     n = reduction.links or order.chosen
     if n is None:
-        raise InputError(f"recording {name}: {order.reason} Raise max_order or bound_mm, or state links.")
+        raise InputError(f"recording {name}: {order.reason} In [reduction] raise max_order or bound_mm or state links.")
     links = links_of(body, node_arc_length=nodes_of(order, n, reduction))
     kappa = curvature_of(body, method="spline" if body.attrs["frame"] == "spatial" else "basis")
     clock = kappa["time"].values
@@ -103,7 +105,7 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
 
 
 def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
-    """Arc lengths (n + 1,) of joints and tip: as the order selection placed n links, or mid-segment."""
+    """Return the arc lengths (n + 1,) [m] of the joints and the tip, from the order selection or mid-segment."""
     if reduction.joint_placement == "midsegment":
         return np.asarray(order.length / n * np.append(np.arange(n) + 0.5, n))
     if n not in order.orders:
@@ -111,8 +113,8 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
     return np.asarray(order.node_arc_length[order.orders.index(n)])
 
 
-def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
-    """Nodes (n + 1,) [m] at the same shares of a body that another film shows a little longer or shorter."""
+def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
+    """Return nodes (n + 1,) [m] scaled to the length of this recording's body, if it differs by less than 1 %."""
     if "arc_length" not in body.coords:
         return nodes
     length = float(body["arc_length"].to_numpy()[-1])
@@ -120,10 +122,10 @@ def on_body(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
 
 
 def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacement) -> Experiment:
-    """The experiment that sees the link tips of a dense shape, nodes where `chain` has them."""
+    """Return the experiment that observes the link tips of a dense shape, with nodes as in `chain`."""
     entry = study.recordings[name]
-    links = links_of(body, node_arc_length=on_body(chain.node_arc_length, body))
-    base = links.base if chain.node_arc_length[0] == 0 else 0.0  # that of the base, not of the first joint
+    links = links_of(body, node_arc_length=scaled_nodes(chain.node_arc_length, body))
+    base = links.base if chain.node_arc_length[0] == 0 else 0.0  # else links.base is the first joint, not the base
     tips = make_recording(
         links.time, links.tips - base, station=[f"link_{i + 1}" for i in range(links.n)], frame=body.attrs["frame"],
         nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
@@ -131,8 +133,8 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
     )
     tips = tips.assign_attrs({SIDE: x_sign(body)})
     forces = [f.in_base_frame(x_sign(body)) for f in entry.forces]
-    made = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
+    observed = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:
-        return made
+        return observed
     angle = links.joint_angle + links.rest_angle
-    return replace(made, angle=angle, angle_reference="joint", angles_alone=entry.angles == "only")
+    return replace(observed, angle=angle, angle_reference="joint", angles_alone=entry.angles == "only")

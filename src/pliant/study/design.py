@@ -1,4 +1,4 @@
-"""The next recording for a study: its first fit, or its model selection, and what would inform it most."""
+"""Design of the next recording for a study: fit its model, then rank the recordings that would add most information."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pliant.study.schema import Study
 def design_study(
     study: Study, *, highest: float | None = None, criterion: str = "E", progress: Callable[[str], None] | None = None,
 ) -> Design:
-    """Fit a study's model and rank what to record next.
+    """Fit a study's model and rank candidate recordings by how much they would reduce its uncertainty.
 
     Parameters
     ----------
     study : Study
     highest : float, optional
-        Pressure that must not be passed, Pa; default: the highest that the training records had.
+        Highest permitted pressure [Pa]. Default: the highest pressure of the training recordings.
     criterion : {"E", "D"}
         As in `pliant.identification.design.design`.
 
@@ -29,15 +29,15 @@ def design_study(
     InputError, FitError
         As `run_study`.
     """
-    tell = progress or (lambda _line: None)
-    ready = prepare_all(study, tell)
+    notify = progress or (lambda _line: None)
+    ready = prepare_all(study, notify)
     study = without(study, ready.dropped)
     model = ready.model
-    selection = run_model_selection(study, ready.experiments, model, tell)
+    selection = run_model_selection(study, ready.experiments, model, notify)
     if selection is not None:
-        fitted = selection_fit(study, selection, ready.experiments, tell)
+        fitted = selection_fit(study, selection, ready.experiments, notify)
     else:
         name, entry = next(iter(study.fits.items()))
-        fitted = run_fit(study, name, entry, ready.experiments, model, tell)
+        fitted = run_fit(study, name, entry, ready.experiments, model, notify)
     train = [r.experiment for r in fitted.records if r.role == "train"]
     return design(fitted.result, train, highest=highest, criterion=criterion, step=study.step)

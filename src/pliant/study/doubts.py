@@ -1,41 +1,26 @@
-"""Plausibility checks of a study: of its recordings, its body and its fitted models."""
+"""Plausibility checks of a study's recordings, of its stated body and of its fitted models."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
-from pkgutil import iter_modules
-from typing import Any
 
 import xarray as xr
 
-from pliant import actuators
 from pliant.errors import InputError
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.preprocessing.plausibility.together import beside
-from pliant.study.resting import Aligned
+from pliant.study.aligned import Aligned
+from pliant.study.body import preset
 from pliant.study.schema import ActuatorEntry
 
 OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
 
 
-def presets() -> list[str]:
-    """Names of the actuators that pliant knows."""
-    return [m.name for m in iter_modules(actuators.__path__)]
-
-
-def preset(name: str) -> Any:
-    """The module of a known actuator; its BODY holds the arguments of `chain_model`."""
-    if name not in presets():
-        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
-    return import_module(f"pliant.actuators.{name}")
-
-
 def stated_case(actuator: ActuatorEntry) -> Case:
-    """Return the body's data as the study or its preset states them."""
+    """Return the length, mass, diameter and gravity that the study or its preset states, as a plausibility `Case`."""
     body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
     gravity = actuator.gravity
     return Case(
@@ -44,19 +29,21 @@ def stated_case(actuator: ActuatorEntry) -> Case:
     )
 
 
-def of_body(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """Return doubts about the stated body, beside one recording of it."""
+def body_warnings(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
+    """Return warnings about the stated body compared with one recording of it, by the name of the check."""
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
-def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
-    """Within it a refusal begins with the unit that looks wrong: a base that moves by metres may follow from it.
+def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
+    """Prefix an InputError raised inside the block with the warning about units, if there is one.
+
+    A wrong unit is often the cause of another error, such as a base that seems to move by metres.
 
     Parameters
     ----------
     doubted : mapping of str to str
-        Sentences by the name of the check, which may follow the name of a recording.
+        Warning sentences. The keys end in the name of the check.
     """
     try:
         yield
@@ -67,24 +54,26 @@ def units_first(doubted: Mapping[str, str]) -> Iterator[None]:
         raise InputError(f"{unit}{'' if unit.endswith('?') else '.'} Then: {error}") from None
 
 
-def of_study(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Return a study's warnings, each once: on recordings with their names, on the body from the first that shows it.
+def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
+    """Return the warnings about a study's recordings and body, each once.
 
-    Warnings on recordings compared with each other come last.
+    A warning about a recording begins with its name. A warning about the body is taken from the first recording that
+    shows it. Warnings from comparisons between recordings come last.
     """
-    said: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     for name, one in aligned.items():
         for check, sentence in one.doubts.items():
-            own = check in OF_RECORDINGS
-            said.setdefault(f"{name} {check}" if own else check, f"{name}: {sentence}" if own else sentence)
-    lines = [*said.values(), *beside({name: one.body for name, one in aligned.items()})]
+            of_recording = check in OF_RECORDINGS
+            key, line = (f"{name} {check}", f"{name}: {sentence}") if of_recording else (check, sentence)
+            warnings.setdefault(key, line)
+    lines = [*warnings.values(), *beside({name: one.body for name, one in aligned.items()})]
     return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in lines)
 
 
-def of_models(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
-    """Return doubts about fitted models, each under the title of its fit."""
-    said: dict[str, str] = {}
+def model_warnings(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry) -> tuple[str, ...]:
+    """Return warnings about implausible fitted models; each begins with the title of its fit."""
+    warnings: dict[str, str] = {}
     for title, model in models:
         for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():
-            said.setdefault(check, f"{title}: {sentence}.")
-    return tuple(said.values())
+            warnings.setdefault(check, f"{title}: {sentence}.")
+    return tuple(warnings.values())

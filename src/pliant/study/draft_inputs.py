@@ -1,118 +1,219 @@
-"""The inputs of a drafted study: chambers and tendons, and the channels that drive them."""
+"""Tables of a generated study file for its inputs, as the motion shows them: chambers, tendons, their channels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
+import xarray as xr
 
-from pliant.recording.inputs import RecordedInput
+from pliant.preprocessing.detectors import without_spikes
+from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
-from pliant.study.new import FirstLook, azimuths, body_length, chamber_span, tendon_ends
 from pliant.study.toml_text import Lines
+from pliant.study.trial import Trial, body_length
 
 LINKS = 5
-EITHER_WAY = 0.1  # of the largest value: an input that goes so far below 0 too
+FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
+MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
+EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
 
 
-def placed(looks: Sequence[FirstLook]) -> FirstLook:
-    """The first look whose recording could be brought into the base frame; the first of all where none could."""
-    return next((look for look in looks if look.aligned is not None), looks[0])
+def first_aligned(trials: Sequence[Trial]) -> Trial:
+    """Return the first recording that could be aligned in the base frame, or the first of all if none could."""
+    return next((trial for trial in trials if trial.aligned is not None), trials[0])
 
 
-def driven(looks: Sequence[FirstLook]) -> list[str]:
-    """Names of the chambers that a recording of several drives."""
-    return list(dict.fromkeys(name for look in looks for name in look.chambers))
+def driven(trials: Sequence[Trial]) -> list[str]:
+    """Return the names of the chambers in recordings with several chambers, without duplicates."""
+    return list(dict.fromkeys(name for trial in trials for name in trial.chambers))
 
 
-def chambers_in_plane(out: Lines, looks: Sequence[FirstLook]) -> None:
-    """Several chambers of a body in a plane: the side and the joints that each bends, where it moves most alone."""
-    for name in driven(looks):
-        look = max((one for one in looks if name in one.chambers), key=lambda one: alone(one, name))
+def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
+    """Write the chambers of a body in a plane, with the side and joints that each bends.
+
+    Each chamber is judged by the recording in which its pressure varies most, compared with the other pressures.
+    """
+    for name in driven(trials):
+        trial = max((one for one in trials if name in one.chambers), key=lambda one: relative_range(one, name))
         out.text += ["", "[[actuator.chambers]]"]
         out.put("name", name)
-        if look.aligned is None or look.turns:
-            out.say("joints = [1, 2]  (those that it turns; default: all)", "gain = -1.0  (of one on the other side)")
+        if trial.aligned is None or trial.angles_only:
+            out.say("joints = [1, 2]  (the joints that it bends; default: all)",
+                    "gain = -1.0  (for a chamber on the other side)")
             continue
-        side, begin, end = chamber_span(look.aligned, name)
-        shown, part = f"as the stations of {look.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
-        passed = [k for k in joints_up_to(end, body_length(look)) if k not in joints_up_to(begin, body_length(look))]
-        if look.dense:
-            out.say(f"joints = [...]  (those {part}, {shown}; default: all)")
+        side, begin, end = chamber_span(trial.aligned, name)
+        evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
+        passed = [k for k in joints_up_to(end, body_length(trial)) if k not in joints_up_to(begin, body_length(trial))]
+        if trial.dense:
+            out.say(f"joints = [...]  (the joints {part}, {evidence}; default: all)")
         elif len(passed) < LINKS:
-            out.put("joints", passed, f"that it turns: the body bends {part}, {shown}")
+            out.put("joints", passed, f"the joints that it bends: the body bends {part}, {evidence}")
         if side < 0:
-            out.put("gain", -1.0, f"it bends the body to the other side, {shown}")
+            out.put("gain", -1.0, f"it bends the body to the other side, {evidence}")
 
 
-def alone(look: FirstLook, name: str) -> float:
-    """Range of a pressure over that of all, 1 where it is the only one that moves."""
-    return look.pressure_ranges[name] / sum(look.pressure_ranges.values())
+def relative_range(trial: Trial, name: str) -> float:
+    """Return the range of one pressure divided by the sum of all pressure ranges; 1 if no other pressure varies."""
+    return trial.pressure_ranges[name] / sum(trial.pressure_ranges.values())
 
 
-def chambers(out: Lines, look: FirstLook) -> None:
-    """The chambers of a body in space, each at the azimuth that the recording shows."""
-    if not look.chambers:
+def chambers(out: Lines, trial: Trial) -> None:
+    """Write the chambers of a body in space, each with the azimuth that the recording shows."""
+    if not trial.chambers:
         return
-    shown = [] if look.aligned is None else azimuths(look.aligned)
-    for k, name in enumerate(look.chambers):  # pressures come before other inputs
+    degrees = [] if trial.aligned is None else azimuths(trial.aligned)
+    for k, name in enumerate(trial.chambers):  # pressures come before other inputs
         out.text += ["", "[[actuator.chambers]]"]
         out.put("name", name)
-        out.put("torque", [1e-6], "N m/Pa, scaled by the gains that are fitted")
-        azimuth_of(out, round(shown[k]) if shown else None, "as the last station moves")
+        out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
+        azimuth_of(out, round(degrees[k]) if degrees else None, "as the last station moves")
 
 
-def tendons(out: Lines, look: FirstLook) -> None:
-    """The tendons of a body in space, each where the recording shows that it pulls."""
-    if not look.cords:
+def tendons(out: Lines, trial: Trial) -> None:
+    """Write the tendons of a body in space, with the azimuth and the joints that the recording shows for each."""
+    if not trial.tendon_inputs:
         return
-    shown = [] if look.aligned is None else tendon_ends(look.aligned)[-len(look.cords) :]
-    for k, one in enumerate(look.cords):
+    ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
+    for k, one in enumerate(trial.tendon_inputs):
         out.text += ["", "[[actuator.tendons]]"]
         out.put("name", one.name)
-        out.put("driven_by", one.kind, "as the mapping says")
-        azimuth_of(out, round(shown[k][0]) if shown else None, "as the stations move")
-        if shown and len(passed := joints_up_to(shown[k][1], body_length(look))) < LINKS:
-            out.put("joints", passed, f"that it passes: it bends the body up to {1e3 * shown[k][1]:.0f} mm")
+        out.put("driven_by", one.kind, "as the mapping states")
+        azimuth_of(out, round(ends[k][0]) if ends else None, "as the stations move")
+        if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
+            out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
-            either_way(out, one)
+            pair_entry(out, one)
         if not k and one.kind != "tension":
-            out.say("line_stiffness = 1000  (N/m, with all that holds it: only its ratio to the body's shows)")
+            out.say("line_stiffness = 1000  (N/m, with its mounts: only its ratio to the body's is determined)")
 
 
 def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
-    """The azimuth of an input, asked for where the recordings could not be brought into the base frame."""
-    out.ask("azimuth_deg", "degrees around the axis; with a recording that begins at rest `pliant new` finds it",
+    """Write the azimuth [degrees] of an input, or an open question if it is None."""
+    out.ask("azimuth_deg", "degrees around the axis; `pliant new` estimates it from a recording that begins at rest",
             azimuth, f"from x towards y of the base frame, {source}")
 
 
-def either_way(out: Lines, one: RecordedInput) -> None:
-    """Whether a motor pulls two opposite tendons."""
-    seen = one.values[np.isfinite(one.values)]
-    if seen.min(initial=0.0) < -EITHER_WAY * seen.max(initial=0.0):
-        out.put("pair", True, "its motor turns either way: two opposite tendons; false for one that can hang slack")
+def pair_entry(out: Lines, one: RecordedInput) -> None:
+    """Write `pair = true` if the input of a tendon takes both signs: its motor pulls two opposite tendons."""
+    values = one.values[np.isfinite(one.values)]
+    if values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0):
+        out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
 
 
 def joints_up_to(end: float, length: float | None) -> list[int]:
-    """Joints, from 1, in the middle of `LINKS` equal segments of a length, as far as `end` [m] from the base."""
+    """Return the numbers, from 1, of the joints up to `end` [m], each in the middle of one of 5 equal segments.
+
+    The segments divide `length` [m], or `end` if the length is None. A margin of 5 % is added to `end`.
+    """
     return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
 def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, str]]:
-    """Gains of each input about both axes: size and direction of its torque; in a plane its law."""
+    """Return (name, comment) of the torque parameters of each input: gains about x and y in space, torque_1
+    in a plane.
+    """
     if not space:
         return [(f"{name}.torque_1", "N m/Pa") for name in names]
     return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
 
 
-def channels(out: Lines, look: FirstLook, names: Sequence[str]) -> None:
-    """Which channel of a recording drives which input, whether it was measured, and how it was logged."""
-    recorded = several(look.recording)
-    if driving := [*(name for name in names if name in recorded), *(one.name for one in look.cords)]:
+def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
+    """Write which channel of a recording drives which input, and whether it was measured and held between updates."""
+    recorded = several(trial.recording)
+    if driving := [*(name for name in names if name in recorded), *(one.name for one in trial.tendon_inputs)]:
         out.put("drive", {name: name for name in driving}, "input of the model = channel of the recording")
-    if look.cords:
-        out.put("signal", "measured", 'or "commanded": a set point, which the motor follows with a lag')
-    if look.found.input_held:
-        out.put("staircase", "lines", "inputs are held between updates: straight lines between their changes")
+    if trial.tendon_inputs:
+        out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')
+    if trial.quality.input_held:
+        out.put("staircase", "lines", "the log holds inputs between updates; the model joins the changes by lines")
+
+
+def azimuths(recording: xr.Dataset) -> list[float]:
+    """Return the azimuth of each pressure's chamber [degrees, 0 to 360] from x towards y, from the last station's
+    motion.
+
+    A chamber bends the body away from itself. The station's displacement is assumed to be linear in all pressures.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the base frame, in space.
+    """
+    gain = -sideways(recording)[:, -1]
+    return [float(a) for a in np.degrees(np.arctan2(gain[:, 1], gain[:, 0])) % 360.0]
+
+
+def sideways(recording: xr.Dataset) -> np.ndarray:
+    """Return the linear gain of stations' displacement across the base tangent [m] for each input (C, S, 1 or 2)."""
+    across = without_spikes(recording["position"].values)[..., :-1]
+    inputs = inputs_at(recording, recording["time"].values)
+    design = np.column_stack([inputs, np.ones(len(inputs))])
+    gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
+    for s in range(across.shape[1]):
+        known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
+        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
+    return gain
+
+
+def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
+    """Return the side to which a chamber bends a planar body (1 or -1), and where the bend begins and ends [m from
+    base].
+
+    The bend is assumed to be even between two points at tenths of the body, and the body straight elsewhere. If
+    no part explains the displacements of the stations much better, the bend is assumed to be even over the whole body.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the base frame, in a plane.
+    name : str
+        Name of the chamber.
+    """
+    gain = sideways(recording)[several(recording).index(name), :, 0]
+    height = np.nanmedian(recording["position"].values[:10, :, -1], axis=0)
+    measured = np.isfinite(gain) & np.isfinite(height)
+    marks = np.linspace(0.0, np.nanmax(height), 11)
+    candidates = []
+    parts = list(combinations(marks, 2)) if measured.sum() > FEWEST_SHOWING else []
+    for begin, end in [(0.0, marks[-1]), *parts]:
+        shape = even_bend(height, begin, end)[measured]
+        curvature = float(shape @ gain[measured] / (shape @ shape))
+        squared_error = float(((gain[measured] - shape * curvature) ** 2).sum())
+        candidates.append((squared_error, -1 if curvature > 0 else 1, begin, end))
+    best = min(candidates)
+    return (best if best[0] < MUCH_BETTER * candidates[0][0] else candidates[0])[1:]
+
+
+def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
+    """Return the sideways displacement at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
+    bent = np.clip(height, begin, end) - begin
+    return np.asarray(bent * (height - begin - 0.5 * bent))
+
+
+def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
+    """Return for each input the azimuth of its tendon [degrees] and where it ends [m along the base tangent at rest].
+
+    A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
+    straight beyond. The end is the station with which this best explains the displacements of all stations.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the base frame, in space, without input 0 in any channel.
+    """
+    height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
+    ends = np.sort(height[height > 0.05 * height.max()])
+    shapes = even_bend(height, 0.0, ends[:, None])  # (E, S)
+    fitted = []
+    for gain in sideways(recording):
+        measured = np.isfinite(gain).all(axis=1)
+        curvature = shapes[:, measured] @ gain[measured] / (shapes[:, measured] ** 2).sum(axis=1)[:, None]  # (E, 2)
+        squared_error = ((gain[measured] - shapes[:, measured, None] * curvature[:, None]) ** 2).sum(axis=(1, 2))
+        best = int(np.argmin(squared_error))
+        towards = curvature[best]
+        fitted.append((float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])))
+    return fitted

@@ -1,4 +1,4 @@
-"""A file as it is read before anybody has said what it does not say itself: what is made up is remembered."""
+"""First reading of files whose scale or units are not stated: values are assumed, and the assumptions returned."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 
 
 def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, dict[str, Any]]:
-    """A recording, and what was made up to read it: a camera for points in pixels, units for angles and pressure."""
+    """Return a recording, and the mapping entries assumed to read it: a camera, or units of angle and pressure."""
     stated = mapping or {}
     try:
         return read_shape(path, mapping), {}
@@ -33,20 +33,20 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Datase
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return trial mapping entries for a file whose reader needs a mapping."""
+    """Return trial mapping entries for a file that its reader cannot read without a mapping; empty if none applies."""
     if not path.is_file():
         return []
     head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), stated.get("format")
     fits = [n for n in (*TRACKERS, "angles") if n == named
             or (named is None and path.suffix.lower() in known[n].suffixes and known[n].recognises(head))]
     if "angles" in fits:
-        made = {k: v for k, v in UNITS.items() if k not in stated}
-        return [*({k: v} for k, v in made.items()), made]
+        units = {k: v for k, v in UNITS.items() if k not in stated}
+        return [*({k: v} for k, v in units.items()), units]
     return [] if not fits or {"camera", "length_unit"} & set(stated) else [{"camera": MADE_UP}]
 
 
 def several(recording: xr.Dataset) -> list[str]:
-    """Names of the chambers where a recording has more than one."""
+    """Return the names of the chambers if a recording has more than one, else an empty list."""
     return (
         [str(c) for c in recording["chamber"].values]
         if "chamber" in recording.dims and recording.sizes["chamber"] > 1
@@ -58,12 +58,14 @@ LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms",
 
 
 def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
-    """Recordings of shapes, each with the log of its pressure where a file of pressure alone shares its name's start.
+    """Pair each recording of a shape with its pressure log, a file of pressure alone, or with None.
+
+    A log belongs to the recording whose name begins with the log's name, or the reverse; of several, the longest name.
 
     Raises
     ------
     InputError
-        When a log's name begins as that of no recording, or of one that has another log already.
+        When a log's name matches no recording, or one that has another log already.
     """
     logs = [f for f in files if holds_pressure_alone(f)]
     shapes: dict[Path, Path | None] = {f: None for f in files if f not in logs}
@@ -71,14 +73,14 @@ def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
         named = [f for f in shapes if log.stem.startswith(f.stem) or f.stem.startswith(log.stem)]
         best = max(named, key=lambda f: len(f.stem), default=None)
         if best is None or shapes[best] is not None:
-            raise InputError(f"{log.name} holds pressure alone, and a study needs the shape too: give one recording "
-                             f"whose name begins it, such as push.csv for push_log.csv, beside {log.name}")  # fmt: skip
+            raise InputError(f"{log.name} holds pressure alone, and a study needs the shape too: add the recording to "
+                             f"which it belongs, with the same start of its name, such as push.csv for push_log.csv")
         shapes[best] = log
     return list(shapes.items())
 
 
 def holds_pressure_alone(path: Path) -> bool:
-    """Whether a file is a log of pressure that needs no mapping."""
+    """Return whether a file can be read without a mapping and holds pressure alone."""
     if path.suffix.lower() not in LOGS:
         return False
     try:

@@ -1,52 +1,67 @@
-"""A study's fits and its model selection: fit, then predict the held-out records."""
+"""Fits and model selection of a study: fit the training recordings, then predict each recording, with bands."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from pliant.errors import InputError
-from pliant.failures import Failures
+from pliant.failures import Failures, finite
 from pliant.identification import (
     MORE_STAGES,
     STAGES,
+    Band,
     Experiment,
     FitResult,
     ModelSelection,
     Stage,
     bootstrapped,
     fit,
+    predict,
+    predict_held_out,
+    prediction_band,
+    residual_noise,
     select_model,
 )
 from pliant.identification.fit import parameters_from
+from pliant.identification.prediction import predict_body
 from pliant.model import Model
-from pliant.study.prepare import study_model
-from pliant.study.record_outcomes import records_of
+from pliant.simulation.accuracy import LIMIT, step_for, tip_error
+from pliant.simulation.time_step import nice
+from pliant.study.body import study_model
 from pliant.study.schema import Fit, SelectionEntry, Study
-from pliant.validation.outcome import FitOutcome
+from pliant.validation.metrics import compare
+from pliant.validation.outcome import FitOutcome, RecordOutcome, Role
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
+Array = np.ndarray
 
 
 def run_fit(
-    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
 ) -> FitOutcome:
-    """Fit on the training records, predict the held-out ones with everything frozen but their edge times."""
+    """Fit the model to the training recordings and predict the held-out ones.
+
+    For a held-out recording, all parameters are held constant except its own edge times.
+    """
     began = clock.perf_counter()
     training = [experiments[r] for r in entry.train]
     result = fit(
-        training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
         loss=entry.loss, starts=entry.starts,
         weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
-        rng=study.seed, progress=lambda line: tell(f"fit {name}: {line}"),
+        rng=study.seed, progress=lambda line: notify(f"fit {name}: {line}"),
     )
     seconds = clock.perf_counter() - began
-    return whole_fit(study, name, entry.title or name, entry, result, seconds, experiments, tell)
+    return fit_outcome(study, name, entry.title or name, entry, result, seconds, experiments, notify)
 
 
-def placed(study: Study, entry: Fit, model: Model) -> Model:
-    """The study's model with as many joints as the fit has, where it places them."""
+def model_for_fit(study: Study, entry: Fit, model: Model) -> Model:
+    """Return the study's model with the number of links and the joint placement of this fit."""
     if entry.joint_placement is None and entry.links is None:
         return model
     same = {"joint_placement": entry.joint_placement or study.actuator.joint_placement,
@@ -54,38 +69,40 @@ def placed(study: Study, entry: Fit, model: Model) -> Model:
     return study_model(study.actuator.model_copy(update=same), None)
 
 
-def whole_fit(
+def fit_outcome(
     study: Study, name: str, title: str, entry: Fit | SelectionEntry, result: FitResult, seconds: float,
-    experiments: Mapping[str, Experiment], tell: Tell,
+    experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
-    """A fit with its records, its standard errors from a bootstrap where the study has one.
+    """Return the outcome of a fit: its predictions of each recording, and bootstrap standard errors if the study asks.
 
-    What cannot be computed of it (a record, a band, the bootstrap) is in its `not_computed`.
+    Results that cannot be computed (a recording, a band, the bootstrap) are listed in `not_computed` of the outcome.
     """
-    failures = Failures(name, tell)
+    failures = Failures(name, notify)
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
     if entry.bootstrap and result.covariance is not None:
-        tell(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
+        notify(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
         drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap, step=study.step,
                         weighting=entry.weighting, loss=entry.loss, rng=study.seed)
         result = failures.attempt("bootstrap of standard errors", "", drawn) or result
     records = records_of(train, held_out, result, study.step, entry.weighting, failures)
-    tell(f"fit {name}: {result.status}")
+    notify(f"fit {name}: {result.status}")
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
 
 def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
-    """Return the stages that the entry names; InputError for an unknown one."""
+    """Return the stages of the model selection that the study names, or the default ones; InputError for an unknown
+    name.
+    """
     known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     if unknown := [n for n in entry.stages if n not in known]:
-        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: use some of {', '.join(known)}")
+        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: choose from {', '.join(known)}")
     return [known[n] for n in entry.stages] or STAGES
 
 
 def run_model_selection(
-    study: Study, experiments: Mapping[str, Experiment], model: Model, tell: Tell,
+    study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
 ) -> ModelSelection | None:
-    """Return the result of the study's model selection; None where it has none."""
+    """Run the study's model selection and return its result; None if the study has none."""
     entry = study.model_selection
     if entry is None:
         return None
@@ -93,17 +110,105 @@ def run_model_selection(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
         common=parameters_from(entry.common), stages=stages_of(entry), step=study.step,
         weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
-        progress=lambda line: tell(f"model selection: {line}"),
+        progress=lambda line: notify(f"model selection: {line}"),
     )
 
 
 def selection_fit(
-    study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], tell: Tell,
+    study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
-    """The stage that was chosen, as a fit of the study."""
+    """Return the outcome of the selected stage, in the form of a fit of the study."""
     entry = study.model_selection or SelectionEntry(train=[], starts=1)
     step = selection.step
-    return whole_fit(
+    return fit_outcome(
         study, "model_selection", f"Model selection, {step.stage.title}", entry, selection.result, step.seconds,
-        experiments, tell,
+        experiments, notify,
     )
+
+
+def outcome_of(
+    exp: Experiment, role: Role, result: FitResult, values: Mapping[str, float], step: float,
+) -> RecordOutcome:
+    """Return the comparison of one recording with the motion that the fitted model predicts for it."""
+    prediction = predict(result.model, exp, values, step)
+    finite(prediction["compared"], "the modelled motion")
+    metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
+    body = None if exp.without_positions else predict_body(result.model, exp, values, step)
+    actuation = result.model.actuation
+    return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body,
+                         inputs=dict(zip(actuation.names, actuation.units, strict=True)))  # fmt: skip
+
+
+def records_of(
+    train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, step: float, weighting: str,
+    failures: Failures,
+) -> tuple[RecordOutcome, ...]:
+    """Return the outcomes of the training recordings and of the held-out ones, predicted by the fit.
+
+    For a held-out recording, all parameters are held constant except its own edge times.
+
+    A recording whose motion cannot be computed is added to `failures` and left out. One whose band cannot be
+    computed is added to `failures` and returned without a band.
+    """
+    records = []
+    for exp in train:
+        followed = partial(outcome_of, exp, "train", result, result.values, step)
+        if (record := failures.attempt("prediction", exp.name, followed, "train")) is not None:
+            records.append(record)
+            warn_of_step(record, result, result.values, step, failures)
+    for exp in held_out:
+        predicted = failures.attempt("prediction", exp.name, partial(predicted_outcome, exp, result, step), "held_out")
+        if predicted is None:
+            continue
+        record, refit = predicted
+        warn_of_step(record, refit, refit.values, step, failures)
+        if result.covariance is not None:
+            banded = partial(band_of, train, result, record, refit, step, weighting)
+            if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
+                held = 100 * band.holds(exp.compared)
+                record = replace(record, metrics={**record.metrics, "within_band_percent": held}, band=band)
+        records.append(record)
+    return tuple(records)
+
+
+def warn_of_step(
+    record: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
+) -> None:
+    """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length."""
+    model, exp = result.model, record.experiment
+    if exp.poses:  # equilibria, computed without time steps
+        return
+
+    def tips(h: float) -> Array:
+        return predict_body(model, exp, values, h)[:, -1] / model.length
+
+    given = tips(step) if record.body is None else record.body[:, -1] / model.length
+    error = tip_error(lambda factor: (given, tips(factor * step)))
+    if error > LIMIT and failures.warn is not None:
+        size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
+        failures.warn(
+            f"warning: fit {failures.fit}: the tip of record {exp.name} may be wrong {size}: the step of "
+            f"{1e3 * step:.3g} ms is too long for its motion; set step = {nice(step * step_for(error)):g} in the study"
+        )
+
+
+def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
+    """Return the outcome of a held-out recording, and the fit of its edge times."""
+    _, refit = predict_held_out(exp, result, step=step)
+    record = outcome_of(exp, "held_out", refit, refit.values, step)
+    edges = {p.name.removeprefix(f"{exp.name}."): refit.values[p.name] for p in refit.parameters if p.free}
+    return replace(record, metrics={**record.metrics, **({"fitted_edges_s": edges} if edges else {})}), refit
+
+
+def band_of(
+    train: Sequence[Experiment], result: FitResult, record: RecordOutcome, refit: FitResult, step: float,
+    weighting: str,
+) -> Band:
+    """Return the 95 % band of a prediction, from the parameters' uncertainty and the noise of the training
+    residuals.
+    """
+    exp = record.experiment
+    noise = residual_noise(train, result, exp, record.modelled, step=step, weighting=weighting)
+    band = prediction_band(exp, result, step=step, noise=noise, own=refit, training=train)
+    finite(band.std, "the width of the band")
+    return band

@@ -1,4 +1,4 @@
-"""Cases that were not recorded, predicted: like a recording, with other loads, levels or pressures."""
+"""Predictions of cases that were not recorded: a recorded case with other loads, pressure levels or pressures."""
 
 from __future__ import annotations
 
@@ -13,53 +13,55 @@ from pliant.failures import Failures, finite
 from pliant.identification import Experiment, FitResult, predict
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
-from pliant.identification.error_propagation import half_widths
+from pliant.identification.prediction_bands import half_widths
 from pliant.simulation import Trace
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
-from pliant.validation.extension import NAMES, growth
-from pliant.validation.metrics import response
+from pliant.validation.metrics import NAMES, growth, response
 from pliant.validation.outcome import Forecast
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
 
 
 def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
-    """Refuse a level for a case that is like a recording without one."""
+    """Raise InputError if a forecast states a level or pressures that its template recording does not have."""
     for name, entry in study.forecasts.items():
         excitation = experiments[entry.like].excitation
         if entry.level is not None and excitation not in ("pulse", "step"):
             driven = ", ".join(f"{c.name} = ..." for c in study.actuator.chambers) or "chamber = ..."
             raise InputError(
-                f"forecast {name}: a level goes with a pulse or a step, but {entry.like!r} is a {excitation}"
+                f"forecast {name}: level needs a recording of a pulse or a step, but {entry.like!r} is a {excitation}"
                 + (f": give pressures = {{ {driven} }} instead" if excitation == "trace" else "")
             )
         if entry.pressures and excitation != "trace":
             raise InputError(
-                f"forecast {name}: pressures go with a measured pressure, but {entry.like!r} is a {excitation}"
+                f"forecast {name}: pressures needs a measured pressure, but {entry.like!r} is a {excitation}"
             )
 
 
 def run_forecasts(
     study: Study, experiments: Mapping[str, Experiment], results: Mapping[str, FitResult], failures: Failures,
 ) -> tuple[Forecast, ...]:
-    """All forecasts of a study by the fits that they name, "" the study's; failed ones are added to `failures`."""
-    made = []
+    """Compute all forecasts of a study, each with the fit that it names, and add those that fail to `failures`.
+
+    The key "" of `results` is the fit used by forecasts that name none.
+    """
+    forecasts = []
     for name, entry in study.forecasts.items():
         own = Failures(entry.fit or failures.fit, failures.warn)
         compute = partial(run_forecast, study, name, experiments, results, own)
-        made.append(own.attempt(f"forecast {name}", "", compute))
+        forecasts.append(own.attempt(f"forecast {name}", "", compute))
         failures += own
-    return tuple(f for f in made if f is not None)
+    return tuple(f for f in forecasts if f is not None)
 
 
 def run_forecast(
     study: Study, name: str, experiments: Mapping[str, Experiment], results: Mapping[str, FitResult],
     failures: Failures,
 ) -> Forecast:
-    """Predict a case that was not recorded: like a recorded one, with the stated changes.
+    """Predict a case that was not recorded: the recording that it names as `like`, with the stated changes.
 
-    An interval or band that cannot be computed is added to `failures`, and the forecast goes without it.
+    An interval or band that cannot be computed is added to `failures` and left out of the forecast.
     """
     entry = study.forecasts[name]
     if entry.fit not in results:
@@ -84,7 +86,7 @@ def run_forecast(
     tip = finite(found[count:], "the predicted motion").reshape(case.time.size, -1)
     if not problems and (lost := [k for k, h in zip(seen, half, strict=False) if np.isnan(h)]):
         failures.add(f"interval of {', '.join(lost)} of forecast {name}", "",
-                     "within one standard error of the parameters the motion has no such number")
+                     "it is not defined for all motions within one standard error of the parameters")
     training = [experiments[n] for n in result.rmse if n in experiments]
 
     def half_width() -> np.ndarray:
@@ -103,7 +105,9 @@ def run_forecast(
 
 
 def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:
-    """The experiment that a forecast describes: like `template`, with other loads, another level or `driven` [Pa]."""
+    """Return the experiment of a forecast: `template` with other loads, another level or the pressures
+    `driven` [Pa].
+    """
     level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
     case = replace(template, name=name, level=level, known={**template.known, **entry.known})
     return other_pressures(case, driven) if driven else case
@@ -112,21 +116,20 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
-    """Return the model's possible error of the last station's motion (T, 2 or 1), one standard deviation; see
-    `discrepancy`.
-    """
+    """Return the model error of the last station's motion (T, 2 or 1), as one standard deviation; see `discrepancy`."""
     prediction = predict(result.model, case, values, step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:
-    """The experiment with other pressures: chambers of `highest` [Pa] follow its course, the others stay as they began.
+    """Return the experiment with the chambers in `highest` driven up to these pressures [Pa], the others held constant.
 
-    The course is that of the chamber that was driven most, from its first value, 0, to its highest, 1.
+    The time series of each driven chamber is that of the most driven chamber of the template, scaled so that its first
+    value is 0 and its highest is 1.
     """
     drives, lead = template.drives, template.pressure
     if lead is None:
-        raise InputError(f"forecast {template.name}: the recording that it is like has no measured pressure")
+        raise InputError(f"forecast {template.name}: its recording has no measured pressure: change like")
     course = (lead.pressure - lead.pressure[0]) / (lead.peak - lead.pressure[0])
 
     def driven(first: float, chamber: str, time: np.ndarray = lead.time) -> Trace:
@@ -140,6 +143,6 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
 
 
 def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
-    """Edge times of a case that was not recorded: those that the template's motion shows."""
-    found = edges(template)
-    return {name: found[name.rpartition(".")[2]] for name in names}
+    """Return the edge times of a case that was not recorded, as estimated from the template's motion."""
+    recorded = edges(template)
+    return {name: recorded[name.rpartition(".")[2]] for name in names}

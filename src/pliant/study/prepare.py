@@ -1,4 +1,4 @@
-"""From a study's entries to a model and experiments: read, assemble, align."""
+"""Preparation of a study: read and align its recordings, and build the experiments from its entries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
-from pliant.model import Chamber, Extension, Model, Tendon, chain_model
+from pliant.identification.drives import driving
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
@@ -22,32 +22,30 @@ from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
 from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
+from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
-from pliant.reduction import LinkPlacement
 from pliant.sensing import read_shape
-from pliant.study.channels import inputs_in_words
-from pliant.study.clocks import on_one_clock, with_pressure
+from pliant.study.aligned import Aligned, at_common_rest, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
-from pliant.study.doubts import of_body, preset, presets, stated_case, units_first
-from pliant.study.resting import Aligned, at_one_rest
-from pliant.study.schema import ActuatorEntry, AlignmentEntry, ChamberTable, Recording, Study, TendonTable
-from pliant.study.tapered import fitted_out, passed_joints, tapered
+from pliant.study.doubts import body_warnings, stated_case, unit_warning_first
+from pliant.study.schema import AlignmentEntry, Recording, Study
 from pliant.units import pascal_per
 
 Array = np.ndarray
-LEAST_TURN = 0.02  # rad: the same of a recording of angles alone
-TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
-LEAST_TRAVEL = 0.003  # of the body's length: the tip of a recording that tells anything moves further
+LEAST_TURN = 0.02  # rad: least rotation, for a recording of angles alone
+LEAST_TRAVEL = 0.003  # of the body's length: least motion of the tip in a usable recording
+MEANT = {"pressure": "gauge pressure, Pa", "tension": "tension, N", "displacement": "displacement, m",
+         "angle": "angle of a motor, rad"}  # fmt: skip
 
 
 def load_recording(study: Study, name: str) -> xr.Dataset:
-    """Read one recording of the study, with its nominal pressure where that is all there is."""
+    """Read one recording of the study, with its pressure log and its nominal pressure if the study states them."""
     entry = study.recordings[name]
-    path = located(study, entry.file)
-    mapping = {**seen_by(study, entry.file), **study.mapping, **(entry.mapping or {})}
+    path = path_of(study, entry.file)
+    mapping = {**camera_mapping(study, entry.file), **study.mapping, **(entry.mapping or {})}
     recording = read_shape(path, mapping or None, format=entry.format)
     if entry.pressure_file is not None:
-        log = read(located(study, entry.pressure_file), mapping=entry.pressure_mapping)
+        log = read(path_of(study, entry.pressure_file), mapping=entry.pressure_mapping)
         recording = with_pressure(recording, log, name, Path(entry.pressure_file).name)
     if entry.nominal_pressure is not None:
         recording = recording.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))
@@ -56,51 +54,53 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     return recording
 
 
-def seen_by(study: Study, file: str) -> dict[str, Any]:
-    """The study's camera, as the mapping of a file has it; pliant's own files are in metres already."""
+def camera_mapping(study: Study, file: str) -> dict[str, Any]:
+    """Return the study's camera as a mapping entry for a file; empty for pliant's own files, which are in metres."""
     return {} if study.camera is None or file.endswith((".nc", ".nc4")) else {"camera": study.camera}
 
 
-def located(study: Study, file: str) -> Path:
-    """Return the path of a file of the study."""
+def path_of(study: Study, file: str) -> Path:
+    """Return the path of a file of the study; a relative name starts from the study's folder."""
     path = Path(file)
     return path if path.is_absolute() or file.startswith(PREFIX) else Path(study.folder) / path
 
 
 def check_pressure_unit(name: str, recording: xr.Dataset) -> None:
-    """Refuse a pressure too low to move a soft body: psi, kPa or mbar that were read as Pa."""
+    """Raise InputError if the pressure is too low to move a soft body, which suggests a wrong unit."""
     nominal = recording.attrs.get("nominal_pressure", 0.0)
     measured = float(np.nanmax(np.abs(recording["pressure"].values), initial=0.0)) if "pressure" in recording else 0.0
     for what, pascal in (("nominal pressure", nominal), ("highest pressure", measured)):
         if 0 < pascal < LEAST_PRESSURE:
             raise InputError(
                 f"recording {name}: its {what} is {pascal:.4g} Pa, too low to move a soft body; state its unit (psi, "
-                "kPa, mbar, ...) where it was read as Pa, or set allow_low_pressure = true if it is right"
+                "kPa, mbar, ...) if it is not Pa, or set allow_low_pressure = true if it is right"
             )
 
 
 def all_aligned(study: Study) -> dict[str, Aligned]:
-    """Every recording of the study, aligned; of a body with several chambers, all seen from the side of the first.
+    """Return every recording of the study in the base frame, by name.
 
-    Alone, each recording would be turned so that its own pressure bends it to one side: opposite chambers would look
-    alike. In space the first recording gives all of them the direction of x.
+    For several chambers or a body in space, the x axis of all recordings is that of the first.
+
+    Aligned separately, each recording would be turned so that its own pressure bends it to the same side, and opposite
+    chambers would look alike.
     """
-    made: dict[str, Aligned] = {}
+    recordings: dict[str, Aligned] = {}
     normal, shared = None, len(study.actuator.chambers) > 1 or bool(study.actuator.space)
     for name in study.recordings:
-        made[name] = aligned_recording(study, name, normal)
-        attributes = made[name].body.attrs
+        recordings[name] = aligned_recording(study, name, normal)
+        attributes = recordings[name].body.attrs
         if normal is None and shared and "alignment" in attributes:
-            normal = np.array(alignment_of(made[name].body).normal)
-    made = on_one_side(study, made)
-    return at_one_rest(made) if study.alignment.common_rest else made
+            normal = np.array(alignment_of(recordings[name].body).normal)
+    recordings = on_one_side(study, recordings)
+    return at_common_rest(recordings) if study.alignment.common_rest else recordings
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
-    """The recordings with planar ones turned into the base frame, all alike, as the first of them bends.  # D4
+    """Return the recordings with planar ones turned by half a turn, if the first one bends to the negative side.  # D4
 
-    A body with several chambers stays as it was recorded: each chamber may bend it to its own side. Recordings that
-    `pliant.align` made are in the base frame already.
+    All planar recordings are turned alike. A body with several chambers is left as it was recorded, since its chambers
+    may bend it to different sides. Recordings aligned by `pliant.align` are in the base frame already.
     """
     done = dict(recordings)
     planar = [n for n, a in done.items() if not {"alignment", ATTRIBUTE} & set(a.body.attrs) and "position" in a.body]
@@ -111,15 +111,18 @@ def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Al
         return done
     for name in planar:
         body = half_turn(done[name].body)
-        said = str(body.attrs["history"]).splitlines()[-1]
-        done[name] = done[name]._replace(body=body, findings=(*done[name].findings, said))
+        last_step = str(body.attrs["history"]).splitlines()[-1]
+        done[name] = done[name]._replace(body=body, findings=(*done[name].findings, last_step))
     return done
 
 
 def aligned_recording(study: Study, name: str, normal: Array | None = None) -> Aligned:
-    """One recording of the study, read, brought onto one clock and aligned, seen along `normal` (3,) where given."""
+    """Read one recording of the study, synchronise its pressure, and align it.
+
+    With `normal` (3,) the plane of bending is that with this normal.
+    """
     entry = study.recordings[name]
-    alignment = combined(study.alignment, entry.alignment)
+    alignment = merged_alignment(study.alignment, entry.alignment)
     raw, clocks, findings = on_one_clock(load_recording(study, name), entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
     raw = raw if entry.part is None else part_of(name, raw, *entry.part)
@@ -127,26 +130,26 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     if alignment.swaps is not None:
         raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
     looked = quality(raw)
-    raw = raw if entry.poses else leave_out_frozen(raw)  # a pose may be that of the row before
+    raw = raw if entry.poses else leave_out_frozen(raw)  # a pose may equal the previous one
     if entry.staircase == "lines":
         raw = lines_between_changes(raw)
-    with units_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
+    with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    found = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
+    lines = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
-        found.append(tip)
+        lines.append(tip)
     elif body is not raw or alignment.swaps:
-        found += str(body.attrs.get("history", "")).splitlines()[before:]
-    doubts = {**looked.doubts, **of_body(stated_case(study.actuator), stations, body)}
-    return Aligned(body, tuple(found), tip, clocks, doubts)
+        lines += str(body.attrs.get("history", "")).splitlines()[before:]
+    doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
+    return Aligned(body, tuple(lines), tip, clocks, doubts)
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
-    """The rows of a recording between two fractions of them, with the samples of its inputs of that time."""
+    """Return the rows of a recording between two fractions of its number of rows, with the inputs of that time."""
     count = recording.sizes["time"]
     first, last = (round(f * count) for f in (start, stop))
     if not 0 <= first < last <= count:
-        raise InputError(f"recording {name}: part is from where to where of its {count} rows, in fractions from 0 to 1")
+        raise InputError(f"recording {name}: part must be [start, stop], fractions from 0 to 1 of its {count} rows")
     times = recording.time.values
     return cut_time(recording, float(times[first]), float(times[last - 1]))
 
@@ -154,7 +157,9 @@ def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.D
 def in_frame(
     study: Study, name: str, raw: xr.Dataset, alignment: AlignmentEntry, normal: Array | None,
 ) -> tuple[xr.Dataset, xr.Dataset, str]:
-    """A recording's stations in the tracker's frame and in the base frame, and how the tip of a fibre was found."""
+    """Return a recording's stations in the tracker's frame, the same in the base frame, and how a fibre's tip was
+    found.
+    """
     space = bool(study.actuator.space)
     check_frame(name, raw, space=space)
     if study.fibre is not None:
@@ -174,17 +179,17 @@ def in_frame(
 
 
 def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
-    """Refuse a recording that is aligned in the plane for a study in space, and the other way round."""
+    """Raise InputError if the recording's frame (planar or spatial) does not fit `space` of the study."""
     frame = str(raw.attrs.get("frame")) if "position" in raw else "planar"
     if frame != "tracker" and space != (frame == "spatial"):
         flat = "positions in a plane" if "position" in raw else "angles alone"
         holds = "positions in space" if frame == "spatial" else flat
-        raise InputError(f"recording {name} holds {holds}, and [actuator] space is {str(space).lower()}: change that, "
-                         "or give the recording as the tracker made it")  # fmt: skip
+        raise InputError(f"recording {name} holds {holds}, but [actuator] space is {str(space).lower()}: change space, "
+                         "or use the tracker's recording before alignment")  # fmt: skip
 
 
-def combined(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
-    """The study's alignment, overruled entry by entry by what a recording states itself."""
+def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
+    """Return the study's alignment, with the entries that a recording states itself taking precedence."""
     if own is None:
         return shared
     return AlignmentEntry(stations=own.stations or shared.stations, options={**shared.options, **own.options},
@@ -192,17 +197,20 @@ def combined(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEnt
 
 
 def checked_rest(alignment: AlignmentEntry) -> tuple[float, float] | None:
-    """The rest window of a recording of angles alone; no other option of an alignment concerns it."""
+    """Return the rest window [s] of a recording of angles alone; None if the study states none.
+
+    Other options of the alignment do not apply to angles.
+    """
     rest = alignment.options.get("rest")
     if rest is None:
         return None
     if not (isinstance(rest, list) and len(rest) == 2 and all(isinstance(t, int | float) for t in rest)):
-        raise InputError(f"alignment option rest is [start, end], s, got {rest!r:.60}")
+        raise InputError(f"alignment option rest must be [start, end] in s, got {rest!r:.60}")
     return float(rest[0]), float(rest[1])
 
 
 def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
-    """Options of `align`, lists made arrays; an unknown one is refused."""
+    """Return the options of `align` that the study states; InputError for an unknown one."""
     import inspect
 
     known = [p for p in inspect.signature(align).parameters if p not in ("recording", "space")]  # [actuator] says space
@@ -225,9 +233,9 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
 
 
 def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
-    """Every station but the base; refused when another one of a few stands still too, for it may be the base.
+    """Return the names of all stations but the base; all stations if angles alone were recorded.
 
-    All stations where angles alone were recorded.
+    Raises InputError if one of a few stations does not move, since that one may be the base.
     """
     stations = [str(s) for s in recording.station.values if str(s) != base]
     if "position" not in recording:
@@ -235,14 +243,35 @@ def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
     still = [s for s in standing_stations(recording) if s in stations]
     if still and len(still) < len(stations) < DENSE_STATIONS:
         raise InputError(
-            f"recording {name}: {', '.join(still)} stands still beside the base {base!r}; name the base in "
-            f"[alignment.options], and the stations to compare with in [recordings.{name}], as stations = [...]"
+            f"recording {name}: {', '.join(still)} does not move, like the base {base!r}; name the base in "
+            f"[alignment.options], and the stations that move in [recordings.{name}], as stations = [...]"
         )
     return stations
 
 
-def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
-    """Recordings in which the body hardly moved, with the sentence that says so: they would only fit the noise."""
+def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
+    """Return the number of links that angles support, one for each angle; None if positions were recorded.
+
+    Raises
+    ------
+    InputError
+        When some recordings hold positions and others do not.
+    """
+    kinds = {name: e.without_positions for name, e in experiments.items()}
+    if len(set(kinds.values())) > 1:
+        bare = [name for name, without_positions in kinds.items() if without_positions]
+        raise InputError(f"recording {bare[0]} holds angles and no positions, but others hold positions: use "
+                         "recordings of one kind in a study")  # fmt: skip
+    if not all(kinds.values()):
+        return None
+    return max(len(e.stations) for e in experiments.values())
+
+
+def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
+    """Return the recordings in which the body hardly moved, each with a sentence that says so.
+
+    A fit to such a recording would fit its noise.
+    """
     reasons = {}
     for name, exp in experiments.items():
         unit, factor = exp.shown_in
@@ -258,7 +287,10 @@ def hardly_moved(experiments: Mapping[str, Experiment], length: float) -> dict[s
 
 
 def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) -> Study:
-    """The study with some recordings taken off its fits and model selection; InputError where none is left to fit."""
+    """Return the study without the `dropped` recordings in its fits and model selection.
+
+    Raises InputError if a fit has no training recording left.
+    """
     if not dropped:
         return study
 
@@ -267,7 +299,7 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         if not left["train"]:
             perhaps = "".join(f"; {line}" for line in doubts)
             raise InputError(
-                f"{what} has nothing to learn from: its recordings, {', '.join(entry.train)}, hardly move{perhaps}"
+                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}"
             )
         return entry.model_copy(update=left)
 
@@ -276,127 +308,17 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
     return study.model_copy(update={"fits": fits, "model_selection": selection})
 
 
-def study_model(
-    actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
-    sign: int = 1,
-) -> Model:
-    """The model of the study's actuator; `rotation` (3, 3) takes tracker vectors to the base frame.
+def inputs_in_words(entry: Recording, recording: xr.Dataset, name: str) -> list[str]:
+    """Return a sentence on the inputs of a recording: channels, kinds, and whether they were measured or commanded.
 
-    `sign` is that of the planar recordings' x axis in the base frame.
-
-    With `links`, the chain is the one laid through the recorded shape: lengths and rest angles as measured, the mass
-    shared out by length. Without, and where the actuator states none, it has the `usual` number.
+    The list is empty if all inputs are pressures and the study does not state whether they were measured.
     """
-    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter", "stations", "taper"})
-    values["source"] = dict(actuator.source)
-    if not values["space"]:
-        del values["space"]
-    if gravity := values.pop("gravity", None):
-        size = 3 if actuator.space else 2
-        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation, sign, size)
-    if sign < 0:
-        values["source"]["base_frame"] = TURNED
-    if actuator.preset:
-        defaults = dict(preset(actuator.preset).BODY)
-        values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
-    chambers = [ChamberTable(**c) for c in values.pop("chambers")]
-    tendons = [TendonTable(**c) for c in values.pop("tendons")]
-    values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
-    if actuator.taper:
-        values |= tapered(actuator, values["extensions"])
-    missing = [k for k in ("length", "mass") if k not in values]
-    if missing:
-        raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
-    if usual is not None:
-        values.setdefault("links", usual)
-    values.setdefault("stiffness", 1.0)
-    values.setdefault("damping", 1e-3)
-    if chambers or tendons:
-        for name in ("torque", "joint_gain", "valve"):
-            values.pop(name, None)  # a preset's, of its only chamber
-        joints = values.setdefault("links", 5) if links is None else links.n
-        drawn = tuple(tendon_of(entry, joints, values["length"]) for entry in tendons)
-        values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
-    else:
-        values.setdefault("torque", [0.0])
-    return fitted_out(chain_model(**values), actuator) if links is None else measured_chain(values, links)
-
-
-def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
-    """The chambers of an actuator whose chain has so many joints; in space each at its azimuth, 90 degrees by default.
-
-    There a chamber bends the body about +x, as in the plane.
-    """
-    made = []
-    for entry in entries:
-        turned = joints_of(entry, joints)
-        if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
-            raise InputError(
-                f"chamber {entry.name}: gain is one number or one for each of its {len(turned)} joints, got "
-                f"{len(entry.gain)}"
-            )
-        gain = np.zeros(joints)
-        gain[np.array(turned) - 1] = entry.gain
-        if entry.azimuth_deg is not None and not space:
-            raise InputError(f"chamber {entry.name}: azimuth_deg belongs to a body in space, [actuator] space = true")
-        azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)
-        turns = {"joint_gain": np.sin(azimuth) * gain, "cross_gain": -np.cos(azimuth) * gain} if space else {
-            "joint_gain": gain}  # fmt: skip
-        made.append(Chamber(torque=np.array(entry.torque), axial_gain=np.atleast_1d(entry.axial_gain), name=entry.name,
-                            **turns))  # fmt: skip
-    return tuple(made)
-
-
-def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
-    """The joints, from 1, that an input turns: all where it does not say."""
-    turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
-    if strange := [j for j in turned if not 1 <= j <= joints]:
-        what = "tendon" if isinstance(entry, TendonTable) else "chamber"
-        raise InputError(f"{what} {entry.name} turns joint {strange[0]}, but the chain has joints 1 to {joints}")
-    return turned
-
-
-def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
-    """The tendon of a study's table, on a chain of a `length` [m] that has so many joints."""
-    if entry.azimuth_deg is None:
-        raise InputError(f"tendon {entry.name}: state azimuth_deg, which only the recordings of a study show")
-    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed_joints(entry, length, joints)
-    values = entry.model_dump(exclude={"joints", "azimuth_deg", "taper", "stop"})
-    if entry.driven_by == "tension":
-        values["line_stiffness"] = 0.0
-    return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)
-
-
-def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
-    """The chain laid through a measured shape, with the link tips as its observed points."""
-    turns: dict[str, Any] = {"rest_angle": links.rest_angle}
-    if len(links.base) == 3:
-        space = values.get("space")
-        turned = np.pad(links.rest_angle.reshape(links.n, 2), ((0, 0), (0, 1)))
-        turns = {"space": {**(space if isinstance(space, dict) else {}), "rest_turn": turned}}
-    for key in ("length", "links", "joint_placement"):
-        values.pop(key, None)
-    lengths, before = links.link_length, float(links.node_arc_length[0])  # what lies before the first joint is rigid
-    values["source"] |= dict.fromkeys(("link_length", *turns), "chords of the recorded rest shape")
-    mass = values.pop("mass") * lengths / (lengths.sum() + before)
-    model = Model(**{**values, "link_length": lengths, "link_mass": mass, "base_length": before, **turns})  # fmt: skip
-    return model.with_(stations=model.points)
-
-
-def in_base_frame(gravity: Array, rotation: Array | None, sign: int, dimension: int = 2) -> Array:
-    """Gravity (d,) in the base frame from three numbers in the tracker's frame, or two in it but for the sign of x.
-
-    In space three numbers are in the base frame where no recording was aligned from a tracker's.
-    """
-    if dimension == 3:
-        if gravity.shape != (3,):
-            raise InputError(f"gravity of a body in space is (x, y, z) of the tracker, got {gravity.size} numbers")
-        return gravity if rotation is None else rotation @ gravity
-    if gravity.shape == (2,):
-        return gravity * [sign, 1.0]
-    if gravity.shape != (3,):
-        raise InputError(f"gravity is (x, y) of the base frame or (x, y, z) of the tracker, got {gravity.size} numbers")
-    if rotation is None:
-        raise InputError("gravity in the tracker's frame needs a recording aligned from it; give (x, y) instead")
-    turned = rotation @ gravity
-    return np.asarray(turned[:2])
+    inputs = recorded_inputs(recording)
+    if not inputs or (entry.signal is None and all(one.kind == "pressure" for one in inputs)):
+        return []
+    driven = driving(name, recording, entry.drive) if entry.drive else {}
+    listed = {kind: [f"{one.name} drives {to}" for to, one in driven.items() if one.kind == kind] for kind in MEANT}
+    if not driven:
+        listed = {kind: [one.name or "a single input" for one in inputs if one.kind == kind] for kind in MEANT}
+    listing = "; ".join(f"{', '.join(names)} ({MEANT[kind]})" for kind, names in listed.items() if names)
+    return [f"inputs, {entry.signal or 'not stated whether measured or commanded'}: {listing}"]

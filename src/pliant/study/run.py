@@ -1,4 +1,4 @@
-"""`run_study`: check, align, fit, predict, write."""
+"""`run_study`: check and align the recordings, fit models, predict the held-out recordings, and write the results."""
 
 from __future__ import annotations
 
@@ -21,45 +21,42 @@ from pliant.identification import Experiment, ModelSelection
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
-from pliant.study.angles import supported_links
-from pliant.study.azimuths import with_azimuths
+from pliant.study.aligned import Aligned
+from pliant.study.body import study_model, with_azimuths
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.doubts import of_models, of_study, units_first
+from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
 from pliant.study.fits import run_model_selection, selection_fit, stages_of
 from pliant.study.forecast import check_forecasts, run_forecasts
-from pliant.study.headline import headline
-from pliant.study.prepare import all_aligned, hardly_moved, study_experiment, study_model, without
-from pliant.study.resting import Aligned
+from pliant.study.parallel_fits import run_fits
+from pliant.study.prepare import all_aligned, study_experiment, supported_links, without, without_motion
 from pliant.study.schema import ActuatorEntry, Study
-from pliant.study.side_by_side import run_fits
-from pliant.study.verdict import verdict
-from pliant.study.wiring import compare_wirings, doubts_of
-from pliant.validation.axes import in_recorded_axes
-from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome
+from pliant.study.verdict import headline, verdict
+from pliant.study.wiring import compare_wirings, wiring_warnings
+from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome, in_recorded_axes
 from pliant.validation.store import save_results
 from pliant.version import __version__
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 WRITTEN = ("study.json", "results.nc", "report.html", "model.json", "metrics.json")  # the last marks a whole set
 
 
 def run_study(
-    study: Study, folder: str | Path | None = None, *, progress: Tell | None = None, workers: int | None = None,
+    study: Study, folder: str | Path | None = None, *, progress: Notify | None = None, workers: int | None = None,
 ) -> StudyOutcome:
-    """Run a study and, with a folder, write what it found.
+    """Run a study; if a folder is given, write its results there.
 
     Parameters
     ----------
     study : Study
-        From `load_study`.
+        Study as `load_study` returns it.
     folder : str or Path, optional
-        Takes model.json, metrics.json, study.json (resolved), results.nc and report.html. Made when absent; those files
-        in it are replaced together once all are written, others are left alone.
+        Folder for model.json, metrics.json, study.json (resolved), results.nc and report.html, created if it is absent.
+        These files are replaced together once all are written. Other files in the folder are not touched.
     progress : callable, optional
-        Called with one line for each thing done.
+        Called with a line of text after each step.
     workers : int, optional
-        Processes that make fits side by side where they take longer than a moment; default: one for each core. What is
-        found does not depend on it.
+        Number of processes that compute fits in parallel, if the fits take longer than 2 s. Default: one for each core.
+        The results do not depend on it.
 
     Returns
     -------
@@ -70,22 +67,22 @@ def run_study(
     InputError
         When a recording, an entry or the folder is not usable.
     FitError
-        When nothing can be computed: no fit, or no record of any fit. A fit, prediction, band or forecast that cannot
-        be computed beside others that can is in `StudyOutcome.not_computed`.
+        When nothing can be computed: no fit, or no recording of any fit. If only some fits, predictions, bands or
+        forecasts cannot be computed, they are listed in `StudyOutcome.not_computed`.
     """
     began = clock.perf_counter()
-    tell = progress or (lambda _line: None)
+    notify = progress or (lambda _line: None)
     with output_folder(folder) if folder is not None else nullcontext() as target:
-        ready = prepare_all(study, tell)
+        ready = prepare_all(study, notify)
         study = without(study, ready.dropped, ready.doubts).model_copy(update={"actuator": ready.actuator})
         check_forecasts(study, ready.experiments)
         prepared = clock.perf_counter()
-        wirings = compare_wirings(study, ready.bodies, ready.model, tell)
-        ends, selection = all_fits(study, ready, tell, workers)
+        wirings = compare_wirings(study, ready.bodies, ready.model, notify)
+        ends, selection = all_fits(study, ready, notify, workers)
         fits, failed = computed(ends)
         fitted = clock.perf_counter()
         first = fits[0].result
-        failures = Failures(fits[0].name, tell)
+        failures = Failures(fits[0].name, notify)
         results = {"": first, **{fit.name: fit.result for fit in fits}}
         forecasts = run_forecasts(study, ready.experiments, results, failures)
         outcome = StudyOutcome(
@@ -93,8 +90,8 @@ def run_study(
             forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
             {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
-            doubts=(*ready.doubts, *doubts_of(wirings),
-                    *of_models([(f.title, f.result.model) for f in fits], study.actuator)),
+            doubts=(*ready.doubts, *wiring_warnings(wirings),
+                    *model_warnings([(f.title, f.result.model) for f in fits], study.actuator)),
         )
         outcome = replace(
             outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -104,32 +101,32 @@ def run_study(
             {n: e.x_sign for n, e in ready.experiments.items()},
         )
         if target is not None:
-            outcome = write_outcome(study, outcome, target, began, tell)
+            outcome = write_outcome(study, outcome, target, began, notify)
         return outcome
 
 
 def all_fits(
-    study: Study, ready: PreparedStudy, tell: Tell, workers: int | None,
+    study: Study, ready: PreparedStudy, notify: Notify, workers: int | None,
 ) -> tuple[list[tuple[str, FitOutcome | Exception]], ModelSelection | None]:
-    """The stage that the model hierarchy chose and every fit, each with its name or the error that it ended in."""
+    """Return (name, outcome or error) of the selected stage and of every fit, and the result of the model selection."""
     ends: list[tuple[str, FitOutcome | Exception]] = []
     chosen = None
     try:
-        chosen = run_model_selection(study, ready.experiments, ready.model, tell)
-        ends += [("model_selection", selection_fit(study, chosen, ready.experiments, tell))] if chosen else []
+        chosen = run_model_selection(study, ready.experiments, ready.model, notify)
+        ends += [("model_selection", selection_fit(study, chosen, ready.experiments, notify))] if chosen else []
     except FAILED as error:
-        tell(f"warning: {fit_failure('model_selection', error).sentence}")
+        notify(f"warning: {fit_failure('model_selection', error).sentence}")
         ends.append(("model_selection", error))
-    return ends + run_fits(study, ready.experiments, ready.model, tell, workers), chosen
+    return ends + run_fits(study, ready.experiments, ready.model, notify, workers), chosen
 
 
 def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[FitOutcome, ...], list[NotComputed]]:
-    """The fits that could be computed and those that could not.
+    """Return the fits that could be computed, and entries for those that could not.
 
     Raises
     ------
     InputError, FitError
-        Where no record of any fit could be computed.
+        When no recording of any fit could be computed.
     """
     fits = tuple(end for _, end in ends if isinstance(end, FitOutcome))
     errors = {name: end for name, end in ends if isinstance(end, Exception)}
@@ -142,40 +139,40 @@ def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[
 
 
 class PreparedStudy(NamedTuple):
-    """The recordings of a study, ready for fits."""
+    """The recordings of a study as experiments, with its model, ready for fits."""
 
     experiments: dict[str, Experiment]
-    model: Model  # as the study's actuator says, laid through the shape that decides the chain
-    actuator: ActuatorEntry  # as the study states it, with the azimuths that it leaves out
+    model: Model  # of the study's actuator, with links on the dense shape if there is one
+    actuator: ActuatorEntry  # as the study states it, with missing azimuths estimated
     findings: dict[str, tuple[str, ...]]
     provenance: dict[str, str]
     bodies: Mapping[str, xr.Dataset]  # the aligned recordings
-    shape: Shape | None  # of the recording that decides the chain, where shapes are dense
-    dropped: Mapping[str, str]  # recordings that tell nothing, with the sentence that says why
+    shape: Shape | None  # of the recording that determines the links, for dense shapes
+    dropped: Mapping[str, str]  # recordings without usable motion, each with the reason
     clocks: dict[str, Clocks]  # of recordings whose pressure was moved onto the shape's clock
-    doubts: tuple[str, ...]  # what looks wrong in recordings and body
+    doubts: tuple[str, ...]  # warnings about recordings and body
 
 
-def prepare_all(study: Study, tell: Tell) -> PreparedStudy:
-    """Read, align and, where the shape is dense, reduce every recording."""
+def prepare_all(study: Study, notify: Notify) -> PreparedStudy:
+    """Read and align every recording of the study, and reduce dense shapes to links."""
     if study.model_selection:
-        stages_of(study.model_selection)  # refused before any work is done
+        stages_of(study.model_selection)  # raises InputError before any work is done
     aligned = all_aligned(study)
-    doubts = of_study(aligned)
+    doubts = recording_warnings(aligned)
     for line in doubts:
-        tell(f"warning: {line}")
+        notify(f"warning: {line}")
     doubted = {f"{n} {check}": f"recording {n}: {line}" for n, a in aligned.items() for check, line in a.doubts.items()}
-    with units_first(doubted):
-        return assembled(study, aligned, doubts, tell)
+    with unit_warning_first(doubted):
+        return assembled(study, aligned, doubts, notify)
 
 
-def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], tell: Tell) -> PreparedStudy:
-    """Experiments and model of the study, from its recordings in the base frame."""
+def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, ...], notify: Notify) -> PreparedStudy:
+    """Build the experiments and the model of the study from its recordings in the base frame."""
     shape = None
     if study.reduction:
         name = study.reduction.recording or next(iter(aligned))
         shape = shape_of(name, aligned[name].body, aligned[name].tip, study.reduction)
-        tell(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
+        notify(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}
     rotation = None
     for name, one in aligned.items():
@@ -189,16 +186,16 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
         if rotation is None and "alignment" in recording.attrs:
             rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
-            tell(f"{name}: {clocks.message}")
+            notify(f"{name}: {clocks.message}")
         unit, factor = reduced.shown_in
-        tell(f"prepared {name}: {reduced.time.size} frames, travel {factor * reduced.travel:.3g} {unit}")
-    actuator = with_azimuths(study, experiments, tell)
+        notify(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
+    actuator = with_azimuths(study, experiments, notify)
     model = study_model(actuator, rotation, shape.links if shape else None, supported_links(experiments),
                         min((e.x_sign for e in experiments.values()), default=1))
-    dropped = hardly_moved(experiments, model.length)
+    dropped = without_motion(experiments, model.length)
     idle = {n: reason for n, e in experiments.items() if (reason := at_rest(model, e))}
     for line in (*dropped.values(), *idle.values()):
-        tell(line)
+        notify(line)
     findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     bodies = {n: a.body for n, a in aligned.items()}
@@ -207,8 +204,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     )
 
 
-def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, tell: Tell) -> StudyOutcome:
-    """Write study, results, report, model and metrics as one set: no file of one run beside those of another."""
+def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, notify: Notify) -> StudyOutcome:
+    """Write study, results, report, model and metrics as one set, so that files of different runs never mix."""
     from pliant.view.report import write_report  # loaded when something is written
 
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)
@@ -221,10 +218,10 @@ def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: floa
         save_model(outcome.model, draft / "model.json")
         outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
         write_text(draft / "metrics.json", json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n")
-    tell(f"wrote {folder / 'report.html'}")
+    notify(f"wrote {folder / 'report.html'}")
     return outcome
 
 
 def run_id(outcome: StudyOutcome) -> str:
-    """Digest of everything that metrics.json holds, times taken among it: no two runs share it."""
+    """Return a digest of everything in metrics.json, run times included, so that it differs between runs."""
     return sha256(json.dumps(outcome.to_dict(), allow_nan=False).encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""The study file (TOML, or the JSON that a run leaves behind): its entries and their checks."""
+"""The entries of a study file (TOML, or the JSON that a run writes) and the checks of their values."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pliant.errors import InputError, explain_validation
 from pliant.files import read_entries
+from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
-from pliant.identification.recorded import Excitation
 from pliant.model import Station
 from pliant.simulation.forces import PointForce
-from pliant.study.questions import refuse_mapping, refuse_open
-from pliant.study.shorthand import written_out
+from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise"]
@@ -26,71 +25,74 @@ Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard 
 
 
 class StudyEntry(BaseModel):
-    """A table of the study file; an unknown key is an error, never ignored."""
+    """A table of the study file; an unknown key in it is an error."""
 
     model_config = ConfigDict(extra="forbid")
 
 
 class ChamberTable(StudyEntry):
-    """One of several chambers: the joints that it turns, and its torque law."""
+    """One of several chambers: the joints on which it acts, and its torque law."""
 
     name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
-    joints: list[int] | None = Field(default=None, min_length=1)  # from 1, the first; default: all
+    joints: list[int] | None = Field(default=None, min_length=1)  # numbered from 1; default: all
     torque: list[float] = [0.0]  # N m/Pa^k
-    gain: float | list[float] = 1.0  # share of the law that those joints feel; below 0: bends to the other side
+    gain: float | list[float] = 1.0  # factor on the torque at those joints; below 0: bends to the other side
     azimuth_deg: float | None = None  # in space: around the axis, from x of the base frame towards y
-    axial_gain: float | list[float] = 0.0  # 1/m, axial force in parts of the torque; 1 / offset by geometry
+    axial_gain: float | list[float] = 0.0  # 1/m, axial force per torque; by geometry 1 / offset from the axis
 
 
 class TendonTable(StudyEntry):
-    """One tendon of a body in space, or a pair on one motor; see `pliant.model.Tendon`."""
+    """One tendon of a body in space, or a pair of tendons on one motor; see `pliant.model.Tendon`."""
 
     name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
     driven_by: Literal["tension", "displacement", "angle"]
-    joints: list[int] | None = Field(default=None, min_length=1)  # that it passes, from 1; default: all
-    azimuth_deg: float | None = None  # around the axis, from x of the base frame towards y; default: as the tip moves
-    lever: float = Field(gt=0)  # m, distance from the axis, at the base where it changes
-    taper: float = 0.0  # by how much it comes nearer to the axis for each length along it
+    joints: list[int] | None = Field(default=None, min_length=1)  # joints that it passes, numbered from 1; default: all
+    azimuth_deg: float | None = None  # around the axis, from x of the base frame to y; default: estimated from the tip
+    lever: float = Field(gt=0)  # m, distance from the axis; at the base if it changes
+    taper: float = 0.0  # decrease of the distance from the axis per length along it
     stop: float | None = Field(default=None, gt=0)  # m from the base, where it ends; default: the last of its joints
-    line_stiffness: float = Field(1000.0, gt=0)  # N/m; not of one driven by its tension
-    pretension: float = 0.0  # N; below 0 it hangs slack
-    pulley: float = Field(0.0, ge=0)  # m, radius; of one driven by an angle
+    line_stiffness: float = Field(1000.0, gt=0)  # N/m; unused if driven by tension
+    pretension: float = 0.0  # N; below 0: the tendon is slack at rest
+    pulley: float = Field(0.0, ge=0)  # m, radius; used if driven by an angle
     pair: bool = False  # two opposite tendons on one motor
     friction: float = Field(0.0, ge=0)  # coefficient along the path
-    slip_rate: float = Field(1e-3, gt=0)  # m/s, over which friction changes its direction
+    slip_rate: float = Field(1e-3, gt=0)  # m/s, width of the smooth sign change of friction
 
 
 class ExtensionTable(StudyEntry):
-    """A segment of the body that lengthens, between two places along it."""
+    """A segment of the body that lengthens, between two positions along it."""
 
     name: str = Field("body", min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
     start: float = 0.0  # m, from the base
     stop: float | None = None  # m; default: the tip
     stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
     damping: float = Field(0.0, ge=0)  # N s
+    stiffening: float | None = None  # s of an axial spring EA e (1 + s e + a e^2); default: a linear one
+    cubic_stiffening: float | None = None  # a of the same
+    stiffening_bound: float | None = Field(None, ge=0, lt=1)  # f: what s does to the slope at most, in parts of EA
 
 
 class TaperTable(StudyEntry):
-    """A solid round body whose radius changes along it: stiffness and mass follow, and the stiffness of extensions."""
+    """A solid round body whose radius changes along it, from which stiffness, mass and axial stiffness are computed."""
 
-    at: list[float] = Field(min_length=2)  # m from the base; straight lines between
+    at: list[float] = Field(min_length=2)  # m from the base; the radius is linear between these positions
     radius: list[float] = Field(min_length=2)  # m
     modulus: float = Field(gt=0)  # Pa, of elasticity
     density: float = Field(gt=0)  # kg/m^3
 
 
 class StationTable(StudyEntry):
-    """Where an observed point is on the body; without it that is read off the first frames, the body unloaded."""
+    """The position of an observed point on the body; without it, the first frames determine the position."""
 
     name: str
     at: float  # m along the body, from the base
-    along: float = 0.0  # m beyond that
+    along: float = 0.0  # m, added to at, along the link
     across: float = 0.0  # m, to the left of the link
     aside: float = 0.0  # m, out of the plane
 
 
 class SpaceTable(StudyEntry):
-    """Entries of a body in space."""
+    """Properties of a body that moves in space."""
 
     stiffness_ratio: float = Field(1.0, gt=0)  # bending stiffness about y over that about x
     twist_ratio: float = Field(0.0, ge=0)  # torsional over bending stiffness; 0: the chain does not twist
@@ -98,11 +100,11 @@ class SpaceTable(StudyEntry):
 
 
 class ActuatorEntry(StudyEntry):
-    """The body, SI. A preset gives all of it; other entries overrule the preset."""
+    """The body, in SI units; entries take precedence over the preset, if one is named."""
 
     preset: str | None = None  # a module of pliant.actuators
     length: float | None = None  # m, of the part that bends
-    base_length: float | None = Field(None, ge=0)  # m, rigid between the base and the part that bends
+    base_length: float | None = Field(None, ge=0)  # m, rigid part between the base and the part that bends
     mass: float | None = None  # kg, without the tip mass
     links: int | None = Field(None, ge=1, le=64)
     joint_placement: Literal["base", "midsegment"] | None = None
@@ -110,54 +112,54 @@ class ActuatorEntry(StudyEntry):
     tip_mass: float | None = None  # kg
     stiffness: float | list[float] | None = None  # N m/rad
     damping: float | list[float] | None = None  # N m s/rad
-    torque: list[float] | None = None  # N m/Pa^k, of the only chamber
-    chambers: list[ChamberTable] = []  # in its place, where there are several
-    tendons: list[TendonTable] = []  # in their place or beside them, of a body in space
+    torque: list[float] | None = None  # N m/Pa^k, of a single chamber
+    chambers: list[ChamberTable] = []  # several chambers, instead of torque
+    tendons: list[TendonTable] = []  # tendons of a body in space, instead of chambers or with them
     extensions: list[ExtensionTable] = []  # segments that lengthen
     taper: TaperTable | None = None  # in place of mass and stiffness
     stations: list[StationTable] = []  # observed points
     rest_angle: float | list[float] | None = None  # rad
-    gravity: list[float] | None = None  # m/s^2, (x, y) as force_n has them or (x, y, z) of the tracker
+    gravity: list[float] | None = None  # m/s^2, (x, y) in the same axes as force_n, or (x, y, z) of the tracker
     space: bool | SpaceTable = False  # the body moves in space, not in a plane
-    section_area: float | None = Field(None, gt=0)  # m^2 of solid section, against which a fitted mass is checked
-    diameter: float | None = Field(None, gt=0)  # m, outer: density, modulus and torque are checked with it
+    section_area: float | None = Field(None, gt=0)  # m^2 of solid section, used to check a fitted mass
+    diameter: float | None = Field(None, gt=0)  # m, outer, used to check density, modulus and torque
     source: dict[str, str] = {}
 
 
 class AlignmentEntry(StudyEntry):
-    """From the tracker to the base frame: which markers make a station, and the options of `pliant.align`."""
+    """The transformation from the tracker to the base frame: markers of each station, and options of `pliant.align`."""
 
     stations: dict[str, Any] = {}  # name -> list of markers, or a table; see pliant.assemble
     options: dict[str, Any] = {}  # base, tangent, plane, ...
-    swaps: Literal["undo", "exclude"] | None = None  # what to do where labels are exchanged; None: nothing
-    common_rest: bool = False  # all recordings are moved to rest where the first one does; of the study's alignment
+    swaps: Literal["undo", "exclude"] | None = None  # treatment of exchanged labels; None: unchanged
+    common_rest: bool = False  # shift all recordings to the rest position of the first; study's alignment only
 
 
 class Fibre(StudyEntry):
-    """A fibre along the body: its tip marked by a cap of constant curvature, or its base at a known length."""
+    """A fibre along the body; its tip is marked by a cap of constant curvature, or its base is at a known length."""
 
     body_length: float  # m, along the fibre
-    cap_curvature: float | None = None  # 1/m, its sign as the body bends under positive pressure
+    cap_curvature: float | None = None  # 1/m, positive if it bends as the body does under positive pressure
     cap_length: float | None = None  # m; the base is one body length before the cap
-    start: float | None = Field(default=None, ge=0)  # m along the fibre to the base, where no cap marks the tip
+    start: float | None = Field(default=None, ge=0)  # m along the fibre to the base, if no cap marks the tip
     gauge_length: float | None = None  # m, over which the sensor averages
     rest: tuple[float, float] | None = None  # s, when the body is at rest; default: before the pressure or the motion
-    clamp_length: float = 0.012  # m of straight fibre at its start, held in the clamp: gives the base tangent
+    clamp_length: float = 0.012  # m of straight fibre in the clamp, which gives the base tangent
 
 
     @model_validator(mode="after")
     def one_end(self) -> Fibre:
-        """The body is found by its cap or by where it starts."""
+        """Check that the entry states either the cap (curvature and length) or `start`, not both."""
         capped = self.cap_curvature is not None and self.cap_length is not None
         if capped == (self.start is not None) or (self.cap_curvature is None) != (self.cap_length is None):
-            raise ValueError("a fibre has cap_curvature and cap_length, or start")
+            raise ValueError("[fibre] needs either cap_curvature and cap_length, or start")
         return self
 
 
 class Reduction(StudyEntry):
-    """From a dense shape to links."""
+    """The approximation of a dense shape by links."""
 
-    recording: str | None = None  # whose shape decides; default: the first
+    recording: str | None = None  # recording whose shape determines the links; default: the first
     links: int | None = Field(None, ge=1, le=64)  # None: the lowest order within the bound
     bound_mm: float = Field(3.0, gt=0)
     max_order: int = Field(8, ge=2, le=64)
@@ -167,60 +169,60 @@ class Reduction(StudyEntry):
 
 
 class KnownForce(StudyEntry):
-    """A known force at a point of the body, as of a thread that pulls; straight lines between the times."""
+    """A known force at a point of the body, such as a pulling thread; linear between the times."""
 
-    station: str | None = None  # a point of the model
-    link: int | None = Field(None, ge=1)  # or a place on a link, 1 the first
-    along: float | None = None  # m, from the joint, with a link
+    station: str | None = None  # name of a point of the model
+    link: int | None = Field(None, ge=1)  # or a link, numbered from 1
+    along: float | None = None  # m, position on that link from its joint
     across: float = 0.0  # m, to the left of the link
     time_s: list[float]
     force_n: list[tuple[float, float]]  # in the axes of a planar recording, in the base frame of a tracked one
 
     @model_validator(mode="after")
     def one_place(self) -> KnownForce:
-        """A force has one place."""
+        """Check that the force acts either at a station or at a position on a link, not both."""
         if (self.station is None) == (self.link is None) or (self.link is None) != (self.along is None):
-            raise ValueError("a known force pulls at a station, or at a link with along (and across)")
+            raise ValueError("a known force needs either station, or link with along (and across)")
         return self
 
     def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force as an experiment takes it, with the sign of the recording's x axis in the base frame."""
-        at = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
-        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], at)
+        """Return the force in the base frame, whose x axis is `x_sign` (1 or -1) times that of the recording."""
+        point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
+        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
 
 
 class Recording(StudyEntry):
-    """One recording; see `shorthand` for defaults and many trials in one file."""
+    """One recording of a study; `shorthand` describes defaults and entries for many trials in one file."""
 
     file: str
     mapping: dict[str, Any] | None = None
     format: str | None = None
-    pressure_file: str | None = None  # a log of the pressure, apart from the shape
+    pressure_file: str | None = None  # separate file with the log of the pressure
     pressure_mapping: dict[str, Any] | None = None
-    clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align another file's
-    signal: Literal["measured", "commanded"] | None = None  # what its inputs are, where that is known
-    staircase: Literal["lines"] | None = None  # inputs held between updates: straight lines between their changes
-    window: tuple[float, float] | None = None  # s on the clock of the shape: the part that is used
-    part: tuple[float, float] | None = None  # of its rows, from 0 to 1: the part that is used
+    clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align a separate log
+    signal: Literal["measured", "commanded"] | None = None  # kind of its inputs, if that is known
+    staircase: Literal["lines"] | None = None  # inputs held between updates are replaced by lines between their changes
+    window: tuple[float, float] | None = None  # s on the clock of the shape: the part to use
+    part: tuple[float, float] | None = None  # fractions of its rows, 0 to 1: the part to use
     excitation: Excitation | None = None
-    held: Literal["unloaded", "measured"] = "unloaded"  # where a body that is let go was held before
+    held: Literal["unloaded", "measured"] = "unloaded"  # position from which the body was released
     nominal_pressure: float | None = None
     pressure_unit: str = "Pa"  # of nominal_pressure
     allow_low_pressure: bool = False  # a highest pressure below 1 kPa is right, not a wrong unit
-    stations: list[str] | None = None  # which to compare with, in order, the tip last
+    stations: list[str] | None = None  # stations to compare with, in order, tip last
     known: dict[str, float] = {}  # parameters of this recording alone, SI
-    noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, where it is known
+    noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, if known
     drive: dict[str, str | int] = {}  # chamber of the model -> chamber of the recording, by name or index from 0
     poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median
     inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
-    own_places: bool = False  # read the places of its stations off its own first frames, the chain at rest
-    angles: Angles = False  # fit the recorded angles too (of a reduced shape: those of its joints), or "only" them
+    own_places: bool = False  # station positions from this recording's first frames, at rest
+    angles: Angles = False  # fit the angles too (of a dense shape: of its joints), or "only" them
     forces: list[KnownForce] = []
-    alignment: AlignmentEntry | None = None  # its entries overrule the study's
+    alignment: AlignmentEntry | None = None  # takes precedence over the study's
 
 
 class Fit(StudyEntry):
-    """One fit: what is free, what it learns from, what it must predict; see `shorthand` for `like` and `without`."""
+    """One fit: its free parameters, training and held-out recordings; `shorthand` describes `like` and `without`."""
 
     title: str = ""
     train: list[str]
@@ -231,12 +233,12 @@ class Fit(StudyEntry):
     starts: int = Field(3, ge=1, le=100)
     joint_placement: Literal["base", "midsegment"] | None = None  # of this fit; default: the actuator's
     links: int | None = Field(None, ge=1, le=100)  # of this fit; default: the study's
-    regularise: bool = False  # fit although the recordings do not tell the parameters apart
+    regularise: bool = False  # fit even if the recordings do not determine all parameters
     bootstrap: int = Replicates
 
 
 class SelectionEntry(StudyEntry):
-    """Models from the given one upwards, each freeing more; the held-out records say which becomes the study's."""
+    """Model selection: stages with more and more free parameters, chosen by their error on the held-out recordings."""
 
     train: list[str]
     held_out: list[str] = []
@@ -249,42 +251,42 @@ class SelectionEntry(StudyEntry):
 
 
 class WiringEntry(StudyEntry):
-    """Wirings to compare: which recorded pressure drives which chamber."""
+    """Wirings to compare; a wiring says which recorded pressure drives which chamber."""
 
-    fit: str = ""  # whose parameters and training records; default: the first
-    drives: dict[str, dict[str, str | int]] = {}  # by name; default: every order of the pressures that are stated
+    fit: str = ""  # fit whose parameters and training recordings are used; default: the first
+    drives: dict[str, dict[str, str | int]] = {}  # by name; default: every permutation of the stated pressures
 
 
 class ForecastEntry(StudyEntry):
     """A prediction for a case that was not recorded."""
 
     title: str = ""
-    like: str  # the recording whose excitation it shares
-    fit: str = ""  # whose model predicts; default: the study's
+    like: str  # recording with the same excitation
+    fit: str = ""  # fit whose model predicts; default: the first
     known: dict[str, float] = {}
     level: float | None = None
-    pressures: dict[str, float] = {}  # chamber -> highest, on the recording's course; others stay as they began
+    pressures: dict[str, float] = {}  # chamber -> peak, with the recording's time series; others stay constant
     pressure_unit: str = "Pa"
 
 
 class Targets(StudyEntry):
-    """Targets by which the verdict judges the predictions."""
+    """Limits of the prediction errors, with which the report compares the results."""
 
     rmse_percent_of_travel: float | None = None
-    frequency_percent: float | None = None  # of large and of small swings, where a record shows both
+    frequency_percent: float | None = None  # for large and small swings, if both were recorded
     damping_percent: float | None = None  # of the damping ratio, likewise
     steady_state_percent: float | None = None
 
 
 class Study(StudyEntry):
-    """A study file."""
+    """The content of a study file."""
 
     name: str
     title: str = ""
     description: str = ""
     actuator: ActuatorEntry
-    camera: dict[str, Any] | None = None  # of every recording that a tracker made of a video
-    mapping: dict[str, Any] = {}  # of every recording; what a recording's own says overrules it
+    camera: dict[str, Any] | None = None  # for all recordings made by a tracker from a video
+    mapping: dict[str, Any] = {}  # for all recordings; a recording's own mapping takes precedence
     alignment: AlignmentEntry = AlignmentEntry()
     fibre: Fibre | None = None
     reduction: Reduction | None = None
@@ -297,16 +299,16 @@ class Study(StudyEntry):
     sweep: Sweep | None = None
     step: float = Field(2e-3, gt=0, le=0.1)  # s, of the integration
     seed: int = 0
-    folder: str = "."  # where relative file names start; set when the study is loaded
+    folder: str = "."  # start of relative file names; set when the study is loaded
 
 
 def load_study(path: str | Path) -> Study:
-    """Read and check a study file.
+    """Read a study file, check its entries and return the study.
 
     Parameters
     ----------
     path : str or Path
-        TOML, or JSON as a run writes it.
+        TOML file, or the JSON file that a run writes.
 
     Raises
     ------
@@ -325,7 +327,7 @@ def load_study(path: str | Path) -> Study:
         content = read_entries(path, "study")
         refuse_open(content, path)
         refuse_mapping(content, path)
-        study = Study.model_validate(written_out(content, path))
+        study = Study.model_validate(expanded(content, path))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}") from None
     check_names(study, path)
@@ -333,7 +335,10 @@ def load_study(path: str | Path) -> Study:
 
 
 def check_names(study: Study, path: Path) -> None:
-    """Every recording that is used is listed, and no record is trained on and held out at once."""
+    """Check that every used recording is listed, and that no fit trains on a recording that it holds out.
+
+    Raises InputError otherwise.
+    """
     if not study.recordings or not (study.fits or study.model_selection):
         raise InputError(
             f"study {path} needs at least one entry under [recordings] and one under [fits], or [model_selection]"
@@ -345,76 +350,76 @@ def check_names(study: Study, path: Path) -> None:
     for name, fit in learning.items():
         for record in [*fit.train, *fit.held_out]:
             if record not in study.recordings:
-                raise InputError(f"study {path}: fit {name} uses recording {record!r}; listed are {listed}")
+                raise InputError(f"study {path}: fit {name} uses recording {record!r}, not one of {listed}")
         both = set(fit.train) & set(fit.held_out)
         if both or not fit.train:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
-            raise InputError(f"study {path}: fit {name} {problem}")
+            raise InputError(f"study {path}: fit {name} {problem}: correct its train or held_out")
     check_reduction(study, path)
     check_forecast_names(study, path)
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
-        raise InputError(f"study {path}: the name of a recording or forecast has no dot, got {bad[0]!r}")
+        raise InputError(f"study {path}: the name of a recording or forecast must not have a dot, got {bad[0]!r}")
     check_chambers(study, path)
     check_parameters(study, path)
 
 
 def check_forecast_names(study: Study, path: Path) -> None:
-    """Every forecast is like a recording that is listed, and by a fit that is."""
+    """Check that every forecast names a listed recording and a listed fit."""
     for name, entry in study.forecasts.items():
         if entry.like not in study.recordings:
             listed = ", ".join(study.recordings)
-            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}; listed are {listed}")
+            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}, not one of {listed}")
         if entry.fit and entry.fit not in study.fits:
             fits = ", ".join(study.fits)
-            raise InputError(f"study {path}: forecast {name} is of fit {entry.fit!r}; there are {fits}")
+            raise InputError(f"study {path}: forecast {name} uses fit {entry.fit!r}, which is not one of {fits}")
 
 
 def check_reduction(study: Study, path: Path) -> None:
-    """The shape that decides the chain is listed, and no fit places the joints again."""
+    """Check that [reduction] names a listed recording, and that no fit states links or joint placement besides."""
     if study.reduction is None:
         return
     if study.reduction.recording not in (None, *study.recordings):
         listed = ", ".join(study.recordings)
-        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}; listed are {listed}")
+        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of {listed}")
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
-        own = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
-        raise InputError(f"study {path}: fit {placed[0]} has {own}, and [reduction] places the joints of the "
-                         "study: state it there")  # fmt: skip
+        entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
+        raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "
+                         "in [reduction]")  # fmt: skip
 
 
 def check_chambers(study: Study, path: Path) -> None:
-    """Recordings drive chambers that the actuator has; it has a torque law or chambers, not both.
+    """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive existing ones.
 
-    Chambers and tendons stand on joints, so no fit has another number of links than theirs.
+    Chambers and tendons act on numbered joints, so that a fit cannot change the number of links.
     """
     jointed = study.actuator.chambers or study.actuator.tendons
     if jointed and (other := [n for n, f in study.fits.items() if f.links]):
-        raise InputError(f"study {path}: fit {other[0]} has links of its own, and {jointed[0].name} acts on joints of "
-                         "the actuator's: state links in [actuator], in a study for each number")  # fmt: skip
+        raise InputError(f"study {path}: fit {other[0]} states links, but {jointed[0].name} acts on numbered joints of "
+                         "[actuator]: state links in [actuator], in a separate study for each number")  # fmt: skip
     inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
     names = inputs or ["chamber"]
     if inputs and study.actuator.torque is not None:
-        raise InputError(f"study {path}: give [actuator] torque, of the only chamber, or [[actuator.chambers]]")
+        raise InputError(f"study {path}: state either torque in [actuator], for one chamber, or [[actuator.chambers]]")
     if study.actuator.tendons and not study.actuator.space:
-        raise InputError(f"study {path}: [[actuator.tendons]] pull at a body in space: [actuator] space = true")
+        raise InputError(f"study {path}: [[actuator.tendons]] needs a body in space: set space = true in [actuator]")
     driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
     driven |= {f"recording {n}": r.drive for n, r in study.recordings.items()}
     if study.wiring:
         driven |= {f"wiring {n}": drive for n, drive in study.wiring.drives.items()}
         if study.reduction is not None:
-            raise InputError(f"study {path}: [wiring] compares bodies of few stations, not with [reduction]")
+            raise InputError(f"study {path}: [wiring] cannot be used with [reduction]: remove one of them")
         if not study.fits or study.wiring.fit not in ("", *study.fits):
             listed = f": use one of {', '.join(study.fits)}" if study.fits else ": add one under [fits]"
-            raise InputError(f"study {path}: [wiring] compares by fit {study.wiring.fit or '(the first)'!r}{listed}")
+            raise InputError(f"study {path}: [wiring] uses unknown fit {study.wiring.fit or '(the first)'!r}{listed}")
     for where, chambers in driven.items():
         if strange := [c for c in chambers if c not in names]:
             raise InputError(
-                f"study {path}: {where} drives the chamber {strange[0]!r}; the actuator has {', '.join(names)}"
+                f"study {path}: {where} drives the chamber {strange[0]!r}, but the actuator has {', '.join(names)}"
             )
 
 
 def check_parameters(study: Study, path: Path) -> None:
-    """Every parameter that is fitted or known exists and is possible: said before any work is done."""
+    """Check that every parameter that is fitted or known exists and has a possible value, before any computation."""
     tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
     tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}

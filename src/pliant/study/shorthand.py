@@ -1,11 +1,12 @@
-"""Shorthand of study files: `[recordings.defaults]`, one entry for many trials, a fit like another.
+"""Text of a study file before its entries are checked: abbreviations, and open questions marked "?".
 
-A file is written out in full before it is checked; the study that a run leaves behind is the full one.
+The abbreviations are `[recordings.defaults]`, one entry for many trials, and a fit like another. They are expanded
+before the file is checked. The study that a run writes is the expanded one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,20 @@ from pliant.errors import InputError, shown
 
 Table = dict[str, Any]
 DEFAULTS = "defaults"
+OPEN = "?"
 
 
-def written_out(content: Any, path: Path) -> Any:
-    """The content of the study file `path` with everything that stands for something else written out.
+def expanded(content: Any, path: Path) -> Any:
+    """Return the content of the study file `path` with all abbreviations expanded.
 
     Raises
     ------
     InputError
-        When trials have no values or names of their own, a fit is like none, like itself, or without what it has not.
+        When trials have no values or the same name, a fit is like an unknown fit or like itself, or `without` names a
+        parameter that the fit does not have.
     """
     if not isinstance(content, Mapping):
-        return content  # the schema says what is wrong with it
+        return content  # the schema reports the error
     content = dict(content)
     groups: dict[str, list[str]] = {}
     if tables(content.get("recordings")):
@@ -37,12 +40,12 @@ def written_out(content: Any, path: Path) -> Any:
 
 
 def tables(content: Any) -> bool:
-    """Whether `content` is a table of tables."""
+    """Return whether `content` is a table whose entries are all tables."""
     return isinstance(content, Mapping) and all(isinstance(entry, Mapping) for entry in content.values())
 
 
 def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
-    """`shared` overruled by `own`, tables entry by entry; what `shared` has comes first."""
+    """Return `shared` merged with `own`, which takes precedence, table by table; keys of `shared` come first."""
     both = dict(shared)
     for key, value in own.items():
         old = both.get(key)
@@ -51,42 +54,45 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
 
 
 def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """Every recording with the defaults put in, and the names of the trials of each entry that stands for many."""
+    """Return every recording with the defaults merged in, and the trial names of each entry that selects
+    many trials.
+    """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
-        raise InputError(f"study {path}: [recordings.{DEFAULTS}] selects trials: say in one recording which those are")
+        raise InputError(f"study {path}: [recordings.{DEFAULTS}] has select: state it in a single recording instead")
     groups = {name: trials(name, entry["select"], path) for name, entry in listed.items() if "select" in entry}
-    own = {trial for names in groups.values() for trial in names}
-    found: dict[str, Table] = {}
+    selected = {trial for names in groups.values() for trial in names}
+    expanded_entries: dict[str, Table] = {}
     for name, entry in listed.items():
-        if name == DEFAULTS or name in own:
+        if name == DEFAULTS or name in selected:
             continue
         if name not in groups:
-            found[name] = merged(shared, entry)
+            expanded_entries[name] = merged(shared, entry)
             continue
         column, values = entry["select"]["column"], entry["select"]["values"]
         rest = {key: value for key, value in entry.items() if key != "select"}
         for trial, value in zip(groups[name], values, strict=True):
             picked = merged(merged(shared, rest), {"mapping": {"select": {"column": column, "value": value}}})
-            found[trial] = merged(picked, listed.get(trial, {}))
-    return found, groups
+            expanded_entries[trial] = merged(picked, listed.get(trial, {}))
+    return expanded_entries, groups
 
 
 def trials(name: str, select: Any, path: Path) -> list[str]:
-    """Names of the trials that the entry `name` stands for."""
+    """Return the names of the trials that the entry `name` selects, such as name_3."""
     form = 'select = { column = "ID", values = [0, 3, 4] }'
     if not isinstance(select, Mapping) or set(select) != {"column", "values"}:
-        raise InputError(f"study {path}: recording {name} selects trials as {form}, got select = {select!r:.80}")
+        raise InputError(f"study {path}: recording {name} needs {form}, got select = {select!r:.80}")
     values = select["values"]
     if not isinstance(values, list) or not values or not all(type(v) is int for v in values):
-        raise InputError(f"study {path}: recording {name} selects trials by whole numbers, {form}, got {values!r:.80}")
+        raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
+                         f"{values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice: {values!r:.80}")
+        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}")
     return [f"{name}_{value}" for value in values]
 
 
 def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
-    """A fit that names trials one by one where it named the entry that stands for all of them."""
+    """Return a fit in which the name of an entry with many trials is replaced by the names of these trials."""
     lists = {key: fit[key] for key in ("train", "held_out") if isinstance(fit.get(key), list)}
     return {**fit, **{
         key: [name for r in records for name in (groups.get(r, [r]) if isinstance(r, str) else [r])]
@@ -95,25 +101,53 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
 
 
 def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
-    """A fit in full: the one that it is `like`, overruled by its own entries, less the parameters it is `without`."""
+    """Return a fit in full: the fit that it is `like`, with its own entries, less the parameters in `without`."""
     own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}; the others are {listed or 'none'}")
+            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}")
         if like in (*above, name):
             raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}")
         shared = fit_of(like, fits, (*above, name), path)
-        shared.pop("title", None)  # a name of its own
+        shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)
     parameters = own.get("parameters", {})
     known = parameters if isinstance(parameters, Mapping) else {}
     if not isinstance(without, list) or [p for p in without if not isinstance(p, str) or p not in known]:
         raise InputError(
-            f"study {path}: fit {name} is without {shown(without)}, which must be a list of some of its parameters: "
+            f"study {path}: fit {name} has without = {shown(without)}, which must be a list of some of its parameters: "
             f"{', '.join(known) or 'none'}"
         )
     if without:
         own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
     return own
+
+
+def open_entries(content: Any, where: str = "") -> Iterator[str]:
+    """Yield the names of the entries that hold "?", such as ``actuator.mass``."""
+    if content == OPEN:
+        yield where
+    elif isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from open_entries(value, f"{where}.{name}" if where else str(name))
+    elif isinstance(content, list):
+        for value in content:
+            yield from open_entries(value, where)
+
+
+def refuse_open(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError with the names of all open questions, if the study file `path` has any."""
+    if names := list(open_entries(content)):
+        many = f"{len(names)} open questions" if len(names) > 1 else "one open question"
+        raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(names)} with values')
+
+
+def refuse_mapping(content: Mapping[str, Any], path: Path) -> None:
+    """Raise InputError if the file is a mapping (the columns and units of a table) instead of a study."""
+    if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) and not {
+        "actuator", "recordings"
+    } & set(content):
+        raise InputError(f"{path} is a mapping, which describes the columns of a table, not a study: pass it with "
+                         f"--mapping, as in pliant order TABLE --mapping {path.name}")  # fmt: skip

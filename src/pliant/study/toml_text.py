@@ -1,4 +1,4 @@
-"""The lines of a draft: values, keys, file names, comments and questions."""
+"""Formatting of a generated study file: values, keys, file names, comments and open questions as TOML."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from pliant.recording.published import PREFIX
-from pliant.study.questions import OPEN
+from pliant.study.shorthand import OPEN
 
 
 def relative(path: Path, folder: Path) -> str:
-    """The file's name as the study, which lies in `folder`, should have it."""
+    """Return the name of a file relative to `folder`; absolute if they have only the root in common."""
     if str(path).startswith(PREFIX):
         return path.as_posix()
     whole, home = path.resolve(), folder.resolve()
@@ -24,7 +24,7 @@ def relative(path: Path, folder: Path) -> str:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML on one line."""
+    """Return `value` formatted as TOML on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
@@ -37,7 +37,7 @@ def toml(value: Any) -> str:
 
 
 def key(name: str) -> str:
-    """A key as TOML, quoted where it must be."""
+    """Return `name` as a TOML key, quoted if necessary."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml(name)
 
 
@@ -45,27 +45,27 @@ LONGEST = 150  # characters of a comment
 
 
 class Lines:
-    """Lines of the text as they come, and the questions among them."""
+    """The lines of a generated study file, and the open questions among them."""
 
     def __init__(self) -> None:
         self.text: list[str] = []
         self.questions: list[str] = []
 
     def say(self, *comments: str) -> None:
-        """Comments."""
+        """Add comment lines, each cut to 150 characters."""
         lines = [" ".join(c.split()) for c in comments]
         self.text += [f"# {c if len(c) <= LONGEST else c[: LONGEST - 4] + ' ...'}" for c in lines]
 
     def table(self, name: str) -> None:
-        """Begin a table."""
+        """Add an empty line and the head of a table."""
         self.text += ["", f"[{name}]"]
 
     def put(self, name: str, value: Any, comment: str = "") -> None:
-        """An entry."""
+        """Add an entry with an optional comment."""
         self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
 
     def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
-        """An entry that only the user knows, or its value where it is known after all."""
+        """Add an entry with its value, or with "?" and the question if the value is None."""
         if value is not None:
             self.put(name, float(f"{value:.4g}") if isinstance(value, float) else value, known)
             return

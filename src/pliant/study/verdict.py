@@ -1,24 +1,36 @@
-"""The verdict: plain sentences with their numbers, held-out records first."""
+"""Sentences on the results of a study: the verdict on every fit, and the headline of the report with its warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from pliant.failures import NotComputed
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
-from pliant.study.angles import told_of_angles
 from pliant.study.schema import Targets
-from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome, StudyOutcome
-from pliant.validation.wording import metric_label, sized
+from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, StudyOutcome
+from pliant.validation.wording import NO_PLACES, metric_label, sized
 
-LONGER = 2.0  # % of its length: a body that grows by more is said to
-SAME = 0.1  # of what the body grows: a model that grows by less does not
+NOT_DETERMINED = (
+    "Angles do not determine the mass (which sets the scale of stiffness, damping and torque), the distribution of the "
+    "stiffness along the body, or positions: forces and positions of the model depend on the stated mass and length."
+)
+LONGER = 2.0  # % of the body's length: a larger extension is reported
+SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
+OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
+FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
+OVERSHOOT = 5.0  # percentage points: a larger error of the overshoot is a warning
+OFF = 10.0  # %: a larger error of a frequency is a warning
+DAMPED = 25.0  # %: a larger error of a damping ratio is a warning
+STEADY = 5.0  # % of peak displacement: a larger error of the steady state is a warning
+WORTH_NAMING = 0.5  # fraction of its warning limit from which the largest deviation is named
+COVERED = 80.0  # %: a smaller coverage of the 95 % band is a warning
 
 
 def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
-    """Sentences about every fit: held-out records against the targets, then training, then what the fit said."""
+    """Return sentences on every fit: held-out recordings against the targets, training recordings, then notes."""
     lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
     for fit in outcome.fits:
@@ -28,74 +40,89 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         followed = [r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train"]
         if held and followed:
             worst = max(followed)
-            lines.append(f"{fit.title}: the training records are followed to {worst:.1f} % of travel or better.")
+            lines.append(f"{fit.title}: training error at most {worst:.1f} % of the peak displacement (RMS).")
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
             lines.append(f"{fit.title}: {fit.result.status}")
         lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
     lines += [n.sentence for n in outcome.failed]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
-    return (*lines, *told_of_placement(outcome), *told_of_angles(outcome))
+    return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
 
 
-def told_of_placement(outcome: StudyOutcome) -> list[str]:
-    """Bending stiffness and error of fits whose joints sit in different places; nothing where all sit alike."""
-    shown: dict[tuple[str, int], str] = {}
+def angles_sentences(outcome: StudyOutcome) -> list[str]:
+    """Return the report's sentences on recordings that hold angles alone; empty if positions were recorded."""
+    if not outcome.turns:
+        return []
+    angles = max(len(r.experiment.stations) for f in outcome.fits for r in f.records)
+    links = outcome.model.n
+    supports = f"{angles} angles support {angles} links" if angles > 1 else "One angle supports one link"
+    has = "as many as the chain has" if links == angles else f"the chain has {links}, as stated"
+    if links > angles:
+        has += ": their motion between the angles is not measured"
+    return [NO_PLACES, f"{supports}, {has}.", NOT_DETERMINED]
+
+
+def placement_sentences(outcome: StudyOutcome) -> list[str]:
+    """Return a sentence that compares fits with different joint placements or numbers of links; empty if
+    all are alike.
+    """
+    lines: dict[tuple[str, int], str] = {}
     numbers = {fit.result.model.n for fit in outcome.fits}
     for fit in outcome.fits:
         role = "held_out" if any(r.role == "held_out" for r in fit.records) else "train"
         worst = max((r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == role), default=None)
         where, section = joint_placement(fit.result.model), float(np.mean(bending_stiffness(fit.result.model)))
-        how = "predicted" if role == "held_out" else "followed"
-        error = "" if worst is None else f", {how} to {worst:.1f} % of travel"
+        how = "prediction error" if role == "held_out" else "training error"
+        error = "" if worst is None else f", {how} {worst:.1f} % of the peak displacement"
         links = fit.result.model.n
         count = f"{links} link{'s' * (links > 1)}, " if len(numbers) > 1 else ""
-        shown.setdefault((where, links), f"{fit.title}, {count}{PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
-    if len(shown) < 2:
+        lines.setdefault((where, links), f"{fit.title}, {count}{PLACEMENT[where]}: EI {section:.3g} N m^2{error}")
+    if len(lines) < 2:
         return []
-    number = " and how many there are" if len(numbers) > 1 else ""
-    return [f"Stiffness depends on where the joints are assumed to sit{number}. {'; '.join(shown.values())}."]
+    number = " and their number" if len(numbers) > 1 else ""
+    return [f"Stiffness depends on the assumed positions of the joints{number}. {'; '.join(lines.values())}."]
 
 
 def forecast_sentence(forecast: Forecast) -> str:
-    """Return the sentence on a forecast, with the interval that follows from the fit's uncertainty."""
+    """Return the sentence on a forecast: its numbers, with 95 % intervals from the fit's uncertainty."""
     parts = []
     for key, value in forecast.numbers.items():
         words, unit = metric_label(key)
         half = forecast.interval.get(key)
         about = "" if half is None else f" +- {half:.2g}"
         parts.append(f"{words} {value:.3g}{about} {unit}".rstrip())
-    tail = " (95 % from the fit's uncertainty)" if forecast.interval else ""
+    tail = " (95 % intervals from the fit's uncertainty)" if forecast.interval else ""
     return f"Forecast, {forecast.title}: {', '.join(parts)}{tail}."
 
 
 def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) -> str:
-    """Return how well one record is followed, and which targets it meets."""
+    """Return the sentence on the model's error for one recording, and on the targets that it meets."""
     m = record.metrics
-    how = "has not been seen by the fit and is predicted" if record.role == "held_out" else "is followed"
+    record_of, how = ("held-out", "predicted") if record.role == "held_out" else ("training", "fitted")
     rmse, unit = sized(m, "rmse")
     sentence = (
-        f"{fit.title}: record {record.name} {how} to {rmse:.3g} {unit} RMSE, "
-        f"{m['rmse_percent_of_travel']:.1f} % of its travel"
+        f"{fit.title}: {record_of} record {record.name} is {how} with an RMS error of {rmse:.3g} {unit}, "
+        f"{m['rmse_percent_of_travel']:.1f} % of its peak displacement"
     )
     return f"{sentence}{judged(m, targets)}.{unlike(m)}"
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """Return sentences on motions of the recorded body that a model of links cannot make, or cannot be compared by."""
-    said = ""
+    """Return sentences on missing oscillation and on lengthening of the body, which the error metrics do not show."""
+    sentences = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if measured is None and sized(m, "steady_state")[0]["measured"] is not None:
-        rings = "and so does the model" if modelled is None else f"while the model rings at {modelled:.3g} Hz"
-        said = f" It comes to rest without ringing, over-damped, {rings}."
+        rings = "as does the model" if modelled is None else f"while the model oscillates at {modelled:.3g} Hz"
+        sentences = f" The body comes to rest without oscillation, {rings}."
     longer = m.get("extension_percent") or 0.0
     if longer > LONGER:
-        said += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
-    return said
+        sentences += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
+    return sentences
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the model's lengthening, as the tail of a sentence on the body."""
+    """Return the model's lengthening as the end of a sentence on the body's lengthening."""
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
         return "the model does not"
@@ -103,9 +130,10 @@ def by_the_model(m: dict[str, Any]) -> str:
 
 
 def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Frequency and damping ratio, of large and of small swings where the record shows both, else of all together.
+    """Yield (suffix, frequency, damping ratio) of large and of small swings, or of all swings together.
 
-    One number over both hides a body whose friction or stiffness depends on the amplitude.
+    Large and small swings are separate if the recording shows both. One number for both would hide that friction or
+    stiffness depends on the amplitude.
     """
     sizes = [s for s in ("large", "small") if m[f"frequency_{s}_hz"]["measured"]]
     if len(sizes) < 2:
@@ -116,7 +144,7 @@ def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, 
 
 
 def judged(m: dict[str, Any], targets: Targets) -> str:
-    """The targets and whether the metrics meet them, as the tail of a sentence."""
+    """Return the targets and whether the metrics meet them, as the end of a sentence; "" without targets."""
     parts = []
     if targets.rmse_percent_of_travel is not None:
         good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
@@ -128,9 +156,133 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
         measured, modelled = pair["measured"], pair["modelled"]
         if limit is not None and measured:
             if modelled is None:
-                parts.append(f"{what}: the model shows none, missed")
+                parts.append(f"no {what} in the model: missed")
                 continue
             off = 100 * (modelled / measured - 1)
             good = abs(off) <= limit
             parts.append(f"{what} {off:+.1f} %, target {limit:g} %: {'met' if good else 'missed'}")
     return f" ({'; '.join(parts)})" if parts else ""
+
+
+def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
+    """Return the state, sentences and warnings of the first fit, judged by its held-out recordings if it has any."""
+    fit = outcome.fits[0]
+    held = [r for r in fit.records if r.role == "held_out"]
+    lost = [m for m in fit.missing if m.role == "held_out"]
+    records = [] if lost and not held else held or list(fit.records)
+    verdicts = [judged(r.metrics, targets) for r in records]
+    notes = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in records for w in record_warnings(r))]
+    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
+    if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
+        state = "missed"
+    elif warnings:
+        state = "beware"
+    else:
+        state = "good" if any(verdicts) else "open"
+    verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
+    sentences = [sentence(records, held=bool(held)) + largest_shortfall(records)] if records else []
+    sentences += [lost_sentence(lost)] if lost else []
+    return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
+
+
+def lost_sentence(lost: Sequence[NotComputed]) -> str:
+    """Return a sentence that names the held-out recordings which the fit could not predict."""
+    names = ", ".join(m.record for m in lost)
+    return f"Held-out record{'s' * (len(lost) > 1)} {names} could not be predicted."
+
+
+def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
+    """Yield warnings on results of the first fit and the study that could not be computed, and a count for
+    other fits.
+    """
+    yield from (n.sentence for n in (*outcome.failed, *outcome.fits[0].not_computed))
+    if others := sum(len(f.not_computed) for f in outcome.fits[1:]):
+        yield f"{others} prediction(s) or band(s) of the other fits could not be computed; the full verdict lists them."
+
+
+def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
+    """Return a sentence with the RMS error of the recordings, as a range if there are several."""
+    share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
+    error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
+    many = len(shown) > 1
+    verb, role = ("predicts", "held-out") if held else ("fits", "training")
+    which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
+    to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
+    size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
+    return f"The model {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
+
+
+def target_sentence(verdicts: Sequence[str]) -> str:
+    """Return a sentence that says how many of the recordings meet the study's targets."""
+    if not any(verdicts):
+        return "The study states no target."
+    count = sum(bool(v) and "missed" not in v for v in verdicts)
+    if count == len(verdicts):
+        return "The targets are met." if len(verdicts) > 1 else "The target is met."
+    return f"The targets are met by {count} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
+
+
+def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
+    """Yield the warnings about the fit itself, not about single recordings."""
+    if not held:
+        yield "No record is held out: this shows that the model can fit the recordings, not that it predicts others."
+    if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
+        yield fit.result.status
+    yield from (note for note in fit.result.notes if not any(word in note for word in OF_ERRORS))
+
+
+def record_warnings(record: RecordOutcome) -> Iterator[str]:
+    """Yield a sentence for each deviation of the model from a recording that exceeds its warning limit."""
+    yield from (sentence for size, sentence in shortfalls(record) if size > 1.0)
+
+
+def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
+    """Return a sentence on the largest deviation relative to its warning limit; "" if none exceeds half of
+    its limit.
+    """
+    large = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
+    return f" Largest deviation: {max(large)[1]}" if large else ""
+
+
+def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
+    """Yield each deviation of the model from the recording as (fraction of its warning limit, sentence)."""
+    m, name = record.metrics, record.name
+    (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
+    far = 100 * most / travel
+    yield far / FAR, f"{name}: the largest error is {most:.2g} {unit}, {far:.0f} % of the peak displacement."
+    measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
+    if measured is not None:
+        off = (modelled or 0.0) - measured
+        yield abs(off) / OVERSHOOT, f"{name}: model overshoot {off:+.0f} points relative to measured {measured:.0f} %."
+    measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
+    if (measured is None) != (modelled is None):
+        rings = (f"the body oscillates at {measured:.3g} Hz, the model does not oscillate." if measured is not None
+                 else f"the model oscillates at {modelled:.3g} Hz, the body does not oscillate.")
+        yield 2.0, f"{name}: {rings}"
+    elif measured:
+        yield from ringing_shortfalls(m, name)
+    if steady is not None:
+        share = 100 * abs(steady) / travel
+        off_by = f"{steady:+.2g} {unit}, {share:.0f} % of the peak displacement"
+        yield share / STEADY, f"{name}: the steady state of the model is off by {off_by}."
+    held = m.get("within_band_percent", 95.0)
+    within = f"the 95 % prediction band contains only {held:.0f} % of the measured values"
+    yield (95.0 - held) / (95.0 - COVERED), f"{name}: {within}."
+    longer = m.get("extension_percent") or 0.0
+    if longer > 0:
+        shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
+        yield shorter / LONGER, f"{name}: the body lengthens by {longer:.1f} %, {by_the_model(m)}."
+
+
+def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
+    """Yield the deviations of frequency and damping ratio as (fraction of warning limit, sentence).
+
+    Large and small swings are compared separately where both are known.
+    """
+    for which, frequency, ratio in ringing(m):
+        for what, pair, limit, unit in (("frequency", frequency, OFF, " Hz"), ("damping ratio", ratio, DAMPED, "")):
+            measured, modelled = pair["measured"], pair["modelled"]
+            if measured and modelled:
+                off = 100 * (modelled / measured - 1)
+                digits = f"{measured:.3g}" if unit else f"{measured:.2g}"
+                yield abs(off) / limit, f"{name}: model {what}{which} {off:+.0f} % relative to measured {digits}{unit}."

@@ -1,4 +1,4 @@
-"""Which recorded pressure drives which chamber: candidate wirings, compared by how well the training records follow."""
+"""Comparison of wirings (which recorded pressure drives which chamber) by their fit to the training recordings."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from pliant.identification import Experiment, fit
 from pliant.identification.fit import parameters_from
 from pliant.identification.model_selection import Follows, follows
 from pliant.model import Model
-from pliant.study.fits import placed
+from pliant.study.fits import model_for_fit
 from pliant.study.prepare import study_experiment
 from pliant.study.schema import Study
 from pliant.validation.outcome import WiringRow, Wirings
 
 Drive = dict[str, str | int]
 STATED = "as stated"
-MOST = 24  # wirings that are tried where the study lists none: four chambers
+MOST = 24  # wirings to try if the study lists none: all permutations of four chambers
 
 
 def candidates(study: Study) -> dict[str, Drive]:
-    """Return the wirings to compare by name: those that the study lists, else all orders of the first recording's.
+    """Return the wirings to compare by name: those that the study lists, or all permutations of the stated one.
 
     Raises
     ------
     InputError
-        When the recordings state several wirings and none is listed, or there are more than `MOST` orders.
+        When the study lists no wirings and the recordings do not state exactly one, or when there are more than 24
+        permutations.
     """
     assert study.wiring is not None
     stated = list({tuple(sorted(r.drive.items())): r.drive for r in study.recordings.values() if r.drive}.values())
     if study.wiring.drives:
         return ({STATED: stated[0]} if len(stated) == 1 else {}) | dict(study.wiring.drives)
     if len(stated) != 1:
-        raise InputError("[wiring] lists no drives, and the recordings do not state one drive: list some")
+        raise InputError("[wiring] needs wirings, or the same drive in all recordings: list [wiring.drives.NAME]")
     chambers, pressures = list(stated[0]), list(stated[0].values())
     orders = list(permutations(pressures))
     if len(orders) > MOST:
@@ -49,12 +50,12 @@ def candidates(study: Study) -> dict[str, Drive]:
 
 
 def compare_wirings(
-    study: Study, recordings: Mapping[str, xr.Dataset], model: Model, tell: Callable[[str], None],
+    study: Study, recordings: Mapping[str, xr.Dataset], model: Model, notify: Callable[[str], None],
 ) -> Wirings | None:
-    """Fit every candidate wiring to the training records of one fit and rank them by likelihood.
+    """Fit every candidate wiring to the training recordings of one fit, and rank them by likelihood.
 
-    Held-out records have no say. All candidates have the same free parameters, so that likelihoods compare as they are:
-    2 ln L = -N ln(mean square residual), N the independent residuals of the best one.
+    Held-out recordings are not used. All candidates have the same free parameters, so that their likelihoods can be
+    compared directly: 2 ln L = -N ln(mean square residual), with N the independent residuals of the best candidate.
 
     Raises
     ------
@@ -64,47 +65,51 @@ def compare_wirings(
     if study.wiring is None:
         return None
     name = study.wiring.fit or next(iter(study.fits))
-    found: dict[str, tuple[Follows, float]] = {}
+    fits: dict[str, tuple[Follows, float]] = {}
     failed: dict[str, str] = {}
     for label, drive in candidates(study).items():
         try:
-            found[label] = followed(study, name, wired(study, recordings, name, drive), model)
-            tell(f"wiring {label}: followed to {found[label][1]:.2f} % of travel")
+            fits[label] = fit_statistics(study, name, wired_experiments(study, recordings, name, drive), model)
+            notify(f"wiring {label}: training error {fits[label][1]:.2f} % of the peak displacement")
         except FAILED as error:
             failed[label] = str(error)
-            tell(f"wiring {label}: {error}")
-    if not found:
+            notify(f"wiring {label}: {error}")
+    if not fits:
         raise FitError(f"no wiring can be fitted: {next(iter(failed.values()))}")
-    order = sorted(found, key=lambda label: found[label][0].mean_square)
-    best = found[order[0]][0]
+    order = sorted(fits, key=lambda label: fits[label][0].mean_square)
+    best = fits[order[0]][0]
     rows = [
-        WiringRow(label, found[label][1], best.numbers * float(np.log(found[label][0].mean_square / best.mean_square)))
+        WiringRow(label, fits[label][1], best.numbers * float(np.log(fits[label][0].mean_square / best.mean_square)))
         for label in order
     ]
     return Wirings(name, (*rows, *(WiringRow(label, None, None, reason) for label, reason in failed.items())))
 
 
-def wired(study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive) -> list[Experiment]:
-    """The training experiments of a fit with every recording's pressures wired by `drive`."""
+def wired_experiments(
+    study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive,
+) -> list[Experiment]:
+    """Return the training experiments of a fit with the pressures of every recording wired as `drive` says."""
     names = study.fits[fit_name].train
     entries = {n: study.recordings[n].model_copy(update={"drive": drive}) for n in names}
     other = study.model_copy(update={"recordings": study.recordings | entries})
     return [study_experiment(other, n, recordings[n]) for n in names]
 
 
-def followed(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
-    """Return how well a wiring follows its training records, and their mean error in % of peak displacement."""
+def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
+    """Return the residual statistics of a wiring on its training recordings, and their mean error [% of peak
+    displacement].
+    """
     entry = study.fits[name]
     result = fit(
-        training, placed(study, entry, model), parameters_from(entry.parameters), step=study.step, loss=entry.loss,
-        starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
     )
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
     return follows(training, result, study.step, entry.weighting), error
 
 
-def doubts_of(wirings: Wirings | None) -> tuple[str, ...]:
-    """A warning where another wiring than the stated one follows the training records best."""
+def wiring_warnings(wirings: Wirings | None) -> tuple[str, ...]:
+    """Return a warning if another wiring than the stated one fits the training recordings best; else ()."""
     if wirings is None or wirings.winner.name == STATED or STATED not in {r.name for r in wirings.rows}:
         return ()
-    return (f"{wirings.sentence} The study's recordings state another one: check which pressure drives which chamber.",)
+    return (f"{wirings.sentence} The recordings state a different wiring: check which pressure drives which chamber.",)

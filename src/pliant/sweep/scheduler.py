@@ -28,7 +28,7 @@ from pliant.errors import InputError, PliantError
 from pliant.heavy import show_heavy
 from pliant.sweep.store import Arrays, Store
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 Count = Callable[[float], None]
 IN_FLIGHT = 64  # chunks submitted and not yet written: limits the loss by a crash, and the memory
 PATIENCE = 3  # consecutive executors without a delivered chunk before the sweep stops
@@ -131,13 +131,13 @@ def dask_executor(address: str) -> Iterator[Any]:
             time.sleep(0.5)
     pool = client.get_executor(pure=False)
     try:
-        yield Watched(pool, client)
+        yield MonitoredExecutor(pool, client)
     finally:
         pool.shutdown(wait=False)  # to wait for a scheduler that is gone would be to wait for ever
         client.close(timeout=2)
 
 
-class Watched:
+class MonitoredExecutor:
     """A Dask executor that reports when its scheduler is gone, where its futures would otherwise wait for ever."""
 
     def __init__(self, pool: Any, client: Any) -> None:
@@ -155,13 +155,13 @@ class Watched:
 
 
 def run_campaign(
-    campaign: Chunked, store: Store, make_executor: Callable[[], Any], tell: Tell = lambda _line: None,
+    campaign: Chunked, store: Store, make_executor: Callable[[], Any], notify: Notify = lambda _line: None,
     count: Count | None = None,
 ) -> Account:
     """Compute all chunks that are not on disk yet, and return the counts; finished chunks are kept in any case.
 
-    `tell` is called with one line of text for each failure of an executor and, without `count`, for each chunk. `count`
-    is called with the fraction of finished chunks.
+    `notify` is called with one line of text for each failure of an executor and, without `count`, for each chunk.
+    `count` is called with the fraction of finished chunks.
 
     Raises
     ------
@@ -172,12 +172,12 @@ def run_campaign(
     todo = {c for c in range(campaign.chunks) if store.load(c, *campaign.bounds(c)) is None}
     account.found = campaign.chunks - len(todo)
     if account.found:
-        tell(f"{account.found} of {campaign.chunks} chunks are already on disk")
+        notify(f"{account.found} of {campaign.chunks} chunks are already on disk")
     idle = 0
 
     def written(chunk: int) -> None:
         if count is None:
-            tell(f"chunk {chunk} written, {len(todo)} to go")
+            notify(f"chunk {chunk} written, {len(todo)} to go")
         else:
             count(1.0 - len(todo) / campaign.chunks)
 
@@ -189,7 +189,7 @@ def run_campaign(
         idle = 0 if len(todo) < before else idle + 1
         account.restarts += 1
         account.repeated += len(todo)
-        tell(f"workers failed ({broke}); {len(todo)} chunks are submitted again")
+        notify(f"workers failed ({broke}); {len(todo)} chunks are submitted again")
         if idle >= PATIENCE:
             raise PliantError(
                 f"workers failed {idle} times without delivering a chunk ({broke}); {campaign.chunks - len(todo)} of "

@@ -15,7 +15,7 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.options import with_defaults
-from pliant.sweep.scheduler import Account, Count, Tell, executor_of, run_campaign
+from pliant.sweep.scheduler import Account, Count, Notify, executor_of, run_campaign
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
 from pliant.sweep.store import Store, write_dataset
 from pliant.sweep.tasks import Campaign
@@ -72,7 +72,7 @@ def run_sweep(
     experiments: Sequence[Experiment] = (),
     parameters: Sequence[Parameter] = (),
     fit_options: dict[str, Any] | None = None,
-    progress: Tell | None = None,
+    progress: Notify | None = None,
     **who: Unpack[Workers],
 ) -> SweepResult:
     """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue an interrupted one.
@@ -155,9 +155,9 @@ def unit_of(name: str) -> str:
     """Return the unit of a variable of the samples, "1" if unknown."""
     from pliant.identification.parameters import kind_of
 
-    own = name.removeprefix("parameter_")
+    parameter = name.removeprefix("parameter_")
     try:
-        return UNITS.get(name) or UNITS.get(f"parameter_{own.rpartition('.')[2]}") or kind_of(own).unit
+        return UNITS.get(name) or UNITS.get(f"parameter_{parameter.rpartition('.')[2]}") or kind_of(parameter).unit
     except InputError:
         return "1"
 
@@ -172,13 +172,13 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
         if not experiments:
             raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit: give experiments")
         return
-    own = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
-    if model.actuation.count > 1 and not any(name.endswith("level") for name in own if name in sweep.parameters):
+    pulses = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
+    if model.actuation.count > 1 and not any(name.endswith("level") for name in pulses if name in sweep.parameters):
         raise InputError(
             f"a sweep of several chambers needs the level of at least one: {model.chambers[0].name}.level, in Pa"
         )
     for name, r in sweep.parameters.items():
-        if name in own:
+        if name in pulses:
             continue
         some = r.grid() if r.value is None else np.array([r.value])
         values = np.array([r.low if r.mean is None else r.mean]) if some is None else some

@@ -84,13 +84,13 @@ def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment],
     free = [p.name for p in start if p.free]
     options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
     try:
-        found = fit(experiments, campaign.model, start, **options)
+        result = fit(experiments, campaign.model, start, **options)
     except PliantError:
         nothing = np.array(np.nan)
         return {**{f"parameter_{n}": nothing for n in free}, "rmse": nothing, "failed": np.array(True)}
-    values = {f"parameter_{n}": np.array(found.values[n]) for n in free}
-    rmse = np.array(float(np.sqrt(np.mean(np.square(list(found.rmse.values()))))))
-    return {**values, "rmse": rmse, "failed": np.array(not found.converged)}
+    values = {f"parameter_{n}": np.array(result.values[n]) for n in free}
+    rmse = np.array(float(np.sqrt(np.mean(np.square(list(result.rmse.values()))))))
+    return {**values, "rmse": rmse, "failed": np.array(not result.converged)}
 
 
 def stacked(rows: Sequence[Arrays]) -> Arrays:

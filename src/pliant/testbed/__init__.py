@@ -1,9 +1,9 @@
-"""The virtual actuator: an independent rod, a valve and a fibre sensor, with the truth known.
+"""Virtual laboratory: a simulated actuator with valve and fibre sensor, whose exact motion is known.
 
 The rod is a planar discrete elastic rod with Cartesian nodes and implicit steps of 0.25 ms. An explicit Cosserat code
-must resolve the stretch wave of the inextensible layer: 222 m/s over elements of 1.7 mm is a step of at most 7.7 us.
-`benchmarks/rod.py` runs PyElastica beside it: at half that step some 30 times the time, and +1.0 % in the first
-frequency against +0.06 %.
+would have to resolve the stretch wave of the inextensible layer: 222 m/s over elements of 1.7 mm allow a step of at
+most 7.7 us. `benchmarks/rod.py` compares it with PyElastica. At half of that step PyElastica takes some 30 times as
+long, and its first frequency has an error of +1.0 % instead of +0.06 %.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _HOME = {
 
 
 def __getattr__(name: str) -> object:
-    """Import the laboratory only when it is asked for."""
+    """Import a public name of the package on its first use."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

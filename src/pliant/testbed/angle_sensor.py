@@ -1,4 +1,4 @@
-"""The same motion as a flex sensor or an IMU sees it: one angle, coarse and late, on one log with the pressure."""
+"""Emulator of a flex sensor or IMU: one bending angle, quantised and delayed, sampled together with the pressure."""
 
 from __future__ import annotations
 
@@ -13,32 +13,37 @@ from pliant.testbed.fibre import body_angle
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 FINE = 1e-3  # s, on which the sensor's lag is taken
 
 
 @dataclass(frozen=True)
 class AngleSensor:
-    """One angle of the body against its base (SI); a value with a star is a standard deviation over specimens."""
+    """Sensor of one angle of the body against its base (SI units).
+
+    Values marked * are standard deviations over specimens.
+    """
 
     name: str = "flex"
-    place: float = 1.0  # share of the body's length
+    place: float = 1.0  # position as a fraction of the body's length
     lag: float = 0.08  # s, first order
-    step: float = float(np.deg2rad(0.8))  # rad, in which it counts
-    noise: float = float(np.deg2rad(0.1))  # rad, white, before it counts
+    step: float = float(np.deg2rad(0.8))  # rad, resolution
+    noise: float = float(np.deg2rad(0.1))  # rad, white, before quantisation
     drift: float = 0.0  # rad after a second, a random walk
     gain_error: float = 0.01  # *
-    zero: float = 0.2  # rad, * what it shows of a straight body
+    zero: float = 0.2  # rad, * reading of a straight body
     rate: float = 20.0  # Hz
 
     def __post_init__(self) -> None:
-        """Refuse settings that no sensor can have."""
+        """Raise InputError for settings that are impossible for a sensor."""
         if not 0 < self.place <= 1 or not self.rate > 0:
-            raise InputError(f"an angle sensor sits within the body and has a rate, got {self.place} and {self.rate}")
+            raise InputError(
+                f"an angle sensor needs 0 < place <= 1 and rate > 0, got place {self.place} and rate {self.rate}"
+            )
         if min(self.lag, self.step, self.noise, self.drift, self.gain_error, self.zero) < 0:
-            raise InputError("lag, step, noise, drift, gain_error and zero of an angle sensor are >= 0")
+            raise InputError("lag, step, noise, drift, gain_error and zero of an angle sensor must be >= 0")
 
 
 FLEX = AngleSensor()
@@ -51,7 +56,7 @@ def observe_angle(
     motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
     specimen: np.random.Generator, rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return the sensor's readings (T,) at the times `at` [s], rad."""
+    """Return the sensor's readings (T,) [rad] at the times `at` (T,) [s]."""
     time = np.arange(0.0, at[-1] + FINE, FINE)
     s, theta = body_angle(motion, p, time)
     true = theta[:, np.argmin(np.abs(s - sensor.place * p.length))]

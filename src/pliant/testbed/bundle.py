@@ -1,4 +1,4 @@
-"""The recordings that come with the package: ``python -m pliant.testbed.bundle`` makes them anew."""
+"""The recordings that are bundled with the package; ``python -m pliant.testbed.bundle`` regenerates them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "bundled"
 BUNDLED = ("pulse_60", "pulse_119", "pulse_180", "step_240", "triangle")
-LOGGED = ("pulse_60", "pulse_119", "pulse_180")  # seen by a flex sensor too, as a small logger writes it
+LOGGED = ("pulse_60", "pulse_119", "pulse_180")  # also recorded by a flex sensor, as a small logger writes it
 QUANTUM = 2.0**-17  # m: 7.6 um, far below the sensor's noise; zeros in the mantissa deflate well
 
 
 def bundled_recording(name: str = "pulse_119") -> xr.Dataset:
-    """One of the recordings of actuator "a" that come with the package.
+    """Return one of the bundled recordings of actuator "a" by its name.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def bundled_recording(name: str = "pulse_119") -> xr.Dataset:
 
 
 def bundle_recording(name: str) -> xr.Dataset:
-    """Generate one bundled recording, rounded for storage."""
+    """Generate one bundled recording, with positions rounded for storage."""
     from pliant.recording import append_history
     from pliant.testbed.laboratory import generate
 
@@ -44,7 +44,7 @@ def bundle_recording(name: str) -> xr.Dataset:
 
 
 def bundled_log(name: str = "pulse_119") -> Path:
-    """The file of one of the logs of angle and pressure that come with the package.
+    """Return the path of a bundled text log of angle and pressure by the recording's name.
 
     Raises
     ------
@@ -57,9 +57,9 @@ def bundled_log(name: str = "pulse_119") -> Path:
 
 
 def angle_log(name: str, seed: int = 1) -> str:
-    """The text that a logger makes of a flex sensor's angle [deg], the pressure and its set point [kPa].
+    """Return the text log of a flex sensor's angle [deg], the pressure and its set point [kPa].
 
-    Semicolons, decimal commas, and lines that end in a lone carriage return, as such loggers write them.
+    It has semicolons, decimal commas and lines that end in a lone carriage return, as small loggers write them.
     """
     from pliant.testbed.laboratory import Laboratory, generate, one_each
     from pliant.testbed.rod import actuator
@@ -76,14 +76,14 @@ def angle_log(name: str, seed: int = 1) -> str:
 
 
 def write_logs(folder: Path = FOLDER) -> None:
-    """Write all bundled logs of angle and pressure."""
+    """Write all bundled logs of angle and pressure to `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in LOGGED:
         (folder / f"angle_{name}.txt").write_bytes(angle_log(name).encode())
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write all bundled recordings."""
+    """Write all bundled recordings and logs to `folder`."""
     from pliant.recording.netcdf import write_netcdf
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Obstacles in the plane: rows of numbers that the compiled loop reads."""
+"""Obstacles in the plane, as rows of numbers for the compiled time loop."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Circle:
     friction: float = 0.3
 
     def row(self) -> list[float]:
-        """Numbers for the loop."""
+        """Return the obstacle's seven numbers for the compiled time loop."""
         return [0.0, *self.centre, self.radius, self.stiffness, self.friction, SLIP_SPEED]
 
 
 @dataclass(frozen=True)
 class Wall:
-    """The half-plane ``normal . x <= offset`` is solid."""
+    """A solid half-plane ``normal . x <= offset``."""
 
     normal: tuple[float, float]
     offset: float  # m
@@ -42,12 +42,12 @@ class Wall:
     friction: float = 0.3
 
     def row(self) -> list[float]:
-        """Numbers for the loop."""
+        """Return the obstacle's seven numbers for the compiled time loop."""
         return [1.0, *self.normal, self.offset, self.stiffness, self.friction, SLIP_SPEED]
 
 
 def obstacle_rows(obstacles: Sequence[Circle | Wall]) -> NDArray[np.float64]:
-    """(O, 7) array of kind, place (3), stiffness, friction coefficient and slip speed.
+    """Return an (O, 7) array of the obstacles: kind, geometry (3), stiffness, friction coefficient and slip speed.
 
     Raises
     ------

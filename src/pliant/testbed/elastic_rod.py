@@ -1,4 +1,4 @@
-"""PyElastica's rod with chambers as loads: the one module that imports it."""
+"""PyElastica's Cosserat rod with pressure chambers as loads. This is the only module that imports PyElastica."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ GRAVITY = 9.80665  # m/s^2, along -z
 class World(
     elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing, elastica.Damping, elastica.CallBacks
 ):
-    """A clamped rod under gravity and pressure."""
+    """PyElastica system of a clamped rod under gravity and chamber pressures."""
 
 
 class Pressures(elastica.NoForces):
-    """The chambers' pressures: a moment in the last cross-section and a push along every element.
+    """Loads of the chamber pressures: a moment on the last cross-section and a thrust on every element.
 
-    On the cap of a chamber at the azimuth a acts p A along the tangent, which makes a moment of p A times its offset
-    times (sin a, -cos a) about the cross-section's axes. Its side wall carries the push around every bend.
+    On the cap of a chamber at the azimuth a, the force p A acts along the tangent. It makes a moment of p A times the
+    chamber's offset times (sin a, -cos a) about the axes of the cross-section. The chamber's side wall transmits the
+    thrust along the bent body.
     """
 
     def __init__(self, body: BodyInSpace, pressure: Array) -> None:
@@ -34,25 +35,25 @@ class Pressures(elastica.NoForces):
         self.step = body.step
 
     def apply_forces(self, system: Any, time: float = 0.0) -> None:
-        """Push along every element, from node to node."""
+        """Add the thrust of the chambers to the nodes of every element."""
         push = self.push[min(round(time / self.step), len(self.push) - 1)] * system.tangents
         system.external_forces[:, 1:] += push
         system.external_forces[:, :-1] -= push
 
     def apply_torques(self, system: Any, time: float = 0.0) -> None:
-        """Turn the last cross-section; the clamp carries the other end of the moment."""
+        """Add the chambers' moment to the last cross-section; the clamp carries the reaction."""
         system.external_torques[:2, -1] += self.moment[min(round(time / self.step), len(self.moment) - 1)]
 
 
 class Keeper(elastica.CallBackBaseClass):
-    """Keep places, directors and curvature of every so many steps."""
+    """Callback that stores node positions, directors and curvature at every `every`-th step."""
 
     def __init__(self, every: int, kept: list[tuple[Array, ...]]) -> None:
         super().__init__()
         self.every, self.kept = every, kept
 
     def make_callback(self, system: Any, time: float, current_step: int) -> None:  # noqa: ARG002  PyElastica's
-        """Keep a state."""
+        """Append the present state to the list at every `every`-th step."""
         if current_step % self.every == 0:
             kappa = system.kappa  # a turn about d1 bends towards -d2
             state = (system.position_collection.T, system.director_collection.transpose(2, 0, 1),
@@ -61,9 +62,11 @@ class Keeper(elastica.CallBackBaseClass):
 
 
 def integrate(body: BodyInSpace, pressure: Array, *, every: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Return time (T,), pressure (T, C), nodes, directors and curvature of every so many steps, from rest.
+    """Simulate the body from rest and return its sampled motion.
 
-    `pressure` (P, C) [Pa] stands at every step of the body.
+    Returns time (T,) [s], pressure (T, C) [Pa], node positions (T, E + 1, 3) [m], directors (T, E, 3, 3) and curvature
+    (T, E - 1, 2) [1/m], sampled at every `every`-th step. `pressure` (P, C) [Pa] gives the pressures at each time step
+    of the body.
     """
     rod = elastica.CosseratRod.straight_rod(
         body.elements, np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), body.length, body.radius,

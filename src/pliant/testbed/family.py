@@ -1,8 +1,8 @@
-"""A family of virtual laboratories: one for each seed, drawn from ranges that span what is built and measured.
+"""A family of virtual laboratories: each seed draws an actuator and its instruments from realistic ranges.
 
-`family_ranges.FAMILY` holds every range with its source. A seed draws each number by itself, so that a range added
-later moves no other one, and draws anew until body and pressure are ones that somebody would build. Actuators "a", "b"
-and "c" are named members with the laboratory's usual instruments.
+`family_ranges.FAMILY` holds every range with its source. Each number has its own random stream, so that a range added
+later changes no other number. Draws are repeated until first frequency and working pressure lie in a realistic range.
+Actuators "a", "b" and "c" are named members with the standard instruments.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.testbed.contact import Circle, Wall
 from pliant.testbed.family_ranges import FAMILY
 from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.rod.parameters import ACTUATORS, CHAMBERS, RodParameters, actuator
+from pliant.testbed.rod import ACTUATORS, CHAMBERS, RodParameters, actuator
 from pliant.testbed.scenarios import Scenario
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
 
@@ -33,7 +33,7 @@ PRESSURE = (8e3, 250e3)  # Pa, working: bare soft silicone at the low end, fibre
 
 @dataclass(frozen=True)
 class Member:
-    """A laboratory of the family: its actuator and its instruments (SI).
+    """A virtual laboratory of the family: its actuator and its instruments (SI units).
 
     Attributes
     ----------
@@ -42,12 +42,12 @@ class Member:
     valve, transducer, fibre
         Instruments of the laboratory.
     pressure : float
-        Working pressure [Pa]: what scenarios call 180 kPa.
+        Working pressure [Pa], by which a scenario's 180 kPa is replaced.
     rate : float
-        Frames of the shape a second, Hz.
+        Frame rate of the shape sensor, Hz.
     modulus, loss_factor, order, viscous_part : float
-        What the body was drawn with: shear modulus [Pa], loss factor at its first mode, order of its springpot and the
-        viscous part of the loss; for tables.
+        Values from which the body was drawn: shear modulus [Pa], loss factor at the first mode, order of the springpot
+        and viscous fraction of the loss. Used in tables only.
     """
 
     name: str
@@ -64,13 +64,15 @@ class Member:
 
     @property
     def frequency(self) -> float:
-        """First frequency of the straight undamped body with its cap as a point at the tip, Hz (Rayleigh)."""
+        """First natural frequency [Hz] of the straight, undamped body with its cap as a point mass at the tip
+        (Rayleigh).
+        """
         return first_frequency(self.body.bending_stiffness, self.body.mass, self.body.cap_mass, self.body.length)
 
     def adapted(self, case: Scenario) -> Scenario:
-        """The scenario at this member's scale: pressures, pushes, obstacles and frame rate.
+        """Return the scenario scaled to this member: pressures, pushing forces, obstacles and frame rate.
 
-        Obstacles keep their place relative to the length; whether a body of another bend meets them is not promised.
+        Obstacles keep their position relative to the body's length. A body that bends differently may miss them.
         """
         if self.name in ACTUATORS or self.name in CHAMBERS:
             return case
@@ -85,14 +87,16 @@ class Member:
         )  # fmt: skip
 
     def known(self) -> dict[str, float]:
-        """Return the specimen's known data: lengths, masses, and the fibre's gauge (SI)."""
+        """Return the known data of the specimen as a dict: length, masses, gauge length and working pressure (SI
+        units).
+        """
         b = self.body
         return {"body_length": b.length, "body_mass": b.mass, "tip_mass": b.cap_mass,
                 "gauge_length": self.fibre.gauge, "working_pressure": self.pressure}  # fmt: skip
 
 
 def scaled(obstacle: Circle | Wall, size: float) -> Circle | Wall:
-    """The obstacle as far away and as large as the body is long."""
+    """Return the obstacle with its position and radius multiplied by `size`."""
     if isinstance(obstacle, Wall):
         return replace(obstacle, offset=obstacle.offset * size)
     x, y = obstacle.centre
@@ -100,17 +104,21 @@ def scaled(obstacle: Circle | Wall, size: float) -> Circle | Wall:
 
 
 def first_frequency(stiffness: float, mass: float, cap: float, length: float) -> float:
-    """First frequency of a clamped-free beam with a point mass at its tip, Hz, by Rayleigh's quotient."""
+    """Return the first natural frequency [Hz] of a clamped beam with a point mass at its tip, by Rayleigh's quotient.
+
+    `stiffness` is EI [N m^2], `mass` and `cap` are the masses of beam and tip [kg], `length` is in m.
+    """
     alone = MODE / length**2 * np.sqrt(stiffness * length / mass)
     return float(alone / np.sqrt(1.0 + 4.0 * cap / mass))
 
 
 def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.ndarray]:
-    """Shares and times of positive Prony branches whose loss at `omega` [rad/s] is `loss` of the stiffness, at most.
+    """Return fractions and relaxation times (P,) [s] of Prony branches that approximate a springpot of order `order`.
 
-    The springpot ``c s^order`` is the sum over relaxations ``s / (s + w)`` with density ``c sin(pi order)/pi w^order``
-    in ln w; even steps in ln w give the branches, which are then scaled to the loss asked for, so that the ends of the
-    band cost nothing there. Where more than `RELAXING` would relax slowly, less of the loss is the springpot's.
+    At `omega` [rad/s] their loss modulus is `loss` times the stiffness, or less. The springpot ``c s^order`` is the sum
+    over relaxations ``s / (s + w)`` with density ``c sin(pi order)/pi w^order`` in ln w. Even steps in ln w give the
+    branches, which are then scaled to the requested loss. If more than `RELAXING` of the stiffness would relax slowly,
+    all fractions are reduced.
     """
     times = np.geomspace(*SPRINGPOT_TIMES, SPRINGPOT_BRANCHES)
     shape = times ** (-order)
@@ -120,7 +128,7 @@ def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.n
 
 
 def drawn(seed: int, attempt: int) -> dict[str, float]:
-    """Every number of `FAMILY`, each from a stream of its own."""
+    """Return one random value for every range of `FAMILY`, each from its own random stream."""
     out = {}
     for name, d in FAMILY.items():
         u = float(np.random.default_rng([seed, attempt, zlib.crc32(name.encode())]).random())
@@ -129,7 +137,7 @@ def drawn(seed: int, attempt: int) -> dict[str, float]:
 
 
 def body_of(d: dict[str, float], seed: int) -> RodParameters:
-    """The rod of some drawn numbers, without memory yet."""
+    """Return the rod parameters for the drawn numbers `d`, still without damping and relaxation."""
     r, length = d["chamber_radius"], d["length"]
     height, width = r + d["wall"], 2.0 * (r + d["wall"])
     area = 0.5 * np.pi * height**2 - 0.5 * np.pi * r**2 + d["wall"] * width  # half-round shell on a base
@@ -149,9 +157,10 @@ def body_of(d: dict[str, float], seed: int) -> RodParameters:
 
 
 def with_memory(body: RodParameters, d: dict[str, float], seed: int, omega: float) -> RodParameters:
-    """The rod with its losses: viscous, fractional, creeping; the loss factor at `omega` [rad/s] is that drawn.
+    """Return the rod with viscous, fractional and creep losses, whose loss factor at `omega` [rad/s] is ``d["loss"]``.
 
-    The viscous part makes up what springpot and creep leave of it; where creep alone loses more, it is more.
+    The viscous part supplies the loss that springpot and creep do not cover. It is 0 where they alone exceed the drawn
+    loss factor.
     """
     rng = np.random.default_rng([seed, 4711])
     count = int(d["creep_branches"])
@@ -166,7 +175,7 @@ def with_memory(body: RodParameters, d: dict[str, float], seed: int, omega: floa
 
 
 def family_member(seed: int) -> Member:
-    """The laboratory of a seed: its body, its memory, its valve and its sensors, each drawn from `FAMILY`.
+    """Return the virtual laboratory of a seed: body, valve and sensors drawn from `FAMILY`.
 
     Parameters
     ----------
@@ -193,7 +202,10 @@ def family_member(seed: int) -> Member:
         if FREQUENCY[0] < frequency < FREQUENCY[1] and PRESSURE[0] < pressure < PRESSURE[1]:
             break
     else:  # pragma: no cover
-        raise InputError(f"seed {seed} draws no body that rings between {FREQUENCY} Hz and works between {PRESSURE} Pa")
+        raise InputError(
+            f"seed {seed} gives no body with a first frequency in {FREQUENCY} Hz and a working pressure in {PRESSURE} "
+            "Pa: use another seed"
+        )
     highest = 2.0 * d["working_bend"] / body.length + max(body.rest_curvature, 0.0)
     hook = max(50.0, 2.4 * highest)  # the fibre finds the tip where nothing of the body bends as much
     body = replace(with_memory(body, d, seed, 2.0 * np.pi * frequency), cap_curvature=hook,
@@ -207,7 +219,10 @@ def family_member(seed: int) -> Member:
 def instruments(
     d: dict[str, float], pressure: float, body: RodParameters
 ) -> tuple[SupplyRegulator | Iso6358, PressureSensor, FibreSensor]:
-    """Valve, transducer and fibre of some drawn numbers; full scale is two and a half times the working pressure."""
+    """Return valve, pressure transducer and fibre sensor for the drawn numbers `d`.
+
+    The full scale of the instruments is 2.5 times the working pressure `pressure` [Pa].
+    """
     full = 2.5 * pressure
     valve: SupplyRegulator | Iso6358
     if d["spool"] < 0.25:
@@ -230,15 +245,15 @@ def instruments(
 
 
 def member(name: str | int) -> Member:
-    """A named actuator in the usual laboratory, or the member of a seed (7 or "7").
+    """Return the laboratory of a named actuator, or the member of the family for a seed (7 or "7").
 
-    One chamber have "a", "b" and "c", two have "two_segment", "antagonistic" and "lengthening", the second behind a
-    longer tube: its valve is slower.
+    "a", "b" and "c" have one chamber; "two_segment", "antagonistic" and "lengthening" have two. The second chamber lies
+    behind a longer tube, so that its valve is slower.
 
     Raises
     ------
     InputError
-        For a name that is neither.
+        For a name that is neither an actuator nor an integer.
     """
     if isinstance(name, int) or (name.isdecimal() and name.isascii()):
         return family_member(int(name))

@@ -1,8 +1,8 @@
-"""Ranges of the family of virtual laboratories, each with where it comes from.
+"""Ranges from which the family of virtual laboratories is drawn, each with its source.
 
-Where a source names no range, the words say what stands behind the number instead: the spread of the named actuators,
-or what the trade sells. What is not drawn: gravity (scenarios give it) and the number of chambers (one;
-`rod.parameters.CHAMBERS` has bodies of two).
+Where no publication gives a range, the entry names its basis: the spread of the named actuators, or commercial
+components. Two things are not drawn: gravity, which the scenarios set, and the number of chambers, which is one
+(`rod.CHAMBERS` has bodies with two).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Draw(NamedTuple):
-    """One range: uniform between `low` and `high`, or uniform in the logarithm."""
+    """One range: uniform between `low` and `high`, or uniform in the logarithm when `log` is True."""
 
     low: float
     high: float

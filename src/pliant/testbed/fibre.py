@@ -1,4 +1,4 @@
-"""Emulator of a distributed fibre sensor: curvature by gauges along a lumen, integrated to a shape."""
+"""Emulator of a distributed fibre sensor: gauges measure curvature along a lumen, which is integrated to a shape."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pliant.testbed.truth import node_positions
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 FINE = 850  # intervals of the body on which the angle is integrated
 CORE_ANGLE = (0.0, 0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
@@ -22,9 +22,10 @@ CORE_ANGLE = (0.0, 0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
 
 @dataclass(frozen=True)
 class FibreSensor:
-    """Settings of the emulator (SI); 0 switches an imperfection off.
+    """Settings of the emulated fibre sensor (SI units); 0 switches an imperfection off.
 
-    Values with a star are standard deviations over specimens: one draw per seed stays for the whole recording.
+    Values marked * are standard deviations over specimens: one value is drawn per seed and held for the whole
+    recording.
     """
 
     spacing: float = 0.8e-3  # m
@@ -49,18 +50,21 @@ class FibreSensor:
     strain_drift: float = 1e-5  # common strain from temperature and tension
 
     def __post_init__(self) -> None:
-        """Refuse settings that no fibre can have."""
+        """Raise InputError for settings that are impossible for a fibre."""
         for name in ("spacing", "gauge", "lead_in", "tail", "bias_length", "bias_time", "core_radius"):
             if not getattr(self, name) > 0:
                 raise InputError(f"fibre setting {name} must be > 0, got {getattr(self, name)}")
         if not 0.0 <= self.drop_out < 1.0 or self.drop_out_length < 1.0:
-            raise InputError("drop_out is a probability below 1 and drop_out_length at least one frame")
+            raise InputError(
+                "a fibre needs 0 <= drop_out < 1 (a probability) and drop_out_length >= 1 frame, "
+                f"got {self.drop_out} and {self.drop_out_length}"
+            )
         if min(self.noise, self.bias, self.jitter, self.gain_error, self.twist) < 0:
-            raise InputError("noise, bias, jitter, gain_error and twist are standard deviations: >= 0")
+            raise InputError("noise, bias, jitter, gain_error and twist are standard deviations: give values >= 0")
 
 
 def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float64]:
-    """Arc length of the samples along the fibre from the actuator's base at rest, m."""
+    """Return the arc lengths (G,) [m] of the fibre's samples, measured from the actuator's base."""
     count = round((sensor.lead_in + p.length + p.cap_length + sensor.tail) / sensor.spacing)
     return np.asarray(-sensor.lead_in + sensor.spacing * np.arange(count + 1))
 
@@ -68,7 +72,7 @@ def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float6
 def body_angle(
     motion: RodMotion, p: RodParameters, at: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Arc lengths (F,) along the body and the tangent's angle (T, F) there at the times `at`, rad."""
+    """Return arc lengths (F,) [m] along the body and tangent angles (T, F) [rad] there at the times `at` (T,) [s]."""
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
     share = np.clip((at - motion.time[index]) / (motion.time[1] - motion.time[0]), 0.0, 1.0)[:, None]
     kappa = (1.0 - share) * motion.curvature[index] + share * motion.curvature[index + 1]
@@ -83,7 +87,7 @@ def body_angle(
 
 
 def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Arc length (T, F) of the places of `body_angle` along the body as it is stretched at the times `at`, m."""
+    """Return the arc lengths (T, F) [m] of the stretched body at the times `at`, for the points of `body_angle`."""
     s = np.linspace(0.0, p.length, FINE + 1)
     if not any(c.push for c in p.chambers):
         return np.tile(s, (at.size, 1))
@@ -95,10 +99,10 @@ def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> N
 def gauge_curvature(
     motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """True in-plane curvature of the fibre (T, G), averaged over each gauge, 1/m.
+    """Return the true in-plane curvature (T, G) [1/m] of the fibre, averaged over each gauge.
 
-    The fibre is held at the base and slides in its lumen: it needs ``(1 + offset kappa) ds`` of itself
-    for ``ds`` of body, so the body's tip wanders along it.
+    The fibre is fixed at the base and slides in its lumen. It needs the length ``(1 + offset kappa) ds`` for a length
+    ``ds`` of the body, so that the fibre position of the body's tip changes.
     """
     theta, along = body_angle(motion, p, at)[1], stretched(motion, p, at)
     station = station_position(p, sensor)
@@ -119,7 +123,7 @@ def gauge_curvature(
 def wandering_bias(
     sensor: FibreSensor, station: NDArray[np.float64], at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Curvature bias (T, G), 1/m: smooth along the fibre, an Ornstein-Uhlenbeck process in time."""
+    """Return a random curvature bias (T, G) [1/m], smooth along the fibre and an Ornstein-Uhlenbeck process in time."""
     waves = 24
     wave = rng.standard_normal(waves) / sensor.bias_length
     shape = np.vstack([np.cos(np.outer(wave, station)), np.sin(np.outer(wave, station))])
@@ -143,7 +147,7 @@ def sensed_curvature(
     specimen: np.random.Generator,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return the gauges' readings (2, T, G), 1/m: in the nominal plane of bending, and across it."""
+    """Return the gauges' readings (2, T, G) [1/m]: curvature in the nominal bending plane, and out of plane."""
     true = gauge_curvature(motion, p, sensor, at)
     station = station_position(p, sensor)
     gain = 1.0 + sensor.gain_error * specimen.standard_normal()
@@ -156,9 +160,9 @@ def sensed_curvature(
 
 
 def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Positions (T, G, 3) of a curve that starts at the origin along +x, from its two curvatures (2, T, G).
+    """Return the positions (T, G, 3) of curves with the curvatures `kappa` (2, T, G), starting at the origin along +x.
 
-    The first curvature turns the tangent towards +y, the second towards +z; the frame does not roll about the tangent.
+    The first curvature turns the tangent towards +y, the second towards +z. The frame does not roll about the tangent.
     """
     _, frames, stations = kappa.shape
     tangent, m1, m2 = (np.tile(axis, (frames, 1)) for axis in np.eye(3))
@@ -177,7 +181,7 @@ def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.fl
 
 
 def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Strain (T, 4, G) of a centre core and three outer ones for sensed curvatures (2, T, G)."""
+    """Return the strain (T, 4, G) of a centre core and three outer cores for the curvatures `kappa` (2, T, G) [1/m]."""
     drift = sensor.strain_drift * np.cumsum(rng.standard_normal(kappa.shape[1])) / np.sqrt(kappa.shape[1])
     cores = [np.zeros(kappa.shape[1:])]
     cores += [-sensor.core_radius * (kappa[0] * np.cos(a) + kappa[1] * np.sin(a)) for a in CORE_ANGLE[1:]]
@@ -185,7 +189,7 @@ def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.
 
 
 def place(position: NDArray[np.float64], sensor: FibreSensor, specimen: np.random.Generator) -> NDArray[np.float64]:
-    """Turn and shift positions (..., 3) into the sensor's slightly misaligned frame."""
+    """Rotate and shift positions (..., 3) [m] into the sensor's slightly misaligned frame."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_rotvec(sensor.misalignment * specimen.standard_normal(3)).as_matrix()
@@ -193,7 +197,7 @@ def place(position: NDArray[np.float64], sensor: FibreSensor, specimen: np.rando
 
 
 def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Frames (T,) that are lost: bursts of geometric length."""
+    """Return a mask (T,) that is True for lost frames, in bursts of geometrically distributed length."""
     lost = np.zeros(frames, dtype=bool)
     for first in np.flatnonzero(rng.random(frames) < sensor.drop_out):
         lost[first : first + rng.geometric(1.0 / sensor.drop_out_length)] = True
@@ -201,6 +205,6 @@ def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> N
 
 
 def time_stamps(at: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Recorded times (T,): late by the latency, with jitter of at most a third of a period."""
+    """Return the recorded times (T,) [s]: the true times plus latency and jitter of at most a third of a period."""
     limit = np.diff(at).min() / 3.0 if at.size > 1 else np.inf
     return at + sensor.latency + np.clip(sensor.jitter * rng.standard_normal(at.size), -limit, limit)

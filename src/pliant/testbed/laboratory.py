@@ -1,4 +1,4 @@
-"""From a scenario to a recording and its truth: cached by content, written whole or not at all."""
+"""Generate recordings of a scenario together with the true motion, cached by a digest of all settings."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ RECORD = 1e-3  # s between two kept states
 
 @dataclass(frozen=True)
 class Laboratory:
-    """Everything beside the actuator: valve, sensors and what is recorded.
+    """Valve, sensors and recorded output of a virtual laboratory: everything except the actuator.
 
-    Each chamber has a valve of its own: all alike, or one given for each.
+    `valve` holds for every chamber, or is a tuple with one valve for each chamber.
     """
 
     valve: SupplyRegulator | Iso6358 | tuple[SupplyRegulator | Iso6358, ...] = field(default_factory=SupplyRegulator)
@@ -54,13 +54,13 @@ class Laboratory:
 
     @classmethod
     def of(cls, who: Member, output: Output = "position") -> Laboratory:
-        """The instruments of a member of the family."""
+        """Return a laboratory with the instruments of the family member `who`."""
         return cls(who.valve, who.transducer, who.fibre, output=output)
 
 
 @dataclass(frozen=True)
 class LaboratoryExperiment:
-    """A recording as a laboratory would have it, and the truth behind it."""
+    """A recording of the virtual laboratory and the true motion that it observed."""
 
     recording: xr.Dataset
     truth: xr.Dataset
@@ -68,30 +68,32 @@ class LaboratoryExperiment:
 
 @cache
 def source_digest() -> str:
-    """Digest of the test bed's source: recordings of other versions are made anew."""
+    """Return the SHA-256 digest of the test bed's source code; recordings made by another version are regenerated."""
     files = sorted(p for p in Path(__file__).parent.rglob("*.py") if p.name not in ("bundle.py", "__init__.py"))
     return hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
 
 
 def content_key(case: Scenario, rod: RodParameters, seed: int, lab: Laboratory) -> str:
-    """Digest of everything that decides what a recording holds."""
+    """Return a digest of all settings and code that determine a recording's content."""
     valve = [type(v).__name__ for v in one_each(lab.valve, rod, "valve")]
     settings = json.dumps([asdict(case), asdict(rod), int(seed), asdict(lab), valve], sort_keys=True)
     return hashlib.sha256((settings + source_digest()).encode()).hexdigest()[:32]
 
 
 def one_each(given: Any, rod: RodParameters, what: str) -> tuple[Any, ...]:
-    """One of them for each chamber: those given, or the same for all."""
+    """Return a tuple with one item for each chamber: `given` itself when it is a tuple, else `given` repeated."""
     each = given if isinstance(given, tuple) else (given,) * len(rod.chambers)
     if len(each) != len(rod.chambers):
-        raise InputError(f"{len(each)} {what}s for a body of {len(rod.chambers)} chamber(s): give one, or one for each")
+        raise InputError(
+            f"got {len(each)} {what}s for a body of {len(rod.chambers)} chamber(s): give one, or one for each chamber"
+        )
     return each
 
 
 def run_rod(
     case: Scenario, rod: RodParameters, lab: Laboratory, progress: Callable[[float], None] | None = None
 ) -> RodMotion:
-    """The actuator's true motion in a scenario."""
+    """Simulate the actuator's true motion in a scenario."""
     stride = max(1, round(RECORD / case.step))
     steps = int(np.ceil(case.duration / (case.step * stride))) * stride
     fine = max(1, round(case.step / SUPPLY_STEP))  # the valve's own grid: edges stay where they are
@@ -112,7 +114,7 @@ def run_rod(
 def resolved(
     case: str | Scenario, body: str | int | RodParameters | Member, lab: Laboratory | None, output: Output = "position"
 ) -> tuple[Scenario, Member, Laboratory]:
-    """The scenario at the body's scale, the member of the family that it names, and the laboratory around it."""
+    """Return the scenario scaled to the body, the family member that `body` names, and its laboratory."""
     case = scenario(case) if isinstance(case, str) else case
     if isinstance(body, RodParameters):
         return case, Member("custom", body), lab or Laboratory(output=output)
@@ -128,34 +130,34 @@ def generate(
     lab: Laboratory | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> LaboratoryExperiment:
-    """Run a scenario and record it.
+    """Simulate a scenario and return its recording together with the true motion.
 
     Parameters
     ----------
     case : str or Scenario
-        Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``; ``pulse_120+60_<ms>ms`` is a
-        level for each chamber. Where a scenario has one command, every chamber follows it.
+        Name from `pliant.testbed.scenarios.SCENARIOS`, or ``pulse_<kPa>_<ms>ms``; ``pulse_120+60_<ms>ms`` gives a
+        pressure for each chamber. Where a scenario has one command, every chamber follows it.
     body : str, int, Member or RodParameters
         Actuator "a", "b" or "c"; "two_segment", "antagonistic" or "lengthening", with two chambers; a seed of the
-        family (7 or "7"), whose own valve and sensors record and whose working pressure is what the scenario calls
-        180 kPa; or parameters of your own.
+        family (7 or "7"), which has its own valve and sensors and replaces the scenario's 180 kPa by its working
+        pressure; or parameters of your own.
     seed : int
-        Of the sensors: their systematic errors belong to the seed, their noise to seed and scenario.
+        Seed of the sensors: their systematic errors depend on the seed, their noise on seed and scenario.
     lab : Laboratory, optional
-        In place of the body's own.
+        Default: the laboratory that belongs to the body.
     progress : callable, optional
-        Called with the fraction of the simulation that is done.
+        Called with the completed fraction of the simulation.
 
     Returns
     -------
-    Experiment
+    LaboratoryExperiment
 
     Raises
     ------
     InputError
-        For unknown names or settings without sense.
+        For an unknown name, a negative seed or a wrong number of valves or commands.
     SimulationError
-        When the rod cannot follow.
+        When the simulation does not converge.
     """
     case, who, lab = resolved(case, body, lab)
     rod = who.body
@@ -163,15 +165,15 @@ def generate(
         raise InputError(f"a seed must be >= 0, got {seed}")
     motion = run_rod(case, rod, lab, progress)
     rate = {"markers": lab.mocap.rate, "angle": lab.angle.rate}.get(lab.output, case.rate)
-    at = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
+    frame_times = np.arange(0.0, case.duration - 0.5 * RECORD, 1.0 / rate)
     attrs = {"scenario": case.name, "actuator": who.name, "seed": int(seed),
              "content_key": content_key(case, rod, seed, lab)}  # fmt: skip
     if who.name.isdecimal():
         attrs |= who.known()
     rod = replace(rod, gravity=case.gravity)
-    recording = record(motion, rod, lab, at, seed=seed, attrs=attrs)
+    recording = record(motion, rod, lab, frame_times, seed=seed, attrs=attrs)
     settings = {"laboratory": json.dumps(asdict(lab)), "scenario_settings": json.dumps(asdict(case))}
-    truth = make_truth(motion, rod, at, attrs | settings)
+    truth = make_truth(motion, rod, frame_times, attrs | settings)
     return LaboratoryExperiment(recording, truth)
 
 
@@ -184,7 +186,7 @@ def record(
     seed: int,
     attrs: dict[str, Any],
 ) -> xr.Dataset:
-    """Return the instruments' recording of a motion at the instants `at`."""
+    """Return the recording that the laboratory's instruments make of a motion at the times `at` (T,) [s]."""
     stream = zlib.crc32(str(attrs["scenario"]).encode())
     specimen = np.random.default_rng([seed, 1])  # stays with the instruments from one scenario to the next
     rng = np.random.default_rng([seed, stream])
@@ -219,7 +221,7 @@ def record(
 
 
 def is_current(path: Path, key: str) -> bool:
-    """Whether `path` already holds the recording of this content."""
+    """Return True if `path` already holds the recording with the content key `key`."""
     if not path.is_file():
         return False
     try:
@@ -238,26 +240,26 @@ def generate_file(
     truth: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> bool:
-    """Generate a recording into a netCDF file unless it is there already; the truth goes elsewhere.
+    """Generate a recording as a netCDF file, unless the file is current; optionally also a file of the true motion.
 
     Returns
     -------
     bool
-        True when the scenario was run, False when the files were current.
+        True when the scenario was simulated, False when the files were current.
     """
     path = Path(path)
     if path.suffix not in (".nc", ".nc4"):
-        raise InputError(f"recordings of the test bed are written as .nc, not {path.name!r}")
+        raise InputError(f"recordings of the test bed are netCDF: give a name ending in .nc, not {path.name!r}")
     if truth is not None and Path(truth).resolve() == path.resolve():
-        raise InputError("recording and truth need two different files")
+        raise InputError(f"recording and true motion need two different files, both are {path}")
     adapted, who, own = resolved(case, body, lab)
     key = content_key(adapted, who.body, seed, own)
     if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
         return False
-    made = generate(case, body, seed, lab=lab, progress=progress)
+    experiment = generate(case, body, seed, lab=lab, progress=progress)
     if truth is not None:
-        write_truth(made.truth, Path(truth))
-    write_netcdf(made.recording, path, float32=True, compress=True)
+        write_truth(experiment.truth, Path(truth))
+    write_netcdf(experiment.recording, path, float32=True, compress=True)
     return True
 
 
@@ -277,19 +279,19 @@ def generate_set(
     lab: Laboratory | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
-    """Generate many (scenario, actuator, seed) into `folder`, truths into its subfolder ``truth``.
+    """Generate a recording for each (scenario, actuator, seed) into `folder`, and its true motion into ``truth`` there.
 
-    A run that was interrupted goes on where it stopped: files of the right content are kept.
-    `progress` is called with the number done, the number asked for and the file's name.
+    Files that are current are kept, so that an interrupted run can be repeated. `progress` is called with the number of
+    files done, their total number and the file's name.
     """
     folder = Path(folder)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     todo = list(cases)
-    made = []
+    experiments = []
     for done, (case, body, seed) in enumerate(todo):
         path = folder / f"{case}-{body}-{seed}.nc"
         if progress is not None:
             progress(done, len(todo), path.name)
         generate_file(case, path, body=body, seed=seed, lab=lab, truth=folder / "truth" / path.name)
-        made.append(path)
-    return made
+        experiments.append(path)
+    return experiments

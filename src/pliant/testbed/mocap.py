@@ -1,4 +1,4 @@
-"""The same motion as a motion-capture system sees it: a few markers."""
+"""Emulator of a motion-capture system that records markers on the actuator."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pliant.testbed.fibre import body_angle, stretched
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
 
 
 @dataclass(frozen=True)
 class MotionCapture:
-    """Markers on the convex side of the body and on the clamp (SI)."""
+    """A motion-capture system with markers on the convex side of the body and on the clamp (SI units)."""
 
     markers: int = 5
     stand_off: float = 0.014  # m, from the centreline
@@ -30,14 +30,14 @@ class MotionCapture:
 
 
 def marker_names(mocap: MotionCapture) -> list[str]:
-    """Names of the markers: three of the base, then the body from base to tip."""
+    """Return the names of the markers: three on the base, then those on the body from base to tip."""
     return [f"base_{k + 1}" for k in range(len(BASE))] + [f"body_{k + 1}" for k in range(mocap.markers)]
 
 
 def marker_positions(
     motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """True marker positions (T, M, 3) in the actuator's frame, m."""
+    """Return the true marker positions (T, M, 3) [m] in the actuator's frame at the times `at` (T,) [s]."""
     s, theta = body_angle(motion, p, at)
     half = 0.5 * (theta[:, 1:] + theta[:, :-1])
     step = np.diff(stretched(motion, p, at), axis=1)
@@ -55,7 +55,7 @@ def marker_positions(
 def observe_markers(
     motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Noisy markers (T, M, 3) in a laboratory frame of random pose; NaN where a marker is lost."""
+    """Return noisy marker positions (T, M, 3) [m] in a laboratory frame of random pose; lost markers are NaN."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()

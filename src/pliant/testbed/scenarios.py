@@ -1,4 +1,4 @@
-"""Scenarios of the test bed: commanded pressures, obstacles and sensors, as data."""
+"""Scenarios of the virtual laboratory: commanded pressures, obstacles and frame rates."""
 
 from __future__ import annotations
 
@@ -13,24 +13,22 @@ from pliant.testbed.contact import Circle, Wall
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WAVES = ("steps", "triangle", "chirp", "multisine")
-
 
 @dataclass(frozen=True)
 class Command:
-    """Commanded gauge pressure against time.
+    """A commanded gauge pressure as a function of time.
 
     Attributes
     ----------
     wave : "steps", "triangle", "chirp" or "multisine"
     points : pairs of (s, Pa)
-        Steps: the level from that time on. Triangle: corners, joined by straight lines.
+        For steps: the pressure from each time on. For a triangle: its corners, joined by straight lines.
     mean, amplitude : float, Pa
-        Chirp and multisine.
+        Mean and amplitude of a chirp or multisine.
     band : (float, float), Hz
-        First and last frequency.
+        First and last frequency of a chirp or multisine.
     start, stop : float, s
-        Outside, the chirp and the multisine rest at `mean`, which is held from 0.2 s on.
+        Times between which the chirp or multisine is added to `mean`; `mean` itself is held from 0.2 s on.
     """
 
     wave: str
@@ -42,19 +40,19 @@ class Command:
     stop: float = 1.0
 
     def __call__(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pressure at the times, Pa."""
+        """Return the commanded gauge pressure (T,) [Pa] at the times `time` (T,) [s]."""
         if self.wave in ("steps", "triangle"):
-            at, level = np.array(self.points, dtype=float).T
+            times, level = np.array(self.points, dtype=float).T
             if self.wave == "triangle":
-                return np.asarray(np.interp(time, at, level))
-            return np.asarray(np.append(0.0, level)[np.searchsorted(at, time, side="right")])
+                return np.asarray(np.interp(time, times, level))
+            return np.asarray(np.append(0.0, level)[np.searchsorted(times, time, side="right")])
         inside = (time >= self.start) & (time < self.stop)
         wave = self._sweep(time - self.start) if self.wave == "chirp" else self._lines(time - self.start)
         held = np.where(time >= 0.2, self.mean, 0.0)
         return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
 
     def scaled(self, share: float) -> Command:
-        """The same with every pressure multiplied."""
+        """Return a copy of the command with every pressure multiplied by `share`."""
         return replace(self, points=tuple((t, p * share) for t, p in self.points), mean=self.mean * share,
                        amplitude=self.amplitude * share)  # fmt: skip
 
@@ -64,7 +62,9 @@ class Command:
         return np.asarray(np.sin(2.0 * np.pi * self.band[0] * span / ratio * np.expm1(ratio * t / span)))
 
     def _lines(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Equal lines at odd multiples of the lowest frequency, Schroeder phases, unit peak."""
+        """Return a multisine with unit peak: equal amplitudes at odd multiples of the lowest frequency, Schroeder
+        phases.
+        """
         lines = np.arange(self.band[0], self.band[1], 2.0 * self.band[0])
         k = np.arange(lines.size)
         phase = -np.pi * k * (k + 1) / lines.size
@@ -77,9 +77,9 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One experiment: command, duration, surroundings, frame rate and time step of the rod (SI).
+    """One experiment: command, duration, obstacles, frame rate and time step of the rod (SI units).
 
-    A body of several chambers follows one command with all of them, or a tuple with one for each.
+    A body with several chambers applies a single command to all of them. A tuple gives one command for each chamber.
     """
 
     name: str
@@ -94,21 +94,21 @@ class Scenario:
 
 
 def pulse(level: float, width: float, *, start: float = 0.12) -> Command:
-    """Rectangular pulse of gauge pressure: Pa, s, s."""
+    """Return a rectangular pulse of gauge pressure `level` [Pa] that lasts `width` [s] and begins at `start` [s]."""
     return Command("steps", ((start, level), (start + width, 0.0)))
 
 
 def _pulses() -> list[Scenario]:
-    made = []
+    points = []
     for kpa in (60, 119, 180, 240):
         for suffix, width, duration in (("", 2.76, 4.5), ("_medium", 1.5, 3.5), ("_short", 0.5, 2.5)):
             text = f"{kpa} kPa for {width} s" + (", the paper's pulse" if (kpa, suffix) == (119, "") else "")
-            made.append(Scenario(f"pulse_{kpa}{suffix}", text, duration, pulse(kpa * 1e3, width)))
-    return made
+            points.append(Scenario(f"pulse_{kpa}{suffix}", text, duration, pulse(kpa * 1e3, width)))
+    return points
 
 
 def _ramps(corners: list[float], rate: float) -> Command:
-    """Triangle through pressures (Pa) at one rate (Pa/s), starting at 0.5 s."""
+    """Return a triangle wave through the pressures `corners` [Pa] at the slope `rate` [Pa/s], starting at 0.5 s."""
     time = 0.5 + np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / rate
     return Command("triangle", tuple(zip(time.tolist(), corners, strict=True)))
 
@@ -157,7 +157,9 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 def scenario(name: str) -> Scenario:
-    """A scenario by name; any other pulse as ``pulse_<kPa>_<width in ms>ms``, ``pulse_120+60_500ms`` of two chambers.
+    """Return a scenario by its name.
+
+    Any other pulse is named ``pulse_<kPa>_<width in ms>ms``, or ``pulse_120+60_500ms`` for a body with two chambers.
 
     Raises
     ------
@@ -175,6 +177,6 @@ def scenario(name: str) -> Scenario:
             text = f"{' and '.join(levels)} kPa for {ms} ms"
             return Scenario(name, text, 0.12 + ms / 1e3 + 2.0, each if len(each) > 1 else each[0])
     raise InputError(
-        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa, with a "
-        "level for each chamber of several, as pulse_120+60_500ms"
+        f"unknown scenario {name!r}: use one of {', '.join(SCENARIOS)}, or pulse_<kPa>_<ms>ms up to 300 kPa, or "
+        "with a pressure for each of several chambers, e.g. pulse_120+60_500ms"
     )

@@ -1,6 +1,7 @@
-"""A virtual body in space: PyElastica's Cosserat rod, bent by three chambers, seen by markers and a multicore fibre.
+"""A virtual body in space: PyElastica's Cosserat rod with three chambers, observed by markers or a multicore fibre.
 
-It shares no line with the chain: shear, stretch and twist are PyElastica's. ``pip install 'pliant[bench]'`` brings it.
+It shares no code with pliant's models: shear, stretch and twist are computed by PyElastica, which ``pip install
+'pliant[bench]'`` installs. ``python -m pliant.testbed.space`` generates the bundled recordings.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ DURATION, RATE = 6.0, 50.0  # s, Hz
 QUIET = 0.5  # s without pressure at the beginning
 TRACKER = np.array([[0.0, 0.8, 0.6], [1.0, 0.0, 0.0], [0.0, 0.6, -0.8]])  # tracker's axes from those of the world
 ORIGIN = np.array([0.31, -0.12, 1.04])  # m, of the world in the tracker's frame
+SEED = 1  # of the bundled recordings
+FIBRE = "mixed"  # the bundled motion that the fibre records too
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """Noise and place of what records the body; standard deviations."""
+    """Noise (standard deviations) and positions of the instruments that record the body."""
 
     marker_noise: float = 1e-4  # m
     pressure_noise: float = 150.0  # Pa
@@ -39,7 +42,7 @@ class Instruments:
 
 
 class MotionInSpace(NamedTuple):
-    """True motion of a body in the world, whose z points up; the rod hangs along -z."""
+    """True motion of a body in the world frame, whose z axis points up; the rod hangs along -z."""
 
     time: Array  # (T,) s
     pressure: Array  # (T, 3) Pa
@@ -49,20 +52,20 @@ class MotionInSpace(NamedTuple):
 
 
 def one_by_one(time: Array) -> Array:
-    """Each chamber by itself: 90 kPa for 1 s, then vented for 0.7 s, (T, 3) Pa."""
+    """Return pressures (T, 3) [Pa] that fill one chamber after another: 90 kPa for 1 s, then 0 for 0.7 s."""
     start = QUIET + 1.7 * np.arange(3)
     return np.where((time[:, None] >= start) & (time[:, None] < start + 1.0), 90e3, 0.0)
 
 
 def around(time: Array) -> Array:
-    """Pressures that turn once in 2 s, then vented at 4.5 s, (T, 3) Pa."""
+    """Return pressures (T, 3) [Pa] that rotate about the axis once in 2 s, and are vented at 4.5 s."""
     phase = np.pi * (time - QUIET)[:, None] - 2 * np.pi / 3 * np.arange(3)
     rise = np.clip((time - QUIET) / 0.3, 0.0, 1.0) * (time < 4.5)
     return 50e3 * (1.0 + np.cos(phase)) * rise[:, None]
 
 
 def mixed(time: Array) -> Array:
-    """Three pressures with frequencies of their own, two steps on top and a vent at 5 s, (T, 3) Pa."""
+    """Return pressures (T, 3) [Pa] with a different frequency per chamber, plus two steps, vented at 5 s."""
     t = np.maximum(time - QUIET, 0.0)[:, None]
     waves = 25e3 * np.sin(np.pi * np.array([0.45, 0.7, 0.31]) * t) ** 2
     steps = 45e3 * np.stack([(time > 2.0) & (time < 3.2), 0 * time, (time > 3.0) & (time < 4.2)], axis=-1)
@@ -73,7 +76,7 @@ COMMANDS: dict[str, Callable[[Array], Array]] = {"one_by_one": one_by_one, "arou
 
 
 def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpace:
-    """Return the true motion of the body under a command of `COMMANDS`.
+    """Return the true motion of the body under the command of `COMMANDS` with the given name.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
     """
     body = body or BodyInSpace()
     if name not in COMMANDS:
-        raise InputError(f"no command {name!r} of a body in space: use one of {', '.join(COMMANDS)}")
+        raise InputError(f"unknown command {name!r} for a body in space: use one of {', '.join(COMMANDS)}")
     try:
         from pliant.testbed import elastic_rod
     except ImportError:
@@ -93,7 +96,7 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
 
 
 def lagged(command: Array, part: float) -> Array:
-    """Return `command` (T, C) behind a first-order lag; `part` is the step over the time constant."""
+    """Return `command` (T, C) filtered by a first-order lag; `part` is the time step divided by the time constant."""
     from scipy.signal import lfilter
 
     keep = np.exp(-part)
@@ -101,7 +104,10 @@ def lagged(command: Array, part: float) -> Array:
 
 
 def marker_recording(motion: MotionInSpace, seed: int, seen: Instruments | None = None, name: str = "") -> xr.Dataset:
-    """Return what a tracker and three pressure sensors record: base and markers (T, 4, 3), in the tracker's frame."""
+    """Return the recording of a motion-capture system and three pressure sensors.
+
+    The positions (T, 4, 3) [m] are those of the base and three markers, in the tracker's frame.
+    """
     seen = seen or Instruments()
     rng = np.random.default_rng(seed)
     middle = 0.5 * (motion.position[:, 1:] + motion.position[:, :-1])[:, list(seen.elements)]
@@ -119,7 +125,10 @@ def marker_recording(motion: MotionInSpace, seed: int, seen: Instruments | None 
 def fibre_table(
     motion: MotionInSpace, seed: int, body: BodyInSpace | None = None, seen: Instruments | None = None
 ) -> str:
-    """Return what the interrogator of a multicore fibre exports: curvature towards x and y [1/m] by arc length [mm]."""
+    """Return the CSV text that a multicore fibre's interrogator exports.
+
+    The columns are time [s] and the curvature towards x and y [1/m] at each arc length [mm].
+    """
     body, seen = body or BodyInSpace(), seen or Instruments()
     rng = np.random.default_rng(seed)
     kappa = motion.curvature + seen.curvature_noise * rng.standard_normal(motion.curvature.shape)
@@ -127,3 +136,24 @@ def fibre_table(
     names = [f"{axis}_{s:.2f}" for s in arc for axis in ("kx", "ky")]
     rows = np.column_stack([motion.time, kappa.reshape(len(kappa), -1)])
     return "\n".join([",".join(["t", *names]), *(",".join(f"{v:.3f}" for v in row) for row in rows)]) + "\n"
+
+
+def main() -> None:
+    """Write all bundled recordings of a body in space; takes about a minute."""
+    from pliant.recording import append_history
+    from pliant.recording.netcdf import write_netcdf
+    from pliant.testbed.bundle import FOLDER, QUANTUM
+
+    for number, name in enumerate(COMMANDS):
+        motion = simulate_in_space(name)
+        recording = marker_recording(motion, SEED + number, name=name)
+        rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
+        kept = append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
+        write_netcdf(kept, FOLDER / f"space_{name}.nc", float32=True, compress=True)
+        if name == FIBRE:
+            half = motion._replace(**{field: getattr(motion, field)[::2] for field in motion._fields})
+            (FOLDER / "space_fibre.csv").write_text(fibre_table(half, SEED), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

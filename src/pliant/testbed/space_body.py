@@ -1,4 +1,4 @@
-"""The parameters of the virtual body in space."""
+"""Parameters of the virtual body in space."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class BodyInSpace:
-    """A hanging cylinder of silicone in a sleeve that hardly lengthens, with three chambers (SI).
+    """A hanging silicone cylinder with three chambers, in a sleeve that nearly prevents lengthening (SI units).
 
-    Chambers lie at `azimuth` around the axis, from x of the base frame towards y, `offset` from it. Their pressure
-    follows the command with a first-order lag.
+    The chambers lie at the angles `azimuth` about the axis, measured from x of the base frame towards y, at the
+    distance `offset` from it. Their pressures follow the command with a first-order lag.
     """
 
     length: float = 0.17
@@ -30,15 +30,15 @@ class BodyInSpace:
 
     @property
     def torque(self) -> float:
-        """Bending moment for each pascal in one chamber, N m/Pa."""
+        """Bending moment per pressure of one chamber, N m/Pa."""
         return self.area * self.offset
 
     @property
     def bending_stiffness(self) -> float:
-        """EI, N m^2."""
+        """Bending stiffness EI, N m^2."""
         return self.youngs_modulus * np.pi * self.radius**4 / 4
 
     @property
     def mass(self) -> float:
-        """Mass, kg."""
+        """Mass of the body, kg."""
         return self.density * np.pi * self.radius**2 * self.length

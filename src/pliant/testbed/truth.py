@@ -1,4 +1,4 @@
-"""The rod's true motion, in a file of its own: for tests and for the report's section on the truth alone."""
+"""Build, write and read the dataset of the rod's true motion, which tests compare with the fitted model."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ import xarray as xr
 from pliant.errors import InputError, shown
 from pliant.files import whole
 from pliant.recording.netcdf import read_groups
-from pliant.testbed.rod.body import build_body, material_fields
+from pliant.testbed.rod import build_body, material_fields
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from pliant.testbed.rod.parameters import RodParameters
-    from pliant.testbed.stepping.simulate import RodMotion
+    from pliant.testbed.rod import RodParameters
+    from pliant.testbed.stepping import RodMotion
 
 SCHEMA = "pliant-truth"
 ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]
 
 
 def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rates (T, n) [rad/s] at the times `at` [s] of a chain with joints at arc lengths `nodes` (n + 1,) [m] of the rod.
+    """Return the true joint rates (T, n) [rad/s] at the times `at` [s] of a chain along the rod.
 
-    From the rod's own velocities, without any difference in time.
+    The joints lie at the arc lengths `nodes` (n + 1,) [m]. The rates follow from the rod's velocities, without a finite
+    difference in time.
     """
     x, v = (np.stack([[np.interp(nodes, motion.arc_length, row[:, k]) for k in (0, 1)] for row in field])
             for field in (motion.position, motion.velocity))  # fmt: skip
@@ -40,7 +41,7 @@ def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.fl
 
 
 def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Node positions (T, V, 2) at the times `at`, by cubic Hermite interpolation of the records, m."""
+    """Return node positions (T, V, 2) [m] at the times `at` (T,) [s], by cubic Hermite interpolation."""
     step = motion.time[1] - motion.time[0]
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
     u = np.clip((at - motion.time[index]) / step, 0.0, 1.0)[:, None, None]
@@ -51,13 +52,13 @@ def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
-    """Dataset of the true states at the instants `at` at which the shape was sampled.
+    """Return a dataset of the true states at the times `at` (T,) [s] of the shape frames.
 
-    `position` (time, node, axis) and `force` of obstacles (time, node, axis) in the actuator's frame: base at the
-    origin, tangent +y; `curvature` (time, vertex); `pressure` and `volume` of the chamber (record), or of each of
-    several (record, chamber), as its `gain` (chamber, vertex); `energy` (record, store); stiffness, gain and rest
-    curvature (vertex); all parameters as JSON in the attribute
-    `parameters`.
+    `position` [m] and the obstacles' `force` [N] (time, node, axis) are in the actuator's frame: base at the origin,
+    tangent +y. `curvature` [1/m] has the dimensions (time, vertex), and `energy` [J] has (record, store). `pressure`
+    [Pa] and `volume` [m3] have the dimension (record), or (record, chamber) for several chambers; `gain` [N m/Pa]
+    likewise has (vertex) or (chamber, vertex). Stiffness and rest curvature have the dimension (vertex). The attribute
+    `parameters` holds all parameters as JSON.
     """
     nearest = np.clip(np.searchsorted(motion.time, at), 0, motion.time.size - 1)
     body = build_body(p)
@@ -90,7 +91,7 @@ def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], att
 
 
 def write_truth(recording: xr.Dataset, path: Path) -> None:
-    """Write the truth as compressed netCDF, single precision, whole or not at all."""
+    """Write a dataset of true motion as compressed single-precision netCDF; an interruption leaves no partial file."""
     encoding = {
         str(name): {"dtype": "float32", "zlib": True, "complevel": 4, "shuffle": True, "_FillValue": None}
         for name in recording.data_vars
@@ -100,17 +101,17 @@ def write_truth(recording: xr.Dataset, path: Path) -> None:
 
 
 def read_truth(path: Path) -> xr.Dataset:
-    """Read a truth file.
+    """Read a dataset of true motion from a file that `write_truth` wrote.
 
     Raises
     ------
     InputError
-        When the file is absent or holds no truth.
+        When the file does not exist or is not a truth file of the test bed.
     """
     try:
         loaded = read_groups(path)["/"]
     except InputError as error:
-        raise InputError(f"cannot read the truth {path}: {error}") from None
+        raise InputError(f"cannot read the file of true motion {path}: {error}") from None
     if str(schema := loaded.attrs.get("schema")) != SCHEMA:
-        raise InputError(f"{path} holds no truth of the test bed: schema {shown(schema)}")
+        raise InputError(f"{path} is no file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}")
     return loaded

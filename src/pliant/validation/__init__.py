@@ -1,1 +1,1 @@
-"""Quality of a model: metrics on training and held-out recordings, and figures for papers."""
+"""Metrics of a model on training and held-out recordings, and figures for papers."""

@@ -1,4 +1,4 @@
-"""Curves of the figures as plain arrays: thinned lines, autocorrelation, characteristic instants."""
+"""Computation of the curves that figures show: thinned lines, autocorrelation, frames to draw."""
 
 from __future__ import annotations
 
@@ -14,44 +14,47 @@ Array = np.ndarray
 
 
 def thin(time: Array, value: Array, most: int = 1200) -> tuple[Array, Array]:
-    """A line with at most about `most` points that looks the same: the extremes of each short stretch, gaps kept.
+    """Return a line of at most about `most` points that looks the same when drawn.
+
+    The extremes of each short interval and the gaps are kept.
 
     Parameters
     ----------
     time, value : array (T,)
-        NaN where nothing was seen.
+        NaN where nothing was measured.
     """
     if time.size <= most:
         return time, value
     cuts = np.linspace(0, time.size, most // 2 + 1).astype(int)
     keep: list[int] = [0, time.size - 1]
     for a, b in pairwise(cuts):
-        seen = np.flatnonzero(np.isfinite(value[a:b]))
-        if seen.size:
-            stretch = value[a:b][seen]
-            keep += [a + int(seen[stretch.argmin()]), a + int(seen[stretch.argmax()])]
-        if seen.size < b - a:
+        measured = np.flatnonzero(np.isfinite(value[a:b]))
+        if measured.size:
+            stretch = value[a:b][measured]
+            keep += [a + int(measured[stretch.argmin()]), a + int(measured[stretch.argmax()])]
+        if measured.size < b - a:
             keep.append(a + int(np.flatnonzero(~np.isfinite(value[a:b]))[0]))
     index = np.unique(keep)
     return time[index], value[index]
 
 
 def autocorrelation(time: Array, value: Array) -> tuple[Array, Array]:
-    """Lags [s] and autocorrelation of a signal, to a quarter of its length and at most 400 lags.
+    """Return the lags [s] and the autocorrelation of a signal, up to a quarter of its length and 400 lags.
 
     Parameters
     ----------
     time, value : array (T,)
-        NaN samples are left out of every product. The lag is the number of samples times the median interval, so a
-        clock that jitters is taken as even.
+        NaN samples are left out of every product. The lag is the number of samples times the median interval: jitter
+        of the clock is neglected.
 
     Returns
     -------
     lag, correlation : array (L,)
-        Biased estimate: products over the whole length, so that far lags, of which little is known, tend to zero.
+        Lags [s] and biased estimate of the correlation: sums are divided by that of the whole length, so that large
+        lags with few products tend to zero.
     """
-    seen = np.isfinite(value)
-    r = np.where(seen, value - (value[seen].mean() if seen.any() else 0.0), 0.0)
+    measured = np.isfinite(value)
+    r = np.where(measured, value - (value[measured].mean() if measured.any() else 0.0), 0.0)
     lags = np.arange(min(time.size // 4, 400) + 1)
     power = float(r @ r)
     if power <= 0.0:
@@ -61,35 +64,38 @@ def autocorrelation(time: Array, value: Array) -> tuple[Array, Array]:
 
 
 def evenly_spaced(count: int, most: int = 6) -> list[int]:
-    """At most `most` of `count` indices, evenly spread, the last always among them."""
+    """Return at most `most` of `count` indices, evenly spread and always with the last one."""
     if count <= most:
         return list(range(count))
     return sorted({round(i) - 1 for i in np.linspace(count / most, count, most)})
 
 
 def instants(path: Array, most: int = 4) -> list[int]:
-    """Frames that show a motion: the first that is seen, the farthest from it, and some at even distances between.
+    """Return frames that show a motion: the first measured one, the farthest from it, and some at even distances.
 
     Parameters
     ----------
     path : array (T, 2)
     """
-    seen = np.flatnonzero(np.isfinite(path).all(axis=1))
-    away = np.linalg.norm(path[seen] - path[seen[0]], axis=1)
+    measured = np.flatnonzero(np.isfinite(path).all(axis=1))
+    away = np.linalg.norm(path[measured] - path[measured[0]], axis=1)
     farthest = int(away.argmax())
     reached = [int(np.argmax(away >= share * away[farthest])) for share in np.linspace(0, 1, most)]
-    return [int(seen[k]) for k in dict.fromkeys(reached)]
+    return [int(measured[k]) for k in dict.fromkeys(reached)]
 
 
 def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
-    """Names of what is drawn in mm, x, y (and z), or in degrees, an angle; the unit, and how many make one SI unit."""
+    """Return the names of the axes to draw, their unit, and how many of this unit make one SI unit.
+
+    For "mm" the axes are x, y (and z); for "deg" there is one angle.
+    """
     return (tuple("xyz"[:dimension]), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Return each chamber of a fit with a title, and the highest pressure [Pa] of its records, by role.
+    """Return (title, chamber, {highest pressure [Pa]: role of the recording}) for each pressure chamber of a fit.
 
-    Tendons have no torque law.
+    Tendons are left out, since they have no torque law.
     """
     chambers = fit.result.model.chambers
     if fit.result.model.actuation.count == 1 and chambers[0].kind == "pressure":
@@ -103,14 +109,14 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
 
 
 def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
-    """Return `count` pressures [Pa] from 0 to 5 % beyond the highest level of the records on these torque laws."""
+    """Return `count` pressures [Pa] from 0 to 5 % beyond the highest pressure of the recordings on these laws."""
     levels = [0.0, *(p for _, _, marks in laws for p in marks)]
     low, high = min(levels), max(levels)
     return np.linspace(1.05 * low, 1.05 * (high if low < 0.0 else max(high, 1.0)), count)
 
 
 def slenderness(measured: Array, modelled: Array, body: bool) -> float:
-    """Height over width of what a path figure of stations (T, S, 2) shows, within what a page bears."""
+    """Return the height over the width of a path figure of stations (T, S, 2), limited to 0.3 to 1.1."""
     points = [measured[:, -1], modelled[:, -1]] if not body else [
         measured.reshape(-1, 2), modelled.reshape(-1, 2), np.zeros((1, 2))]
     width, height = np.ptp([np.nanmin(p, axis=0) for p in points] + [np.nanmax(p, axis=0) for p in points], axis=0)

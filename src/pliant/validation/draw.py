@@ -1,4 +1,4 @@
-"""Figures of a study for papers, drawn when they are asked for."""
+"""Drawing of a study's figures for papers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.failures import Failures
 from pliant.validation.curves import laws_of
 from pliant.validation.outcome import FitOutcome, StudyOutcome
 
-Draw = Callable[[], Any]  # makes a figure
+Draw = Callable[[], Any]  # returns a figure
 KINDS = ("svg", "pdf", "png")
 NARROWEST, WIDEST = 60.0, 400.0  # mm
 INCH = 25.4  # mm
@@ -26,32 +26,33 @@ def draw_figures(
     records: Sequence[str] = (), all_fits: bool = False, letters: bool = False,
     warn: Callable[[str], None] | None = None,
 ) -> Iterator[Path]:
-    """Draw a study's figures into a folder, one after another.
+    """Draw a study's figures into a folder and yield the path of each file after it is written.
 
     Parameters
     ----------
     outcome : StudyOutcome
-        Of `run_study`, or of `pliant.validation.stored.load_outcome`.
+        From `run_study`, or from `pliant.validation.store.load_outcome`.
     folder : str or Path
-        Made when absent.
+        Folder for the files, created if it is absent.
     kinds : sequence of str
-        Of svg, pdf and png.
+        File formats: any of "svg", "pdf" and "png".
     width_mm : float, optional
-        Of every figure, mm; by default that of a page of two columns. Narrow ones stack their panels, letters are
-        smaller.
+        Width of every figure [mm]. Default: the width of a two-column page. Narrow figures have stacked panels and
+        smaller letters.
     records : sequence of str
-        Only these; by default all.
+        Names of the recordings to draw. Default: all.
     all_fits : bool
-        Draw every fit, and each record under all of them; by default only the first fit, which is the study's model.
+        Draw every fit, and a comparison of the fits for each recording. Default: only the first fit, which is the
+        study's model.
     letters : bool
         Mark the panels (a), (b), ...
     warn : callable, optional
-        Called with a line for each figure that cannot be drawn; the others are drawn.
+        Called with a line of text for each figure that cannot be drawn; the others are drawn.
 
     Yields
     ------
     Path
-        Each file, once it is written.
+        Path of each file.
 
     Raises
     ------
@@ -67,18 +68,18 @@ def draw_figures(
     known = list(dict.fromkeys(r.name for f in drawn for r in f.records))
     missing = {m.record: m.sentence for f in drawn for m in f.missing if m.record not in known}
     if strange := [k for k in kinds if k not in KINDS]:
-        raise InputError(f"a figure is {', '.join(KINDS)}, not {strange[0]!r}")
+        raise InputError(f"the format of a figure must be one of {', '.join(KINDS)}, got {strange[0]!r}")
     if none := [r for r in records if r in missing]:
         raise InputError(f"no figure of record {none[0]!r} can be drawn: {missing[none[0]]}")
     if strange := [r for r in records if r not in known]:
-        raise InputError(f"no record {strange[0]!r} in these results; they have {', '.join(known)}")
+        raise InputError(f"these results have no record {strange[0]!r}: choose from {', '.join(known)}")
     if width_mm is not None and not NARROWEST <= width_mm <= WIDEST:
-        raise InputError(f"a figure is {NARROWEST:g} to {WIDEST:g} mm wide, not {width_mm:g}")
+        raise InputError(f"the width of a figure must be {NARROWEST:g} to {WIDEST:g} mm, got {width_mm:g}")
     taken: set[str] = set()
     failures = Failures("", warn)
     with page(PAGE_WIDTH if width_mm is None else width_mm / INCH):
-        shown = replace(outcome, fits=drawn)
-        for name, draw in figures_of(shown, records or known, only=bool(records)):
+        selected = replace(outcome, fits=drawn)
+        for name, draw in figures_of(selected, records or known, only=bool(records)):
             if (figure := failures.attempt(f"figure {name}", "", draw)) is not None:
                 if letters:
                     letter_panels(figure)
@@ -88,7 +89,10 @@ def draw_figures(
 
 
 def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> Iterator[tuple[str, Draw]]:
-    """Names of figures and what draws them: of the wanted records and, unless `only` those, of the whole study."""
+    """Yield the name of each figure and a function that draws it.
+
+    These are the figures of the recordings named in `records` and, unless `only` is True, those of the whole study.
+    """
     from pliant.validation import figures
 
     for fit in outcome.fits:
@@ -104,11 +108,11 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
     if moves_torque(outcome.fits):
         yield "torque", partial(figures.torque_figure, outcome.fits)
     if outcome.model_selection:
-        from pliant.validation.selection_figure import selection_figure
+        from pliant.validation.selection_figures import selection_figure
 
         yield "model_selection", partial(selection_figure, outcome.model_selection)
     if outcome.shape:
-        from pliant.validation.shape_figures import order_figure, shape_figure
+        from pliant.validation.selection_figures import order_figure, shape_figure
 
         yield f"order-{outcome.shape.name}", partial(order_figure, outcome.shape)
         yield f"shape-{outcome.shape.name}", partial(shape_figure, outcome.shape)
@@ -117,7 +121,7 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
 
 
 def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Draw]]:
-    """Records that several fits have, under each of them."""
+    """Yield the name and the function of a comparison figure for each recording that several fits predict."""
     from pliant.validation import figures
 
     counts = Counter(r.name for f in fits for r in f.records)
@@ -127,13 +131,13 @@ def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tup
 
 
 def moves_torque(fits: Sequence[FitOutcome]) -> bool:
-    """Return whether a fit moved the torque law of a chamber."""
+    """Return whether a fit has a torque or gain of a chamber among its parameters."""
     changed = [f for f in fits if any(re.match(r"(.+\.)?(torque_\d|gain)$", p.name) for p in f.result.parameters)]
     return any(laws_of(f) for f in changed)
 
 
 def file_name(name: str, taken: set[str]) -> str:
-    """A plain file name that no other figure has."""
+    """Return a file name of plain characters that is not in `taken`, and add it there."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:80] or "figure"
     file, count = plain, 1
     while file.lower() in taken:

@@ -1,4 +1,4 @@
-"""The recordings of a study beside its model, as files of other tools: MCAP for viewers, LeRobot for learning."""
+"""Export of measured and modelled motion to the formats of other tools: MCAP for viewers, LeRobot for learning."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from pliant.validation.outcome import StudyOutcome
 
-TARGETS = {"mcap": ("rosbags", "ros"), "lerobot": ("pyarrow", "lerobot")}  # target -> its library, the extra with it
+TARGETS = {"mcap": ("rosbags", "ros"), "lerobot": ("pyarrow", "lerobot")}  # target -> (library, extra that installs it)
 
 
 @dataclass(frozen=True, repr=False)
 class ExportedResults(Shown):
-    """Files that an export of results wrote.
+    """The files that an export of results wrote.
 
     Attributes
     ----------
     target : str
     path : Path
-        The file, or the folder of a data set.
+        The file, or the folder of a LeRobot data set.
     records : tuple of str
     notes : tuple of str
-        The frame rate, Hz, and frames that were cut or interpolated; of MCAP, where each recording begins, s.
+        For LeRobot, the frame rate [Hz] and the frames that were cut or interpolated. For MCAP, the start time of each
+        recording [s].
     """
 
     target: str
@@ -37,11 +38,11 @@ class ExportedResults(Shown):
     notes: tuple[str, ...]
 
     def card(self) -> Card:
-        """File, recordings, notes."""
+        """Return the file, the recordings and the notes for display."""
         return Card(f"Exported to {self.target}: {self.path}", [f"recordings: {', '.join(self.records)}", *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return the fields as plain values, for JSON."""
         return {"target": self.target, "path": str(self.path), "records": list(self.records), "notes": list(self.notes)}
 
 
@@ -49,27 +50,28 @@ def export_results(
     results: StudyOutcome | str | Path, target: str, path: str | Path, *, fit: str = "", records: Sequence[str] = (),
     fps: int = 0,
 ) -> ExportedResults:
-    """Write the recordings of a study and the motion of its model, side by side, for another tool.
+    """Write the recordings of a study and the motion of its model in the format of another tool.
 
     Parameters
     ----------
     results : StudyOutcome, str or Path
-        Of `pliant.run_study`, or the folder that `pliant run` has written.
+        From `pliant.run_study`, or the results folder of `pliant run`.
     target : {"mcap", "lerobot"}
-        A ROS 2 file that Foxglove and Rerun open, or a LeRobot data set, version 3.0.
+        An MCAP file of ROS 2 messages, which Foxglove and Rerun open, or a LeRobot data set, version 3.0.
     path : str or Path
         File to write, ending in ``.mcap``; for LeRobot a folder that does not exist yet.
     fit : str
-        Name of the fit whose model is shown. Default: the first fit, which is the study's model.
+        Name of the fit whose model is exported. Default: the first fit, which is the study's model.
     records : sequence of str
-        Only these recordings. Default: all of that fit.
+        Names of the recordings to export. Default: all recordings of that fit.
     fps : int
-        LeRobot only: frames per second, to which all recordings are interpolated. Default: the rate of the slowest.
+        Frame rate [Hz] to which all recordings are interpolated, for LeRobot only. Default: the rate of the slowest
+        recording.
 
     Returns
     -------
     ExportedResults
-        Path, recordings, and what was cut or filled.
+        Path, recordings, and notes on frames that were cut or interpolated.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def export_results(
     >>> export_results("results/demo", "mcap", "demo.mcap")  # doctest: +SKIP
     """
     if target not in TARGETS:
-        raise InputError(f"results are exported to {' or '.join(TARGETS)}, not {target!r}")
+        raise InputError(f"the target of results must be {' or '.join(TARGETS)}, got {target!r}")
     library, extra = TARGETS[target]
     if find_spec(library) is None:
         raise InputError(f"{target} needs {library}, which is not installed: pip install 'pliant[{extra}]'")
@@ -90,9 +92,9 @@ def export_results(
 
     path = Path(path)
     if not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; make it first")
+        raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     if isinstance(results, (str, Path)):
-        from pliant.validation.stored import load_outcome
+        from pliant.validation.store import load_outcome
 
         results = load_outcome(results)
     sides = sides_of(results, fit, records)
@@ -100,7 +102,7 @@ def export_results(
         from pliant.validation.mcap_file import write_mcap
 
         if fps:
-            raise InputError("fps is an option of lerobot: an MCAP file keeps the times of each recording")
+            raise InputError("fps is an option of lerobot only, an MCAP file keeps the recorded times: remove fps")
         notes = write_mcap(sides, path)
     else:
         from pliant.validation.lerobot import write_lerobot

@@ -1,4 +1,4 @@
-"""Figures of measured against modelled motion: thick grey lines or + are measured, thin dark lines are modelled."""
+"""Figures of measured and modelled motion: thick grey lines or + are measured, thin dark lines are modelled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOST_FITS = 4
 STATIONS = 3  # of a record's figure
 BAND: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.75", "linewidth": 0.4, "zorder": 0.5}
 TIMELESS: dict[str, Any] = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
-SPARSE = 120  # up to so many frames, measured points are drawn one by one
+SPARSE = 120  # up to this number of frames, measured points are drawn as single marks
 MEASURED: dict[str, Any] = {"color": "0.57", "linestyle": "-", "linewidth": 1.9, "label": "measured"}
 MEASURED_POINTS: dict[str, Any] = {
     "color": "0.35", "linestyle": "", "marker": "+", "markersize": 4.5, "markeredgewidth": 0.9, "label": "measured",
@@ -49,15 +49,15 @@ MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """The shared style, with text taken literally: a `$` in a recording's name is no formula."""
+    """Apply the shared style inside the block, with text drawn literally: a `$` in a name does not start a formula."""
     with style(), mpl.rc_context({"text.parse_math": False, "axes.titlelocation": "left", "axes.labelsize": "medium"}):
         yield
 
 
 def record_figure(record: RecordOutcome) -> Figure:
-    """Draw measured and modelled x and y of three stations in time, the residuals, and the inputs once below.
+    """Draw measured and modelled motion of three stations against time, with residuals and inputs below.
 
-    The stations are spread evenly, the last one among them; angles alone fill one column.
+    The stations are spread evenly and include the last one. Each axis has a column; recordings of angles have one.
     """
     exp = record.experiment
     chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp.shown_in[0], exp.dimension)
@@ -81,16 +81,16 @@ def record_figure(record: RecordOutcome) -> Figure:
 
 
 def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
-    """Draw the last station of one record under several fits side by side, on shared scales; at most four fits.
+    """Draw the last station of one recording under up to four fits side by side, on shared scales.
 
     Raises
     ------
     InputError
-        When no fit holds the record.
+        When no fit has the recording.
     """
     pairs = [(f, r) for f in fits for r in f.records if r.name == record_name]
     if not pairs:
-        raise InputError(f"no fit holds the record {record_name!r}")
+        raise InputError(f"no fit has the record {record_name!r}: check its name")
     shown, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
     names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0], pairs[0][1].experiment.dimension)
     with drawing():
@@ -117,7 +117,7 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
 
 
 def residual_figure(record: RecordOutcome) -> Figure:
-    """Residual of the last station in time, and its autocorrelation with the 95 % band of white noise."""
+    """Draw the residual of the last station against time, and its autocorrelation with the 95 % band of white noise."""
     exp = record.experiment
     names, unit, factor = axes_of(exp.shown_in[0], exp.dimension)
     residual = factor * (record.modelled[:, -1] - exp.last_station)
@@ -138,7 +138,9 @@ def residual_figure(record: RecordOutcome) -> Figure:
 
 
 def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
-    """Torque law of each fit against pressure; filled marks at training levels, open ones at held-out levels."""
+    """Draw the torque law of each fit against pressure, with filled marks at training and open marks at held-out
+    levels.
+    """
     laws = [law for f in fits for law in laws_of(f)]
     pressure = pressures_of(laws, 200)
     with drawing():
@@ -159,9 +161,9 @@ def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
 
 
 def path_figure(record: RecordOutcome) -> Figure:
-    """Measured and modelled path of the last station; with more stations, the body at a few instants.
+    """Draw the measured and modelled path of the last station and, with several stations, the body at a few instants.
 
-    A body in space is seen from the front (x, z), from the side (y, z) and from above (x, y), as in a workshop drawing.
+    A body in space is drawn in three views: front (x, z), side (y, z) and top (x, y).
     """
     exp, modelled, body = record.experiment, record.modelled, len(record.experiment.stations) > 1
     with drawing():
@@ -180,7 +182,9 @@ def path_figure(record: RecordOutcome) -> Figure:
 
 
 def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]]]]:
-    """Return a figure with the front, side and top view of points (T, S, 3) [m] at one scale, and the axes of each."""
+    """Return a figure for the front, side and top view of points (T, S, 3) [m] at one scale, and the axes
+    of each view.
+    """
     low, high = (f(points.reshape(-1, 3), axis=0) for f in (np.nanmin, np.nanmax))
     margin = 0.06 * float((high - low).max()) or 1e-3
     low, high = 1e3 * (low - margin), 1e3 * (high + margin)
@@ -199,11 +203,11 @@ def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]
 
 
 def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
-    """Draw path and body of a record against two of its axes."""
+    """Draw the path and the body of a recording in the plane of the two axes `view`."""
     exp, axes = record.experiment, list(view)
     position, modelled = exp.position[..., axes], record.modelled[..., axes]
-    seen = np.isfinite(exp.last_station).all(axis=1)
-    ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if seen.sum() > SPARSE else MEASURED_POINTS)
+    measured = np.isfinite(exp.last_station).all(axis=1)
+    ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if measured.sum() > SPARSE else MEASURED_POINTS)
     ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
     shown = instants(exp.last_station) if len(exp.stations) > 1 else []
     for k in shown:
@@ -216,12 +220,12 @@ def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
         if k in (shown[0], shown[-1]) and view[0] == 0:
             ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
                         ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
-    ax.plot(*(1e3 * position[seen, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
+    ax.plot(*(1e3 * position[measured, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
             linestyle="", label="first frame")
 
 
 def forecast_figure(forecast: Forecast) -> Figure:
-    """Predicted x and y, or angle, of the last station of a case that was not recorded."""
+    """Draw the predicted motion of the last station for a case that was not recorded, with its 95 % band."""
     with drawing():
         figure, axes = columns_in_time([1.0], forecast.tip.shape[1])
         names, unit, factor = axes_of("deg" if len(axes[0]) == 1 else "mm", len(axes[0]))
@@ -237,9 +241,9 @@ def forecast_figure(forecast: Forecast) -> Figure:
 
 
 def columns_in_time(heights: Sequence[float], columns: int = 2, *, below: float = 0.0) -> tuple[Figure, Any]:
-    """Return a figure and its axes: rows of relative heights, columns for x and y or an angle, one time axis.
+    """Return a figure and its axes: rows with relative heights, a column for each coordinate, one time axis.
 
-    With `below`, one panel of that relative height lies below all columns; it is the last of ``figure.axes``.
+    With `below`, one more panel of that relative height spans all columns at the bottom; it is ``figure.axes[-1]``.
     """
     rows = [*heights, *[below] * (below > 0)]
     height = 0.6 + 1.3 * sum(rows)
@@ -261,7 +265,7 @@ def columns_in_time(heights: Sequence[float], columns: int = 2, *, below: float 
 
 
 def measured(ax: Axes, time: Array, value: Array) -> None:
-    """A measured curve: a thick grey line, or + when there are few points."""
+    """Draw a measured curve as a thick grey line, or as + marks if it has at most 120 points."""
     if np.isfinite(value).sum() <= SPARSE:
         ax.plot(time, value, **MEASURED_POINTS)
     else:
@@ -269,7 +273,7 @@ def measured(ax: Axes, time: Array, value: Array) -> None:
 
 
 def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
-    """The band of a prediction, light grey with a thin edge, behind all lines."""
+    """Draw the prediction band of one station and axis, light grey, behind all lines."""
     if (band := record.band) is not None:
         time = record.experiment.time
         every = np.unique(np.linspace(0, time.size - 1, 400).astype(int))
@@ -278,7 +282,7 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
 
 
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
-    """Residuals (T, S): the last station as a line, every other one thin and light behind it."""
+    """Draw residuals (T, S): the last station as a dark line, some other stations thin and light behind it."""
     for k, s in enumerate(evenly_spaced(residual.shape[1] - 1)):
         label = "other stations" if k == 0 else None
         ax.plot(*thin(time, residual[:, s]), color="0.7", linestyle="-", linewidth=0.6, label=label)
@@ -287,7 +291,7 @@ def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
 
 
 def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
-    """Draw the inputs behind the valves or motors as modelled, over the measured traces or the nominal level."""
+    """Draw the inputs as modelled behind valves or motors, over the measured inputs or the nominal pressure."""
     exp = record.experiment
     word, unit = input_words(record.units)
     for k, (name, trace) in enumerate(exp.traces.items()):
@@ -305,7 +309,7 @@ def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
 
 
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:
-    """One legend below the figure for all that the axes show, each label once."""
+    """Draw one legend below the figure with the labels of all given axes, each label once."""
     entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     fitting = figure.get_figwidth() / ((0.65 + 0.062 * max(map(len, entries))) * (1 if WIDTH.get() >= NARROW else 0.75))
     columns = max(1, min(len(entries), int(fitting)))
@@ -313,20 +317,20 @@ def legend(figure: Figure, axes: Iterable[Axes]) -> None:
 
 
 def save(figure: Figure, folder: str | Path, name: str, kinds: Sequence[str] = ("svg", "png")) -> tuple[Path, ...]:
-    """Write ``name.svg``, ``name.png`` (200 dpi), ... into `folder`, each whole or not at all, and clear the figure.
+    """Write a figure as ``name.svg``, ``name.png`` (200 dpi), ... into `folder`, each atomically, and clear the figure.
 
-    The same figure gives the same bytes.
+    The same figure always gives the same bytes.
 
     Raises
     ------
     InputError
-        When the folder cannot be made or written.
+        When the folder cannot be created or written to.
     """
     targets = tuple(Path(folder) / f"{name}.{kind}" for kind in kinds)
     with drawing(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")  # the report has the name in full
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")  # the report shows the name in full
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # laid out: once is enough
+        figure.set_layout_engine("none")  # keep this layout for all formats
         for target in targets:
             with whole(target) as draft:
                 target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
-"""A LeRobot data set, version 3.0: every recording an episode, measured state and input, the model's state beside them.
+"""Writer of a LeRobot data set, version 3.0: one episode per recording, with measured state, inputs and model state.
 
-Source: LeRobotDataset v3.0, huggingface.co/docs/lerobot/lerobot-dataset-v3; files are written by pyarrow (extra
+Source: LeRobotDataset v3.0, huggingface.co/docs/lerobot/lerobot-dataset-v3; files are written with pyarrow (extra
 ``lerobot``).
 """
 
@@ -35,37 +35,37 @@ class Episode(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return len(self.columns["timestamp"])
 
 
 def write_lerobot(sides: Sides, folder: Path, fps: int = 0) -> tuple[str, ...]:
-    """Write recordings as a LeRobot data set, whole or not at all.
+    """Write recordings with the motion of their model as a LeRobot data set, atomically.
 
-    Features: ``observation.state`` (measured coordinates of the stations, m, or angles, rad), ``action`` (the inputs,
-    in the units of the model), ``model.state`` (the model's coordinates), all float32. The task of an episode is the
-    name of its recording; split ``train`` holds the training recordings, ``test`` those held out.
+    The features are ``observation.state`` (measured coordinates of the stations [m] or angles [rad]), ``action``
+    (inputs, in the units of the model) and ``model.state`` (coordinates of the model), all float32. The task of an
+    episode is the name of its recording. The split ``train`` has the training recordings, ``test`` the held-out ones.
 
     Parameters
     ----------
     sides : Sides
     folder : Path
-        Does not exist yet.
+        Folder to create; it must not exist.
     fps : int
-        Frames per second; 0 for the rate of the slowest recording, rounded, at least 1.
+        Frame rate [Hz]; 0 for the rate of the slowest recording, rounded, at least 1.
 
     Returns
     -------
     tuple of str
-        The rate, and per recording the frames that were cut or interpolated.
+        The frame rate, and for each recording the number of frames that were cut or interpolated.
 
     Raises
     ------
     InputError
-        When the folder exists or cannot be written, or a recording never shows all stations.
+        When the folder exists or cannot be written, or a recording has no part in which all stations were measured.
     """
     if folder.exists():
-        raise InputError(f"{folder} exists already: name a folder that does not, LeRobot reads all files in it")
+        raise InputError(f"{folder} exists already: name a new folder, since LeRobot reads all files in it")
     if fps < 0:
         raise InputError(f"fps must be a positive number of frames per second, got {fps}")
     fps = fps or max(1, round(min(1.0 / float(np.median(np.diff(s.time))) for s in sides.sides)))
@@ -86,18 +86,21 @@ def write_lerobot(sides: Sides, folder: Path, fps: int = 0) -> tuple[str, ...]:
 
 
 def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, list[str]]:
-    """Return a recording at `fps`, and what was cut and filled; `begin` is the number of frames before it."""
+    """Return a recording at the frame rate `fps`, and notes on frames cut or interpolated.
+
+    `number` is the index of the episode, `begin` the number of frames before it.
+    """
     rows = side.measured.reshape(side.time.size, -1)
     seen = np.isfinite(rows)
     inside = [np.flatnonzero(column)[[0, -1]] if column.any() else [side.time.size, -1] for column in seen.T]
     first, last = max(i[0] for i in inside), min(i[1] for i in inside)
     if last <= first:
-        raise InputError(f"{side.name} has no two frames between which all stations are seen: leave it out")
+        raise InputError(f"{side.name} has no part in which all stations were measured: leave it out of the export")
     time = side.time[first] + np.arange(int((side.time[last] - side.time[first]) * fps + 1e-6) + 1) / fps
     between = seen[first : last + 1]
     gaps, cut = int((~between).any(axis=1).sum()), int(side.time.size - between.shape[0])
-    found = [f"{cut} frame(s) at its ends were cut, in which a station was not seen"] if cut else []
-    found += [f"{gaps} frame(s) with a station that was not seen were interpolated in time"] if gaps else []
+    notes = [f"{cut} frame(s) at its ends were cut, since a station was not measured"] if cut else []
+    notes += [f"{gaps} frame(s) in which a station was not measured were interpolated in time"] if gaps else []
     count = time.size
     columns = {
         "observation.state": sampled(time, side.time, rows),
@@ -107,11 +110,11 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
         "frame_index": np.arange(count), "episode_index": np.full(count, number),
         "index": np.arange(begin, begin + count), "task_index": np.full(count, number),
     }  # fmt: skip
-    return Episode(side.name, side.role, columns), found
+    return Episode(side.name, side.role, columns), notes
 
 
 def sampled(time: Array, own: Array, rows: Array) -> Array:
-    """Return columns (T, W) at other times, float32, on straight lines between the values that are there."""
+    """Return columns (T, W), float32, interpolated linearly at `time` [s] between the finite values."""
     there = np.isfinite(rows)
     lines = [np.interp(time, own[t], column[t]) for column, t in zip(rows.T, there.T, strict=True)]
     return np.stack(lines, axis=1).astype(np.float32)
@@ -145,7 +148,7 @@ def write_folder(folder: Path, sides: Sides, episodes: Sequence[Episode], fps: i
 
 
 def features_of(sides: Sides) -> dict[str, dict[str, Any]]:
-    """Return type, shape and names of every column, as meta/info.json states them."""
+    """Return the type, shape and names of every column, as in meta/info.json."""
     unit = "rad" if sides.axes == ("angle",) else "m"
     state = [f"{station}.{axis} [{unit}]" for station in sides.stations for axis in sides.axes]
     inputs = [f"{name or 'pressure'} [{u}]" for name, u in zip(sides.inputs, sides.units, strict=True)]
@@ -155,7 +158,7 @@ def features_of(sides: Sides) -> dict[str, dict[str, Any]]:
 
 
 def write_data(folder: Path, episodes: Sequence[Episode], features: Mapping[str, Any]) -> list[tuple[int, int]]:
-    """Write the frames, a row group for each episode; return the indices of chunk and file of each."""
+    """Write the frames, one row group for each episode, and return the indices of chunk and file of each episode."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -179,7 +182,7 @@ def write_data(folder: Path, episodes: Sequence[Episode], features: Mapping[str,
 
 
 def arrow(values: Array) -> Any:
-    """Return a column: numbers (T,) or of width 1, else lists of fixed length."""
+    """Return a pyarrow column: numbers if `values` is (T,) or (T, 1), else lists of fixed length."""
     import pyarrow as pa
 
     if values.ndim == 1 or values.shape[1] == 1:
@@ -188,7 +191,7 @@ def arrow(values: Array) -> Any:
 
 
 def write_episodes(folder: Path, episodes: Sequence[Episode], places: Sequence[tuple[int, int]]) -> None:
-    """Write the table of episodes: where each one's frames are, and the statistics of its columns."""
+    """Write the table of episodes, with the location of the frames and the statistics of the columns of each."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -208,7 +211,9 @@ def write_episodes(folder: Path, episodes: Sequence[Episode], places: Sequence[t
 
 
 def statistics(values: Array) -> dict[str, list[float] | list[int]]:
-    """Return least, largest, mean, standard deviation, count and quantiles of each column of (T,) or (T, W)."""
+    """Return minimum, maximum, mean, standard deviation, count and quantiles of each column of (T,) or (T,
+    W) values.
+    """
     rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
     exact = values.dtype.kind == "i"
     least, largest = rows.min(axis=0), rows.max(axis=0)
@@ -221,7 +226,7 @@ def statistics(values: Array) -> dict[str, list[float] | list[int]]:
 
 
 def card_text(sides: Sides, episodes: Sequence[Episode]) -> str:
-    """Return the text of README.md: what the data set holds, in the form of a dataset card."""
+    """Return the text of README.md, which describes the data set in the form of a dataset card."""
     lines = "\n".join(f"| {k} | {e.name} | {e.role.replace('_', ' ')} | {e.length} |" for k, e in enumerate(episodes))
     return f"""---
 task_categories: [robotics]
@@ -235,7 +240,7 @@ configs:
 
 Written by pliant {__version__} from the study `{sides.study}`, fit `{sides.fit}`, in the format LeRobotDataset v3.0.
 `observation.state` holds the measured stations, `action` the inputs (pressures are gauge), `model.state` the
-positions that the fitted model predicts under the same inputs. Positions are in the base frame of the recording.
+positions that the fitted model predicts for the same inputs. Positions are in the base frame of the recording.
 
 | episode | recording | role | frames |
 |---|---|---|---|

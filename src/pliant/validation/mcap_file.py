@@ -1,6 +1,6 @@
-"""An MCAP file of ROS 2 messages: recorded stations, the model's stations and body, and the inputs, over time.
+"""Writer of an MCAP file of ROS 2 messages: measured stations, the model's stations and body, and inputs over time.
 
-Foxglove and Rerun open it; the messages are those of ROS 2, by rosbags (extra ``ros``). Clouds are in m and float32.
+Foxglove and Rerun open such files. The messages are written with rosbags (extra ``ros``). Points are float32, in m.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pliant.version import __version__
 
 Array = np.ndarray
 FRAME, WORLD = "base", "world"
-PAUSE = 1.0  # s, between two recordings of a file
+PAUSE = 1.0  # s, pause between two recordings in a file
 WIDTH, COLOUR = 0.003, (0.1, 0.25, 0.6)  # of the line through the model's body: m; red, green, blue
 CLOUD, MARKER = "sensor_msgs/msg/PointCloud2", "visualization_msgs/msg/Marker"
 NUMBER, TEXT, FRAMES = "std_msgs/msg/Float64", "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
@@ -29,12 +29,12 @@ FLOAT32, LINE_STRIP = 7, 4  # values of PointField.datatype and of Marker.type
 
 
 class RosFile:
-    """Messages of ROS 2, written to topics of one MCAP file.
+    """A writer of ROS 2 messages to topics of one MCAP file.
 
     Parameters
     ----------
     folder : Path
-        Does not exist yet; rosbags writes the file into it.
+        Folder that rosbags creates for the file; it must not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -46,23 +46,23 @@ class RosFile:
         self.topics: dict[str, Any] = {}
 
     def message(self, kind: str, **fields: Any) -> Any:
-        """Return a message of a type from its fields."""
+        """Return a message of type `kind` with the given fields."""
         return self.store.types[kind](**fields)
 
     def header(self, nanoseconds: int) -> Any:
-        """Return the header of a message at a time, in the base frame."""
+        """Return a message header in the base frame at a time [ns]."""
         stamp = self.message("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         return self.message("std_msgs/msg/Header", stamp=stamp, frame_id=FRAME)
 
     def write(self, topic: str, nanoseconds: int, kind: str, **fields: Any) -> None:
-        """Write a message to a topic, which is opened with its first message."""
+        """Write a message to a topic, which is created with its first message."""
         if topic not in self.topics:
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         raw = self.store.serialize_cdr(self.message(kind, **fields), kind)
         self.writer.write(self.topics[topic], nanoseconds, raw)
 
     def cloud(self, topic: str, nanoseconds: int, points: Array) -> None:
-        """Write points (S, 2) or (S, 3) as a cloud; NaN where a point was not seen."""
+        """Write points (S, 2) or (S, 3) [m] as a point cloud; NaN marks a point that was not measured."""
         row = in_three(points).astype("<f4")
         fields = [self.message("sensor_msgs/msg/PointField", name=axis, offset=4 * k, datatype=FLOAT32, count=1)
                   for k, axis in enumerate("xyz")]  # fmt: skip
@@ -73,7 +73,7 @@ class RosFile:
         )  # fmt: skip
 
     def line(self, topic: str, nanoseconds: int, points: Array) -> None:
-        """Write points (P, 2) or (P, 3) as a line through them."""
+        """Write a line through points (P, 2) or (P, 3) [m] as a marker."""
         zero = {"x": 0.0, "y": 0.0, "z": 0.0}
         pose = self.message("geometry_msgs/msg/Pose", position=self.message("geometry_msgs/msg/Point", **zero),
                             orientation=self.message("geometry_msgs/msg/Quaternion", **zero, w=1.0))  # fmt: skip
@@ -92,7 +92,7 @@ class RosFile:
         )  # fmt: skip
 
     def frame(self, nanoseconds: int) -> None:
-        """Write that the base frame is that of the world, so that a viewer knows a frame to show all in."""
+        """Write that the base frame equals the world frame, so that viewers have a frame to display."""
         turn = self.message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
         move = self.message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
         header = self.message("std_msgs/msg/Header", stamp=self.header(nanoseconds).stamp, frame_id=WORLD)
@@ -102,39 +102,39 @@ class RosFile:
 
 
 def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
-    """Write recordings beside their model as one MCAP file, one recording after another, whole or not at all.
+    """Write recordings with the motion of their model as one MCAP file, one after another, atomically.
 
-    Topics: ``/measured/points``, ``/model/points`` (clouds of the stations, base first), ``/model/joints`` and
-    ``/model/body`` (the chain), ``/input/NAME_UNIT`` (a number; a gauge pressure in Pa), ``/record`` (name and role of
-    the recording that begins), ``/about`` (study, stations, units, as JSON).
+    The topics are ``/measured/points`` and ``/model/points`` (clouds of the stations, base first), ``/model/joints``
+    and ``/model/body`` (the chain of links), ``/input/NAME_UNIT`` (a number; gauge pressure in Pa), ``/record`` (name
+    and role of the recording that begins) and ``/about`` (study, stations and units as JSON).
 
     Parameters
     ----------
     sides : Sides
     path : Path
-        Ends in ``.mcap``.
+        File to write, ending in ``.mcap``.
 
     Returns
     -------
     tuple of str
-        Where each recording begins, s.
+        Sentences with the start time of each recording [s].
 
     Raises
     ------
     InputError
-        When the recordings hold angles and no points, or the file cannot be written.
+        When the recordings hold angles and no positions, or the file cannot be written.
     """
     if path.suffix != ".mcap":
-        raise InputError(f"a file for mcap ends in .mcap, not {path.name!r}")
+        raise InputError(f"the name of an MCAP file must end in .mcap, got {path.name!r}")
     if sides.axes == ("angle",):
-        raise InputError("the recordings hold angles and no points, which a viewer of bodies cannot show: export to "
+        raise InputError("the recordings hold angles and no positions, which MCAP viewers cannot show: export to "
                          "lerobot instead")
     notes = []
     with whole(path) as draft, tempfile.TemporaryDirectory(dir=path.parent, prefix=".pliant-mcap-") as made:
         folder = Path(made) / "bag"
         file = RosFile(folder)
         with file.writer:
-            begin = 1.0  # s; a stamp of 0 means none to ROS
+            begin = 1.0  # s; to ROS a time stamp of 0 means that there is none
             file.frame(nanoseconds_of(begin))
             about = {"study": sides.study, "title": sides.title, "fit": sides.fit, "pliant": __version__,
                      "stations": sides.stations, "frame": "base frame of the recording", "length_unit": "m",
@@ -149,7 +149,7 @@ def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
 
 
 def write_side(file: RosFile, side: Side, inputs: dict[str, int], begin: float) -> None:
-    """Write one recording from `begin` [s] on; `inputs` leads from a topic to its column."""
+    """Write one recording from the time `begin` [s] on; `inputs` maps each topic to its column."""
     file.write("/record", nanoseconds_of(begin), TEXT, data=f"{side.name} ({side.role.replace('_', ' ')})")
     for k, time in enumerate(side.time - side.time[0] + begin):
         at = nanoseconds_of(time)
@@ -163,7 +163,7 @@ def write_side(file: RosFile, side: Side, inputs: dict[str, int], begin: float) 
 
 
 def topics_of_inputs(sides: Sides) -> Iterator[tuple[str, int]]:
-    """Yield the topic of each input with its column: a name as ROS allows it, then the unit."""
+    """Yield the topic of each input (a name valid in ROS, with the unit) and its column."""
     taken: set[str] = set()
     for k, (name, unit) in enumerate(zip(sides.inputs, sides.units, strict=True)):
         plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "pressure"
@@ -174,10 +174,10 @@ def topics_of_inputs(sides: Sides) -> Iterator[tuple[str, int]]:
 
 
 def in_three(points: Array) -> Array:
-    """Return points (S, 3); those of a plane have z = 0."""
+    """Return points (S, 3) [m], with z = 0 for points in a plane."""
     return points if points.shape[1] == 3 else np.column_stack([points, np.zeros(len(points))])
 
 
 def nanoseconds_of(time: float) -> int:
-    """Return a time in s as whole nanoseconds."""
+    """Return a time [s] as an integer number of nanoseconds."""
     return round(1e9 * float(time))

@@ -1,4 +1,7 @@
-"""Numbers that compare a modelled motion with a measured one, the same definitions for both."""
+"""Metrics that compare a modelled motion with a measured one, with the same definitions for both.
+
+They are errors, traits of the response, the lengthening of the body, swings of two sizes and errors of single joints.
+"""
 
 from __future__ import annotations
 
@@ -9,38 +12,53 @@ import numpy as np
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
-from pliant.numerics.peak import peak
-from pliant.numerics.ringdown import ring_down
+from pliant.numerics.curve import arc_lengths
+from pliant.numerics.joint_rotations import swings_along
+from pliant.numerics.ringdown import peak, ring_down, swings
 from pliant.preprocessing.detectors import quantum
-from pliant.validation import details
-from pliant.validation.extension import extension
 
 Array = np.ndarray
-END_S = 0.2  # s before the end of the pulse or of the record that count as its steady state
+END_S = 0.2  # s at the end of the pulse or of the recording that count as steady state
+LONGEST = 0.02  # fraction of the frames that counts as longest or shortest
+FEWEST = 5  # frames
+NAMES = ("extension_mm", "extension_percent")
+MODELLED = ("extension_modelled_mm", "extension_modelled_percent")
+SETTLED_S = 0.2  # s at the end of the motion, whose median is the steady error
+SIZES = ("large", "small")
 DEFINITIONS = {
     "rmse_mm": "Euclidean distance between modelled and measured points, root mean square over stations and time, mm",
     "max_mm": "largest Euclidean distance over stations and time, mm",
-    "rmse_percent_of_travel": "rmse_mm in % of the largest displacement of the last station from its rest",
+    "rmse_percent_of_travel": "rmse_mm in % of the peak displacement of the last station from its rest position",
     "rmse_percent_of_length": "rmse_mm in % of the body's length",
     "fit_percent": "100 (1 - |measured - modelled| / |measured - mean of measured|) over stations and time (NRMSE fit)",
-    "within_band_percent": "share of a held-out record's coordinates within the 95 % band of the prediction: what is "
-    "uncertain of the parameters, and residuals as the training records leave them; near 95 where the model holds",
+    "within_band_percent": "percentage of a held-out record's coordinates in the 95 % prediction band, which combines "
+    "the parameters' uncertainty with the residuals of the training records; near 95 if the model is valid",
     "frequency_hz": "frequency of the damped ring-down after the pulse or the release, Hz",
-    "damping_ratio": "damping ratio of the same ring-down",
+    "damping_ratio": "damping ratio of the ring-down after the pulse or the release",
     "overshoot_percent": "first peak above the value at the end of the pulse, in % of that value",
-    "steady_state_mm": "displacement of the last station from its rest at the pulse's end or after the release, mm",
-    "extension_mm": "largest change of the measured body's length from its first frames, by arcs through its stations",
-    "extension_percent": "the same in % of the length at rest",
-    "extension_modelled_mm": "change of the modelled body's length in the same frames, by the same arcs",
-    "extension_modelled_percent": "the same in % of the length at rest",
+    "steady_state_mm": "displacement of the last station from its rest position at the end of the pulse or release, mm",
+    "extension_mm": "largest change of the measured body's length, by arcs through the stations, from rest, mm",
+    "extension_percent": "extension_mm in % of the length in the first frames",
+    "extension_modelled_mm": "change of the modelled body's length in the same frames, likewise, mm",
+    "extension_modelled_percent": "extension_modelled_mm in % of the length in the first frames",
     "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
-    "travel_mm": "largest measured displacement of the last station from its rest, the median of 5 frames, mm",
+    "travel_mm": "peak displacement: the largest measured displacement of the last station from its rest position, mm",
     "frames": "frames of the recording that were compared",
-    "points_not_seen": "stations of frames that have no measured place",
+    "points_not_seen": "number of missing measurements, counted over stations and frames",
     "fitted_edges_s": "start and stop of a held-out pulse whose pressure was not measured, fitted to this record, s",
-    **details.DEFINITIONS,
+    "swing_large_mm": "mean amplitude (half a swing) of the last station after the release or the pulse, over swings "
+    "larger than a third of the first one; a swing is the motion between two successive turning points",
+    "frequency_large_hz": "frequency of those large swings, from the time between turning points, Hz",
+    "damping_ratio_large": "damping ratio of those large swings, from the decrement of successive ones",
+    "swing_small_mm": "mean amplitude over swings smaller than a sixth of the first one and above the sensor's noise",
+    "frequency_small_hz": "frequency of the small swings, Hz",
+    "damping_ratio_small": "damping ratio of the small swings",
+    "joint_rmse_mrad": "root mean square over time of the difference between modelled and measured angles between the "
+    "chords that join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip",
+    "joint_steady_error_mrad": "modelled less measured angle between these chords, at the end of plateau or record, "
+    "mrad",
 }
-FORMULAS = {  # in TeX; the page of metrics says what the letters mean
+FORMULAS = {  # in TeX; docs/metrics.md defines the symbols; A_k are the swings between successive turning points
     "rmse_mm": r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
     "max_mm": r"10^3\max_{t,s}|r_{ts}-m_{ts}|",
     "rmse_percent_of_travel": r"100\,e/\max_t|m_{tS}-m_0|",
@@ -57,22 +75,29 @@ FORMULAS = {  # in TeX; the page of metrics says what the letters mean
     "extension_modelled_mm": r"10^3\,(\hat\ell_{\text{most}}-\hat\ell_{\text{rest}})",
     "extension_modelled_percent": r"100\,(\hat\ell_{\text{most}}/\hat\ell_{\text{rest}}-1)",
     "travel_mm": r"10^3\max_t|m_{tS}-m_0|",
-    **details.FORMULAS,
+    "swing_large_mm": r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\ge\tfrac13A_1\}",
+    "frequency_large_hz": r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\ge\tfrac13A_1\}",
+    "damping_ratio_large": r"\delta/\sqrt{\pi^2+\delta^2},\quad\delta=\operatorname{mean}\ln(A_k/A_{k+1})",
+    "swing_small_mm": r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\le\tfrac16A_1\}",
+    "frequency_small_hz": r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\le\tfrac16A_1\}",
+    "damping_ratio_small": r"\delta/\sqrt{\pi^2+\delta^2}",
+    "joint_rmse_mrad": r"10^3\sqrt{\operatorname{mean}_t\,(q^r_{ti}-q^m_{ti})^2}",
+    "joint_steady_error_mrad": r"10^3\operatorname{median}_{t>t_{\text{end}}-w}(q^r_{ti}-q^m_{ti})",
 }
 ANGLES = {
     "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",
     "max_deg": "largest difference of modelled and measured angles, degrees",
-    "rmse_percent_of_travel": "rmse_deg in % of the largest turn of the last station from its rest",
-    "sensor_step_deg": "the step in which the sensor of the last station counts: its noise is that over the root of 12",
-    "steady_state_deg": "turn of the last station from its rest at the pulse's end or after the release, degrees",
+    "rmse_percent_of_travel": "rmse_deg in % of the largest rotation of the last station from its rest angle",
+    "sensor_step_deg": "resolution of the last station's angle sensor, degrees; its noise is this over the root of 12",
+    "steady_state_deg": "rotation of the last station from its rest angle at the end of the pulse or release, degrees",
     "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
-    "travel_deg": "largest measured turn of the last station from its rest, the median of 5 frames, degrees",
-    **{k.replace("_mm", "_deg"): v for k, v in details.DEFINITIONS.items() if k.startswith("swing")},
+    "travel_deg": "largest measured rotation of the last station from its rest angle, degrees",
+    **{k.replace("_mm", "_deg"): v for k, v in DEFINITIONS.items() if k.startswith("swing")},
 }
 
 
 def definitions(*, turns: bool) -> dict[str, str]:
-    """Return the meaning of each metric, for positions or, where a body `turns` before angle sensors, for angles."""
+    """Return the definition of each metric, for positions or, with `turns`, for angles."""
     if not turns:
         return DEFINITIONS
     of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")
@@ -80,45 +105,56 @@ def definitions(*, turns: bool) -> dict[str, str]:
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
-    """Metrics of a modelled motion (T, S, 2) [m] against an experiment; `length` [m] of the body.
+    """Return the metrics of a modelled motion (T, S, 2) [m] against an experiment.
 
-    Of angles alone the motion is (T, S, 1) [rad], and names that end in ``_mm`` end in ``_deg``. A measured pressure
-    must be on the clock of the shape: see `Experiment.synchronised`.
+    Parameters
+    ----------
+    exp : Experiment
+        A measured pressure must be on the clock of the shape: see `Experiment.synchronised`.
+    modelled : (T, S, 2) or (T, S, 3) array, m
+        For recordings of angles alone (T, S, 1) [rad]; metrics whose names end in ``_mm`` then end in ``_deg``.
+    length : float
+        Length of the body [m].
 
-    Returns plain numbers; ``frequency_hz`` and its like are pairs {"measured": ..., "modelled": ...} with None where
-    the motion has no such thing (no ring-down, no overshoot).
+    Returns
+    -------
+    dict
+        Plain numbers. ``frequency_hz`` and other traits are pairs {"measured": ..., "modelled": ...}, with None if the
+        motion does not have this trait (no ring-down, no overshoot).
     """
     unit, factor = exp.shown_in
     distance = np.linalg.norm(modelled - exp.compared, axis=-1)
-    seen = np.isfinite(distance)
-    rmse = float(np.sqrt(np.mean(distance[seen] ** 2)))
+    valid = np.isfinite(distance)
+    rmse = float(np.sqrt(np.mean(distance[valid] ** 2)))
     variation = exp.compared - np.nanmean(exp.compared, axis=0)
     spread = float(np.nansum(variation**2))
-    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[seen] ** 2) / spread)) if spread > 0 else None  # of a lone pose
+    fit = 100 * float(1.0 - np.sqrt(np.sum(distance[valid] ** 2) / spread)) if spread > 0 else None  # for a single pose
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
         "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
     return {
         f"rmse_{unit}": factor * rmse,
-        f"max_{unit}": factor * float(distance[seen].max()),
+        f"max_{unit}": factor * float(distance[valid].max()),
         "rmse_percent_of_travel": 100 * rmse / exp.travel,
         "fit_percent": fit,
         **{name: {who: traits[who][name] for who in traits} for name in next(iter(traits.values()))},
         f"steady_state_error_{unit}": None if ends is None or begins is None else ends - begins,
         "frames": int(exp.time.size),
-        "points_not_seen": int((~seen).sum()),
+        "points_not_seen": int((~valid).sum()),
         f"travel_{unit}": factor * exp.travel,
         **own,
-        **details.details(exp, modelled, on_window(exp, exp.time)),
+        **swing_metrics(exp, modelled, on_window(exp, exp.time)),
     }
 
 
 def response(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Traits of the motion of one point, path (T, 2) [m] or angle (T, 1) [rad], under the experiment's excitation."""
+    """Return frequency, damping ratio, overshoot and steady state of one point's path (T, 2) [m] or angle
+    (T, 1) [rad].
+    """
     unit, factor = exp.shown_in
-    seen = np.isfinite(path).all(axis=1)
-    t, p = exp.time[seen], path[seen]
+    measured = np.isfinite(path).all(axis=1)
+    t, p = exp.time[measured], path[measured]
     u = np.linalg.norm(p - np.median(p[:5], axis=0), axis=1)
     late = t > last_edge(exp) + 0.03
     ring = None
@@ -126,7 +162,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
         direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
         ring = ring_down(t[late], p[late] @ direction)
     on = on_window(exp, t)
-    end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods: no ringing in the mean
+    end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods average the ringing out
     steady = overshoot = None
     if on is not None and on.any():
         end = t[on][-1]
@@ -144,7 +180,7 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def on_window(exp: Experiment, t: Array) -> Array | None:
-    """Which of the times `t` lie in the pressure's plateau; None when there is none."""
+    """Return which of the times `t` lie in the plateau of the pressure, as booleans; None if there is no plateau."""
     if exp.excitation in ("pulse", "step"):
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))
@@ -153,3 +189,118 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     p = exp.pressure(t)
     level = peak(p)
     return p / level > 0.9 if level else None
+
+
+def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
+    """Return the largest change of the measured body's length, and that of the modelled motion in the same frames.
+
+    `modelled` is (T, S, 2) [m].
+    """
+    complete = np.isfinite(exp.position).all(axis=(1, 2))
+    measured = growth(exp.position[complete], NAMES)
+    if measured[NAMES[0]] is None:
+        return {**measured, **dict.fromkeys(MODELLED)}
+    frames = extreme_frames(arc_lengths(exp.position[complete]))
+    return {**measured, **change(arc_lengths(modelled[complete]), frames, MODELLED)}
+
+
+def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
+    """Return the largest change of a body's length from its first frames, computed from its points (T, S, 2) [m].
+
+    The length is that of circular arcs through the points (`pliant.numerics.curve`). The change is the median over the
+    2 % of the frames (at least five) in which the body is longest, or shortest if it shortens by more.
+
+    Returns
+    -------
+    dict
+        Change in mm and in % of the length in the first frames, under the two `names`. None for a body measured at a
+        single point, since its tilt would look like a change of length.
+    """
+    if position.shape[1] < 2 or len(position) < 2 * FEWEST or np.ptp(position[:, -1], axis=0).max() == 0:
+        return dict.fromkeys(names)
+    length = arc_lengths(position)
+    return change(length, extreme_frames(length), names)
+
+
+def extreme_frames(length: Array) -> Array:
+    """Return the indices of the 2 % of frames (at least 5) in which a length (T,) differs most from its first frames.
+
+    They are the longest or the shortest frames, whichever differ more.
+    """
+    away = length - np.median(length[:FEWEST])
+    count = max(FEWEST, round(LONGEST * length.size))
+    order = np.argsort(away)
+    low, high = order[:count], order[-count:]
+    return np.asarray(high if np.median(away[high]) >= -np.median(away[low]) else low)
+
+
+def change(length: Array, frames: Array, names: tuple[str, str]) -> dict[str, float | None]:
+    """Return the change of a length (T,) [m] from its first frames to the given frames, in mm and in %,
+    under `names`.
+    """
+    rest, there = float(np.median(length[:FEWEST])), float(np.median(length[frames]))
+    return dict(zip(names, (1e3 * (there - rest), 100 * (there / rest - 1)), strict=True))
+
+
+def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
+    """Return frequency, damping ratio and amplitude of the large and the small swings of a path (T, 2) [m].
+
+    All values are None for a step, since its first motion is the rise and not a swing.
+    """
+    unit, factor = exp.shown_in
+    late = (exp.time > last_edge(exp)) & np.isfinite(path).all(axis=1) & (exp.excitation != "step")
+    traits: dict[str, float | None] = {}
+    p = path[late]
+    along = p[:, 0]
+    if len(p) >= 2:
+        along = p @ np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
+    for size, of in zip(SIZES, swings(exp.time[late], along), strict=True):
+        traits[f"swing_{size}_{unit}"] = None if of.amplitude is None else factor * of.amplitude
+        traits[f"frequency_{size}_hz"] = of.frequency
+        traits[f"damping_ratio_{size}"] = of.damping_ratio
+    return traits
+
+
+def chord_angles(position: Array) -> Array:
+    """Return the angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y.
+
+    In space, with stations (T, S, 3), the result is (T, S, 2): the rotation vector across the chord; the first from +z.
+    """
+    chords = np.diff(position, axis=1, prepend=0.0)
+    if position.shape[2] == 3:
+        return swings_along(chords)
+    direction = np.arctan2(-chords[..., 0], chords[..., 1])
+    change = np.diff(direction, axis=1, prepend=0.0)
+    return np.asarray((change + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, list[float] | None]:
+    """Return the errors of the angles between chords [mrad]; None for a single station or angles alone.
+
+    `settled` (T,) marks the frames at the end of the motion.
+    """
+    if len(exp.stations) < 2 or exp.without_positions:
+        return {"joint_rmse_mrad": None, "joint_steady_error_mrad": None}
+    away = 1e3 * (chord_angles(modelled) - chord_angles(exp.position))
+    away = np.linalg.norm(away, axis=2) if away.ndim == 3 else away
+    complete = np.isfinite(away).all(axis=1)
+    rms = np.sqrt(np.mean(away[complete] ** 2, axis=0))
+    late = complete & settled
+    return {
+        "joint_rmse_mrad": rms.tolist(),
+        "joint_steady_error_mrad": np.median(away[late], axis=0).tolist() if late.any() else None,
+    }
+
+
+def swing_metrics(exp: Experiment, modelled: Array, on: Array | None) -> dict[str, Any]:
+    """Return the two-amplitude and joint metrics of a modelled motion (T, S, 2) [m].
+
+    `on` (T,) marks the frames of the pressure's plateau; None if there is none.
+    """
+    both = {who: two_amplitudes(exp, path) for who, path in (
+        ("measured", exp.last_station), ("modelled", modelled[:, -1])
+    )}
+    end = exp.time[on][-1] if on is not None and on.any() else exp.time[-1]
+    settled = (exp.time <= end) & (exp.time > end - SETTLED_S)
+    pairs = {name: {who: both[who][name] for who in both} for name in both["measured"]}
+    return {**pairs, **joint_errors(exp, modelled, settled)}

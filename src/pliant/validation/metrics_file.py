@@ -1,4 +1,4 @@
-"""The schema of ``metrics.json``, from which the documents are made."""
+"""The schema of ``metrics.json``, from which its documentation is generated."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ Role = Literal["train", "held_out", "forecast"]
 
 
 class MetricsEntry(BaseModel):
-    """A table of the file; nothing stands in it that is not named here."""
+    """A table of the file, which holds exactly the fields declared here."""
 
     model_config = ConfigDict(extra="forbid")
 
 
 class Pair(MetricsEntry):
-    """A trait of the motion; null where a motion has no such thing."""
+    """A trait of the motion, measured and modelled; null if a motion does not have it."""
 
     measured: float | None
     modelled: float | None
@@ -25,8 +25,8 @@ class Pair(MetricsEntry):
 class MissingRecord(MetricsEntry):
     """A recording whose motion under a fit could not be computed."""
 
-    role: Role = Field(description="what the recording was to the fit")
-    fit: str = Field("", description="the first fit that holds it; under `records` alone")
+    role: Role = Field(description="whether the fit used the recording for training or held it out")
+    fit: str = Field("", description="the first fit with this recording; present under `records` only")
     not_computed: str = Field(description="what could not be computed, and why")
 
 
@@ -35,19 +35,19 @@ class Failure(MetricsEntry):
 
     what: str
     fit: str
-    record: str = Field(description="empty where no single record is concerned")
+    record: str = Field(description="name of the recording; empty if no single recording is concerned")
     reason: str
     role: Literal["train", "held_out", ""]
 
 
 class Compared(MetricsEntry):
-    """Metrics of every recording under a fit, for positions and angles alike."""
+    """Metrics of every recording under a fit, common to positions and angles."""
 
-    role: Role = Field(description="what the recording was to the fit")
-    fit: str = Field("", description="the first fit that computes it; under `records` alone")
-    not_computed: str = Field("", description="what could not be computed of it, such as its band, and why")
+    role: Role = Field(description="whether the fit used the recording for training or held it out")
+    fit: str = Field("", description="the first fit that computes this recording; present under `records` only")
+    not_computed: str = Field("", description="results of this recording that could not be computed, and why")
     rmse_percent_of_travel: float
-    fit_percent: float | None  # none of a lone pose
+    fit_percent: float | None  # null for a single pose
     within_band_percent: float | None = None
     frequency_hz: Pair
     damping_ratio: Pair
@@ -56,16 +56,16 @@ class Compared(MetricsEntry):
     damping_ratio_large: Pair
     frequency_small_hz: Pair
     damping_ratio_small: Pair
-    joint_rmse_mrad: list[float] | None = Field(description="of each station; null for one, and for angles alone")
+    joint_rmse_mrad: list[float] | None = Field(description="for each station; null for one station or angles alone")
     joint_steady_error_mrad: list[float] | None
     frames: int
     points_not_seen: int
     fitted_edges_s: dict[str, float] | None = Field(
-        None, description="start and stop of a held-out pulse whose pressure was not measured, fitted to it")
+        None, description="start and stop of a held-out pulse whose pressure was not measured, fitted to its motion")
 
 
 class Record(Compared):
-    """One recording under one fit."""
+    """One recording of positions under one fit."""
 
     rmse_mm: float
     max_mm: float
@@ -82,7 +82,7 @@ class Record(Compared):
 
 
 class AngleRecord(Compared):
-    """One recording of angles without places under one fit."""
+    """One recording of angles without positions under one fit."""
 
     rmse_deg: float
     max_deg: float
@@ -95,47 +95,47 @@ class AngleRecord(Compared):
 
 
 class Value(MetricsEntry):
-    """One parameter of a fit, SI."""
+    """One parameter of a fit, in SI units."""
 
     value: float
     unit: str
-    free: bool = Field(description="whether the fit moved it")
-    std: float | None = Field(description="standard error; null where it was not free or the data do not show it")
+    free: bool = Field(description="whether the fit estimated it")
+    std: float | None = Field(description="standard error; null if it was not free or the data do not determine it")
     source: str = Field(description="where its start value comes from")
-    lower: float | None = Field(description="bound; null where there is none")
-    upper: float | None = Field(description="bound; null where there is none")
-    prior: float | None = Field(None, description="mean of what is known before, SI; null without a prior")
-    prior_std: float | None = Field(None, description="its standard deviation")
-    rests_on: str = Field("", description="data, or the prior and by how much the data moved and narrowed it")
-    scale: float = Field(description="the change that the optimiser takes for one")
+    lower: float | None = Field(description="lower bound; null if there is none")
+    upper: float | None = Field(description="upper bound; null if there is none")
+    prior: float | None = Field(None, description="mean of the prior, SI; null without a prior")
+    prior_std: float | None = Field(None, description="standard deviation of the prior, SI")
+    rests_on: str = Field("", description="data, or the prior and how far the data shifted and narrowed it")
+    scale: float = Field(description="change of the value that is one unit for the optimiser")
 
 
 class CovarianceEntry(MetricsEntry):
     """Covariance of the free parameters of a fit, SI."""
 
     names: list[str]
-    matrix: list[list[float]] = Field(description="(P, P), residuals correlated as they are")
-    white: list[list[float]] = Field(description="(P, P), as if they were white")
-    hidden: list[bool] = Field(description="(P,), whether the data do not show it")
-    correlated: float = Field(description="s, over which the residuals are correlated; 0 where they pass for white")
-    effective: float = Field(description="how many numbers were seen, less what correlation takes from them")
-    source: str = Field(description="sandwich, or block bootstrap")
+    matrix: list[list[float]] = Field(description="(P, P), taking the residuals' correlation into account")
+    white: list[list[float]] = Field(description="(P, P), as if the residuals were white noise")
+    hidden: list[bool] = Field(description="(P,), true if the data do not determine the parameter")
+    correlated: float = Field(description="s, correlation time of the residuals; 0 if they are like white noise")
+    effective: float = Field(description="effective number of independent measurements")
+    source: str = Field(description="method: sandwich, or block bootstrap")
 
 
 class FitTiming(MetricsEntry):
-    """Times of a fit."""
+    """Computation times of a fit [s]."""
 
-    fit_s: float = Field(description="everything, predictions and bands included")
+    fit_s: float = Field(description="whole fit with predictions and bands, s")
     optimiser_s: float
-    simulated_sets: int = Field(description="parameter sets that were simulated for all records")
+    simulated_sets: int = Field(description="number of parameter sets simulated for all recordings")
 
 
 class FitEntry(MetricsEntry):
-    """One fit."""
+    """One fit of the study."""
 
     title: str
-    status: str = Field(description="how it ended, in a sentence")
-    notes: list[str] = Field(description="what to beware of")
+    status: str = Field(description="a sentence on how the optimisation ended")
+    notes: list[str] = Field(description="warnings")
     converged: bool
     bic: float | None = Field(description="N ln(mean square residual) + k ln N of the training records")
     records: dict[str, Record | AngleRecord | MissingRecord]
@@ -158,20 +158,20 @@ class StageEntry(MetricsEntry):
     """One stage of a model selection."""
 
     title: str
-    stands_on: str = Field(description="the stage that it begins from")
+    stands_on: str = Field(description="the stage from which it starts")
     free: list[str]
-    train_percent: dict[str, float] = Field(description="RMSE in % of travel by training record")
-    held_out_percent: dict[str, float] = Field(description="the same of held-out records")
+    train_percent: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
+    held_out_percent: dict[str, float] = Field(description="RMSE of held-out recordings, % of peak displacement")
     bic: float | None
     fit_s: float
-    step_ns: float | None = Field(description="time of one step of that model")
-    reason: str = Field(description="why it has no numbers, or why it is not the chosen one")
+    step_ns: float | None = Field(description="computation time of one simulated step, ns")
+    reason: str = Field(description="why it could not be fitted, or why it was not chosen")
     not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
-    as_given: list[str] = Field([], description="parameters left as the given model has them, since not determined")
+    as_given: list[str] = Field([], description="parameters kept at the given model's values, since undetermined")
 
 
 class SelectionTable(MetricsEntry):
-    """Models of growing size."""
+    """The model selection: models with more and more free parameters."""
 
     chosen: str
     reason: str
@@ -181,24 +181,24 @@ class SelectionTable(MetricsEntry):
 class WiringResult(MetricsEntry):
     """One wiring of recorded pressures to chambers."""
 
-    train_percent: float | None = Field(description="mean RMSE of the training records, % of travel")
-    behind: float | None = Field(description="2 ln L below that of the best wiring")
+    train_percent: float | None = Field(description="mean RMSE of the training recordings, % of the peak displacement")
+    behind: float | None = Field(description="how much 2 ln L is below that of the best wiring")
     reason: str = Field(description="why it could not be fitted")
 
 
 class WiringTable(MetricsEntry):
-    """Wirings compared by how the training records are followed."""
+    """Wirings compared by their fit to the training recordings."""
 
-    fit: str = Field(description="whose parameters and training records")
+    fit: str = Field(description="name of the fit whose parameters and training recordings are used")
     sentence: str
-    wirings: dict[str, WiringResult] = Field(description="the likeliest first")
+    wirings: dict[str, WiringResult] = Field(description="by name, the most likely first")
 
 
 class OrderTable(MetricsEntry):
-    """Numbers of links that were tried on the dense shape."""
+    """Numbers of links that were tried on the dense shape, with their errors."""
 
     orders: dict[str, dict[str, float]] = Field(description="errors in mm by number of segments")
-    chosen: int | None = Field(description="the lowest within the bound")
+    chosen: int | None = Field(description="smallest number of links within the bound")
     bound_mm: float | None
     frames: int
     stations: int
@@ -213,27 +213,27 @@ class ClockEntry(MetricsEntry):
 
 
 class MetricsFile(MetricsEntry):
-    """The whole file."""
+    """The whole content of metrics.json."""
 
     schema_name: Literal["pliant-metrics"] = Field(alias="schema")
     schema_version: Literal[1]
-    run_id: str = Field("", description="of this run; results.nc has the same")
+    run_id: str = Field("", description="identifier of the run, equal to that in results.nc")
     study: str = Field(description="name of the study")
     title: str
     description: str
-    headline: HeadlineEntry | None = Field(description="what to think of the first fit's predictions")
-    verdict: list[str] = Field(description="plain sentences with their numbers, the most important first")
+    headline: HeadlineEntry | None = Field(description="assessment of the first fit's predictions")
+    verdict: list[str] = Field(description="sentences with their numbers, the most important first")
     records: dict[str, Record | AngleRecord | MissingRecord] = Field(
         description="every recording, under the first fit that computes it")
-    parameters: dict[str, Value] = Field(description="of the first fit, whose model is model.json")
+    parameters: dict[str, Value] = Field(description="parameters of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
     model_selection: SelectionTable | None
-    wiring: WiringTable | None = Field(None, description="of a study that compares wirings")
-    order: OrderTable | None = Field(description="of a study that lays its chain through a dense shape")
+    wiring: WiringTable | None = Field(None, description="comparison of wirings, if the study has one")
+    order: OrderTable | None = Field(description="selection of the number of links, for dense shapes")
     forecasts: dict[str, dict[str, Any]] = Field(
-        description="title, what was changed (`stated`), numbers with units in their names, half-widths at 95 %")
-    findings: dict[str, list[str]] = Field(description="what reading and aligning found, by recording")
+        description="title, stated changes (`stated`), results with units in their names, 95 % half-widths")
+    findings: dict[str, list[str]] = Field(description="findings from reading and aligning, by recording")
     clocks: dict[str, ClockEntry]
     not_computed: list[Failure] = Field([], description="whole fits and forecasts that could not be computed, and why")
-    timing: dict[str, float] = Field(description="s: prepare_s, fits_s, total_s")
-    provenance: dict[str, str] = Field(description="version of pliant, and each recording's source")
+    timing: dict[str, float] = Field(description="computation times, s: prepare_s, fits_s, total_s")
+    provenance: dict[str, str] = Field(description="version of pliant, and the source of each recording")

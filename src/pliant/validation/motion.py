@@ -1,4 +1,4 @@
-"""A simulated motion: its figure, as the paper draws it, and a film of the body."""
+"""Figure and video of a simulated motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pliant.validation.figures import columns_in_time, drawing, legend
 
 
 def motion_figure(trajectory: xr.Dataset) -> Figure:
-    """Simulated X_i and Y_i of the link tips in time with the pressure below, as the paper draws them.
+    """Draw simulated X_i and Y_i of the link tips against time with the pressure below, in the style of the paper.
 
     Parameters
     ----------
@@ -50,25 +50,27 @@ def body_film(
     path: Path, time: ArrayLike, base: ArrayLike, tips: ArrayLike, pressure: ArrayLike, *,
     rate: int = 25,
 ) -> None:
-    """Film of a body: its links at `rate` pictures a second, the way of the tip behind it, the pressure beside it.
+    """Write a video of a body: its links, the path of the tip, and the pressure beside it.
 
     Parameters
     ----------
     path : Path
-        Ends in .gif or .mp4.
+        File to write, ending in .gif or .mp4.
     time : (T,) array, s
     pressure : (T, C) array, kPa
     base : (2, 2) array, m
-        Origin and first joint.
+        Positions of the origin and the first joint.
     tips : (T, n, 2) array, m
+    rate : int
+        Frames per second.
 
     Raises
     ------
     InputError
-        For an .mp4 where no ffmpeg is found.
+        For an .mp4 if ffmpeg is not installed.
     """
     if path.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
-        raise InputError("an .mp4 needs ffmpeg, which is not on the path: take .gif, or install ffmpeg")
+        raise InputError("an .mp4 needs ffmpeg, which is not on the path: use .gif, or install ffmpeg")
     t, p, moving = (np.asarray(a, dtype=float) for a in (time, pressure, tips))
     body = 1e3 * np.concatenate([np.broadcast_to(base, (t.size, 2, 2)), moving], axis=1)
     frames = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate)).clip(0, t.size - 1))
@@ -92,5 +94,5 @@ def body_film(
             now.set_data(np.full(p[k].shape, t[k]), p[k])
             return [line, way, now]
 
-        made = animation.FuncAnimation(figure, draw, frames=frames)
-        made.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)
+        video = animation.FuncAnimation(figure, draw, frames=frames)
+        video.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)

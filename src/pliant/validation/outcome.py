@@ -1,9 +1,9 @@
-"""The results of a study, in the form that metrics, figures and report share."""
+"""The results of a study as data classes, which metrics, figures and report share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,47 +25,47 @@ Role = Literal["train", "held_out", "forecast"]
 
 @dataclass(frozen=True)
 class RecordOutcome:
-    """One recording beside the model."""
+    """The comparison of one recording with the model of a fit."""
 
     name: str
     role: Role
     experiment: Experiment
     modelled: Array  # (T, S, 2) m; (T, S, 1) rad of angles alone
-    pressure: Array  # (T, C) inputs behind the valves or motors, as modelled, in `units`
+    pressure: Array  # (T, C) modelled inputs behind the valves or motors, in `units`
     metrics: dict[str, Any]
-    band: Band | None = None  # of the prediction of a held-out record
+    band: Band | None = None  # prediction band, of a held-out recording
     body: Array | None = None  # (T, n + 2, 2) m, modelled base, first joint and link tips
-    inputs: Mapping[str, str] = field(default_factory=dict)  # of the model: name and SI unit; none: pressures
+    inputs: Mapping[str, str] = field(default_factory=dict)  # inputs of the model: name and SI unit; empty: pressures
 
     def unit_of(self, name: str) -> str:
-        """Return the SI unit of an input by its name; "" is that of the first."""
+        """Return the SI unit of the input with this name, or of the first input for ""."""
         return self.inputs.get(name) or next(iter(self.inputs.values()), "Pa")
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI units of the columns of `pressure`."""
+        """Return the SI units of the columns of `pressure`."""
         return tuple(self.inputs.values()) or ("Pa",) * self.pressure.shape[-1]
 
 
 @dataclass(frozen=True)
 class FitOutcome:
-    """One fit of the study: a choice of parameters and of training and held-out recordings."""
+    """The results of one fit of the study: its parameters and its predictions of each recording."""
 
     name: str
     title: str
     result: FitResult
     records: tuple[RecordOutcome, ...]
     seconds: float
-    not_computed: tuple[NotComputed, ...] = ()  # records, bands, ... of this fit
+    not_computed: tuple[NotComputed, ...] = ()  # recordings, bands, ... of this fit
 
     @property
     def missing(self) -> tuple[NotComputed, ...]:
-        """The records of this fit whose motion could not be computed."""
+        """Return the recordings of this fit whose motion could not be computed."""
         there = {r.name for r in self.records}
         return tuple(f for f in self.not_computed if f.record and f.record not in there)
 
     def record_dicts(self) -> dict[str, dict[str, Any]]:
-        """Role and metrics of each record; of one that could not be computed, in whole or part, the sentence why."""
+        """Return role and metrics of each recording, and for one that could not be computed, the reason."""
         rows: dict[str, dict[str, Any]] = {r.name: {"role": r.role, **r.metrics} for r in self.records}
         for f in self.not_computed:
             if f.record:
@@ -74,7 +74,7 @@ class FitOutcome:
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, for metrics.json."""
+        """Return the fit as plain values, for metrics.json."""
         covariance = self.result.covariance
         return {
             "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
@@ -112,7 +112,7 @@ class Clocks:
 
     message: str
     time: Array  # (T,) s
-    motion: Array  # (T,) main course of the shape
+    motion: Array  # (T,) one time series that represents the motion of the shape
     clock: Array  # (P,) s, as logged
     pressure: Array  # (P,)
     delay: float  # s
@@ -120,7 +120,9 @@ class Clocks:
 
     @classmethod
     def of(cls, recording: xr.Dataset, found: Delay) -> Clocks:
-        """From a recording as it was logged and what `sync` found."""
+        """Return the clock correction of a recording, which still has its original clocks, from the result
+        of `sync`.
+        """
         motion, pressure = body_course(recording), pressure_course(recording)
         return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
                    found.delay_s, found.drift)  # fmt: skip
@@ -132,7 +134,7 @@ class Forecast:
 
     name: str
     title: str
-    stated: dict[str, float]  # what was changed, by parameter name
+    stated: dict[str, float]  # stated changes, by parameter name
     time: Array  # (T,) s
     tip: Array  # (T, 2) m; (T, 1) rad of angles alone
     numbers: dict[str, float]  # frequency_hz, static_drop_mm, ... with the unit in the name
@@ -141,44 +143,45 @@ class Forecast:
 
 
 class WiringRow(NamedTuple):
-    """One wiring after its fit."""
+    """The result of fitting one wiring of recorded pressures to chambers."""
 
     name: str
-    percent: float | None  # mean error of the training records, % of travel; None where it could not be fitted
-    behind: float | None  # 2 ln L below that of the best
+    percent: float | None  # mean error of training recordings, % of peak displacement; None: not fitted
+    behind: float | None  # how much 2 ln L is below the best wiring's
     reason: str = ""  # why it could not be fitted
 
 
 @dataclass(frozen=True)
 class Wirings:
-    """Wirings of recorded pressures to chambers, the likeliest first."""
+    """The compared wirings of recorded pressures to chambers, the most likely first."""
 
     fit: str
     rows: tuple[WiringRow, ...]
 
     @property
     def winner(self) -> WiringRow:
-        """The likeliest wiring."""
+        """Return the most likely wiring."""
         return self.rows[0]
 
     @property
     def sentence(self) -> str:
-        """The winner, and how far the runner-up is behind."""
+        """Return a sentence on the best wiring and on how much worse the second best is."""
         fitted = [r for r in self.rows if r.percent is not None]
-        said = f"Wiring {fitted[0].name!r} follows the training records best, to {fitted[0].percent:.2f} % of travel"
+        said = (f"Wiring {fitted[0].name!r} fits the training records best, with an error of {fitted[0].percent:.2f} % "
+                "of the peak displacement")
         if len(fitted) < 2:
-            return f"{said}; no other wiring could be fitted."
-        return (f"{said}; of {len(fitted) - 1} other{'s' * (len(fitted) > 2)} the next is {fitted[1].name!r}, "
-                f"{fitted[1].percent:.2f} %, its 2 ln L lower by {fitted[1].behind:.0f}.")
+            return f"{said}. No other wiring could be fitted."
+        return (f"{said}. The second best of {len(fitted)} is {fitted[1].name!r} with {fitted[1].percent:.2f} %; its "
+                f"2 ln L is lower by {fitted[1].behind:.0f}.")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON."""
+        """Return the comparison as plain values, for JSON."""
         rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "reason": r.reason} for r in self.rows}
         return {"fit": self.fit, "sentence": self.sentence, "wirings": rows}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any] | None) -> Wirings | None:
-        """The inverse of `to_dict`; None of None."""
+        """Return the comparison from the result of `to_dict`; None if `content` is None."""
         if content is None:
             return None
         rows = (WiringRow(n, r["train_percent"], r["behind"], r["reason"]) for n, r in content["wirings"].items())
@@ -186,16 +189,16 @@ class Wirings:
 
 
 class Headline(NamedTuple):
-    """Assessment of the first fit's predictions in one sentence, with its warnings."""
+    """A sentence on the first fit's predictions, with its warnings."""
 
-    state: Literal["good", "beware", "missed", "open"]  # targets met; met, but see warnings; missed; none was stated
+    state: Literal["good", "beware", "missed", "open"]  # met; met with warnings; missed; no target was stated
     sentence: str
     warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
 class StudyOutcome(Shown):
-    """Everything that `pliant run` found."""
+    """All results of `pliant run`."""
 
     name: str
     title: str
@@ -204,35 +207,35 @@ class StudyOutcome(Shown):
     fits: tuple[FitOutcome, ...]
     forecasts: tuple[Forecast, ...] = ()
     shape: Shape | None = None
-    verdict: tuple[str, ...] = ()  # plain sentences with their numbers, the most important first
-    findings: dict[str, tuple[str, ...]] = field(default_factory=dict)  # what reading and aligning each record found
+    verdict: tuple[str, ...] = ()  # sentences with their numbers, the most important first
+    findings: dict[str, tuple[str, ...]] = field(default_factory=dict)  # on reading and aligning each recording
     timing: dict[str, float] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
     model_selection: ModelSelection | None = None
     headline: Headline | None = None
-    clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, where the pressure's clock was moved
-    failed: tuple[NotComputed, ...] = ()  # whole fits, forecasts and their intervals
-    run_id: str = ""  # in every file of a run that another one is read with
+    clocks: dict[str, Clocks] = field(default_factory=dict)  # by recording, if the pressure's clock was corrected
+    failed: tuple[NotComputed, ...] = ()  # fits, forecasts and intervals that could not be computed
+    run_id: str = ""  # the same in metrics.json and results.nc of a run
     wirings: Wirings | None = None
-    doubts: tuple[str, ...] = ()  # what looks wrong in the input: see `pliant.preprocessing.plausibility`
+    doubts: tuple[str, ...] = ()  # warnings on the input, see `pliant.preprocessing.plausibility`
 
     @property
     def not_computed(self) -> tuple[NotComputed, ...]:
-        """Everything that could not be computed: whole fits and forecasts, then records and bands of each fit."""
+        """Return what could not be computed: whole fits and forecasts, then recordings and bands of each fit."""
         return (*self.failed, *(n for f in self.fits for n in f.not_computed))
 
     @property
     def turns(self) -> bool:
-        """Whether its recordings hold angles and no places."""
+        """Return whether the recordings hold angles and no positions."""
         return any(r.experiment.without_positions for f in self.fits for r in f.records)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Return the compared coordinates: x and y, in space z too, or an angle."""
+        """Return the names of the compared coordinates: x and y, in space z too, or an angle."""
         return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
 
     def card(self) -> Card:
-        """The headline, and every record under the first fit that holds it."""
+        """Return the headline and a table of every recording under each fit, for display."""
         rows, unit = [], "deg" if self.turns else "mm"
         for f in self.fits:
             for r in f.records:
@@ -241,11 +244,11 @@ class StudyOutcome(Shown):
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
             rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", "", ""] for m in f.missing]
         head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
-        said = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
-        return Card(self.title, said, head, rows)
+        sentences = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
+        return Card(self.title, sentences, head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of metrics.json: every record from the first fit that computes it, and every fit whole."""
+        """Return the content of metrics.json: every recording under the first fit that computes it, and all fits."""
         rows = {f.name: f.record_dicts() for f in self.fits}
         whole = [(f.name, r.name) for f in self.fits for r in f.records]
         missing = [(f.name, m.record) for f in self.fits for m in f.missing]
@@ -271,3 +274,66 @@ class StudyOutcome(Shown):
             "not_computed": [n._asdict() for n in self.failed],
             "timing": self.timing, "provenance": self.provenance,
         }
+
+
+def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
+    """Return the outcome with all positions in the axes of the recordings, for tables, figures and files.
+
+    Models and their parameters stay in the base frame, where positive angles bend the body towards -x.
+
+    Parameters
+    ----------
+    outcome : StudyOutcome
+        Results with all positions in the base frame.
+    like : dict
+        Name of the template recording of each forecast.
+    signs : dict
+        Direction (1 or -1) of each recording's x axis in the base frame, see `pliant.preprocessing.side`.
+    """
+    if all(sign > 0 for sign in signs.values()):
+        return outcome
+    fits = tuple(
+        replace(f, records=tuple(turned_record(r) if signs[r.name] < 0 else r for r in f.records)) for f in outcome.fits
+    )
+    forecasts = tuple(turned_forecast(f) if signs[like[f.name]] < 0 else f for f in outcome.forecasts)
+    shape = outcome.shape
+    if shape is not None and signs[shape.name] < 0:
+        shape = turned_shape(shape)
+    return replace(outcome, fits=fits, forecasts=forecasts, shape=shape)
+
+
+def mirrored(position: np.ndarray) -> np.ndarray:
+    """Return positions (..., 2) with the sign of x changed."""
+    return position * np.array([-1.0, 1.0])
+
+
+def turned_record(record: RecordOutcome) -> RecordOutcome:
+    """Return the outcome of a recording turned by pi about the base tangent."""
+    return replace(
+        record, experiment=record.experiment.turned(), modelled=mirrored(record.modelled),
+        band=None if record.band is None else turned_band(record.band),
+        body=None if record.body is None else mirrored(record.body),
+    )
+
+
+def turned_band(band: Band) -> Band:
+    """Return a band turned by pi about the base tangent, so that the limits of x change places."""
+    edges = np.stack([mirrored(band.lower), mirrored(band.upper)])
+    return replace(band, position=mirrored(band.position), lower=edges.min(axis=0), upper=edges.max(axis=0))
+
+
+def turned_forecast(forecast: Forecast) -> Forecast:
+    """Return a forecast turned by pi about the base tangent."""
+    return replace(forecast, tip=mirrored(forecast.tip))
+
+
+def turned_shape(shape: Shape) -> Shape:
+    """Return a dense shape, with the chain of links placed on it, turned by pi about the base tangent."""
+    links = replace(
+        shape.links, base=mirrored(shape.links.base), tips=mirrored(shape.links.tips),
+        rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,
+    )
+    return replace(
+        shape, position=mirrored(shape.position), curvature=-shape.curvature, rest_curvature=-shape.rest_curvature,
+        links=links,
+    )

@@ -1,4 +1,4 @@
-"""Recordings of a study beside the motion of a fitted model, as plain arrays for exports."""
+"""Measured and modelled motion of a study's recordings as plain arrays, for exports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 class Side(NamedTuple):
-    """One recording beside the model of a fit.
+    """The measured and modelled motion of one recording.
 
     Attributes
     ----------
@@ -24,11 +24,11 @@ class Side(NamedTuple):
     time : array (T,)
         s.
     measured, modelled : array (T, S, D)
-        Points in m, D = 2 or 3; angles in rad, D = 1. NaN where a point was not seen.
+        Points [m] with D = 2 or 3, or angles [rad] with D = 1. NaN if a point was not measured.
     inputs : array (T, C)
-        As recorded, or as fitted where only the level was known; in the units of the model's inputs.
+        Recorded inputs, or fitted ones if only the level was known, in the units of the model's inputs.
     body : array (T, n + 2, D) or None
-        Base, first joint and link tips of the model, m.
+        Base, first joint and link tips of the model [m].
     """
 
     name: str
@@ -41,7 +41,7 @@ class Side(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """Recordings of the same stations and inputs beside one fit, ready to be written.
+    """Recordings with the same stations and inputs, with the motion that one fit predicts for each.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Sides(NamedTuple):
 
 
 def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) -> Sides:
-    """Return the recordings of a fit beside its model, training recordings first.
+    """Return the recordings of a fit with the motion of its model, training recordings first.
 
     Raises
     ------
@@ -95,15 +95,17 @@ def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) 
 
 
 def fit_named(fits: Sequence[FitOutcome], name: str) -> FitOutcome:
-    """Return the fit of a name; the first one for an empty name."""
+    """Return the fit with this name, or the first one for an empty name."""
     for f in fits:
         if name in ("", f.name):
             return f
-    raise InputError(f"no fit {name!r} in these results; they have {', '.join(f.name for f in fits)}")
+    raise InputError(f"these results have no fit {name!r}: choose from {', '.join(f.name for f in fits)}")
 
 
 def side_of(record: RecordOutcome, inputs: Sequence[str]) -> Side:
-    """Return one recording beside the model: inputs as recorded, or as the fit found them where none was recorded."""
+    """Return the measured and modelled motion of one recording, with inputs as recorded, or fitted if none was
+    recorded.
+    """
     exp = record.experiment
     values = np.array(record.pressure, dtype=float).reshape(exp.time.size, -1)
     if exp.drives:

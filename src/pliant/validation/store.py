@@ -1,9 +1,9 @@
-"""`results.nc` beside `metrics.json`: what a study measured and modelled, kept, so that figures can be drawn later."""
+"""The file `results.nc` of a study's measured and modelled motion: written by a run, read with `metrics.json`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,21 +11,42 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pliant.errors import InputError, clipped
+from pliant.failures import NotComputed
 from pliant.files import whole
-from pliant.identification import Experiment
-from pliant.validation.outcome import FitOutcome, Forecast, Shape, StudyOutcome
+from pliant.identification import Band, Experiment, FitResult, ModelSelection, Parameter
+from pliant.identification.stage_fit import Step
+from pliant.identification.stages import Stage
+from pliant.identification.uncertainty import Covariance
+from pliant.model import Model
+from pliant.model.file import read_model
+from pliant.recording.netcdf import read_groups
+from pliant.reduction import LinkPlacement, OrderResult
+from pliant.simulation import Trace
+from pliant.validation.outcome import (
+    Clocks,
+    FitOutcome,
+    Forecast,
+    Headline,
+    RecordOutcome,
+    Shape,
+    StudyOutcome,
+    Wirings,
+)
 from pliant.validation.wording import input_words
 
 Array = np.ndarray
 FILE = "results.nc"
 SPACE = ("time", "station", "axis")
+BROKEN = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError, StopIteration)
+Groups = Mapping[str, xr.Dataset]
 
 
 def save_results(outcome: StudyOutcome, folder: Path) -> Path:
-    """Write ``results.nc``: a group for each recording with every fit of it, the dense shape and each forecast.
+    """Write ``results.nc`` with a group for each recording and all its fits, the dense shape and each forecast.
 
-    Positions are in m, angles in rad, times in s, inputs in the SI units that stand beside them. The numbers
-    that metrics.json has are not repeated.
+    Positions are in m, angles in rad, times in s, and inputs in the SI units of their attribute. Numbers in
+    metrics.json are not repeated.
     """
     about = {"schema": "pliant-results", "schema_version": 1, "run_id": outcome.run_id}
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs=about)}
@@ -50,19 +71,19 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
 
 
 def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Sequence[str], Array, dict[str, str]]:
-    """A variable with its unit."""
+    """Return a variable of an xarray data set with the unit m and, if given, a long name."""
     return dims, values, {"units": "m", **({"long_name": name} if name else {})}
 
 
 def of_inputs(units: Sequence[str]) -> dict[str, str]:
-    """Attributes of a variable whose columns are inputs: their unit, or the unit of each where they differ."""
-    shown = units if len(set(units)) > 1 else units[:1]
+    """Return the attributes of a variable whose columns are inputs: their common unit, or the unit of each."""
+    listed = units if len(set(units)) > 1 else units[:1]
     kind = input_words(units)[0].replace("pressure", "gauge pressure")
-    return {"units": ", ".join(shown), "long_name": f"measured {kind}"}
+    return {"units": ", ".join(listed), "long_name": f"measured {kind}"}
 
 
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
-    """Return the measured motion and the inputs of a recording; `unit_of` tells the SI unit of an input."""
+    """Return the measured motion and inputs of a recording; `unit_of` returns the SI unit of an input by name."""
     variables: dict[str, Any] = {}
     if exp.without_positions:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
@@ -85,15 +106,15 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
 
 
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
-    """Return the motion under every fit; NaN where a fit does not use the recording, or gives no band."""
+    """Return the motion under every fit; NaN if a fit does not use the recording or has no band."""
     rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
-    found: dict[str, Any] = {"fit": [f.name for f in fits]}
+    variables: dict[str, Any] = {"fit": [f.name for f in fits]}
 
     def stack(name: str, dims: tuple[str, ...], units: str, values: list[Array | None]) -> None:
         shape = next((v.shape for v in values if v is not None), None)
         if shape is not None:
             whole = np.stack([np.full(shape, np.nan) if v is None else v for v in values])
-            found[name] = (("fit", *dims), whole, {"units": units})
+            variables[name] = (("fit", *dims), whole, {"units": units})
 
     unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
@@ -102,20 +123,20 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
-    found["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
-    return found
+    variables["band_level"] = ("fit", [r.band.level if r and r.band else np.nan for r in rows], {"units": "1"})
+    return variables
 
 
 def shaped(shape: Shape) -> dict[str, xr.Dataset]:
-    """The dense shape, its orders and its links, in a group each."""
-    own = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
+    """Return the dense shape, its orders and its links, each as a group of the file."""
+    profile = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
            "position": in_metres(("frame", "place", "axis"), shape.position),
            "curvature": (("whole_frame", "place"), shape.curvature, {"units": "1/m"}),
            "rest_curvature": ("place", shape.rest_curvature, {"units": "1/m"})}
     order = {"time": ("time", shape.order.time, {"units": "s"}),
              **{k: in_metres(("order", "time"), getattr(shape.order, k)) for k in ("max_error", "mean_error")}}
     return {
-        "/shape": xr.Dataset(own, attrs={"name": shape.name, "tip_status": shape.tip_status}),
+        "/shape": xr.Dataset(profile, attrs={"name": shape.name, "tip_status": shape.tip_status}),
         "/shape_order": xr.Dataset(order, attrs={"json": plain(shape.order, set(order))}),
         "/shape_links": xr.Dataset(
             {f.name: ([f"{f.name}_{k}" for k in range(v.ndim)], v) for f in fields(shape.links)
@@ -124,20 +145,230 @@ def shaped(shape: Shape) -> dict[str, xr.Dataset]:
 
 
 def plain(result: Any, but: set[str]) -> str:
-    """The fields of a dataclass that are no arrays, as JSON; tuples of arrays become lists."""
-    found: dict[str, Any] = {}
+    """Return the fields of a dataclass that are not arrays, as JSON; tuples of arrays become lists."""
+    values: dict[str, Any] = {}
     for f in fields(result):
         value = getattr(result, f.name)
         if f.name not in but and not isinstance(value, np.ndarray):
-            found[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
+            values[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
                 value, tuple) else value
-    return json.dumps(found)
+    return json.dumps(values)
 
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
-    """A forecast's tip with its half-width."""
+    """Return a forecast's tip motion and its half-width as a data set."""
     units = {"units": "rad" if forecast.tip.shape[1] == 1 else "m"}
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
         variables["half_width"] = (("time", "axis"), forecast.half_width, units)
     return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, {"name": forecast.name})
+
+
+def load_outcome(folder: str | Path) -> StudyOutcome:
+    """Read the results of `pliant run` from its folder: all numbers, curves and sentences of its report.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder with metrics.json and results.nc.
+
+    Raises
+    ------
+    InputError
+        When a file is absent, was not written by `pliant run`, or has another schema.
+    """
+    folder = Path(folder)
+    metrics = metrics_of(folder)
+    groups = groups_of(folder)
+    if str(metrics.get("run_id", "")) != str(groups["/"].attrs.get("run_id", "")):
+        raise InputError(f"{folder}: metrics.json and results.nc are from different runs; run the study again")
+    try:
+        return restored(metrics, groups)
+    except BROKEN as error:
+        reason = clipped(f"{type(error).__name__}: {error}")
+        raise InputError(f"{folder}: metrics.json and results.nc do not belong together ({reason}); run the study again"
+                         ) from None
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    """Return the content of metrics.json; InputError if it cannot be read or was not written by `pliant run`."""
+    path = folder / "metrics.json"
+    try:
+        metrics: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason, cure = error.strerror or error, "name a folder that `pliant run` has written"
+        if (folder / FILE).exists():
+            cure = "a run was interrupted while it replaced its files: run the study again"
+        raise InputError(f"cannot read {path}: {reason}; {cure}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not valid JSON: {clipped(str(error))}; run the study again") from None
+    if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":
+        raise InputError(f"{path} is not a metrics.json of `pliant run`")
+    return metrics
+
+
+def groups_of(folder: Path) -> Groups:
+    """Return the groups of results.nc, read into memory."""
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
+    loaded = read_groups(path)
+    if str(loaded["/"].attrs.get("schema")) != "pliant-results":
+        raise InputError(f"{path} is not a results.nc of `pliant run`")
+    return loaded
+
+
+def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
+    """Return the outcome of a study from the content of both files."""
+    recordings = {
+        str(recording.attrs["name"]): (experiment_of(recording), recording)
+        for name, recording in groups.items()
+        if name.startswith("/recording_")
+    }
+    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(metrics["fits"].items()))
+    forecasts = tuple(
+        forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
+    )
+    stored = metrics["headline"]
+    headline = Headline(**{**stored, "warnings": tuple(stored["warnings"])}) if stored else None
+    model = fits[0].result.model.with_(name=metrics["study"])
+    return StudyOutcome(
+        metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
+        tuple(metrics["verdict"]), {k: tuple(v) for k, v in metrics["findings"].items()}, metrics["timing"],
+        metrics["provenance"], selection_of(metrics["model_selection"], fits[0].result), headline,
+        clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
+        run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
+    )
+
+
+def experiment_of(recording: xr.Dataset) -> Experiment:
+    """Return a recording as the fit used it."""
+    trace = None
+    drives = {}
+    if "driven" in recording:
+        times = recording["pressure_time"].values
+        drives = {
+            str(c): Trace(times, recording["pressure"].values[:, k]) for k, c in enumerate(recording["driven"].values)
+        }
+    elif "pressure" in recording:
+        trace = Trace(recording["pressure_time"].values, recording["pressure"].values)
+    stations = tuple(str(s) for s in recording["station"].values)
+    angles: dict[str, Any] = {}
+    if "angle" in recording:
+        angles = {
+            "angle": recording["angle"].values,
+            "angle_reference": recording["angle"].attrs["reference"],
+            "angles_alone": True,
+        }
+    position = (
+        recording["position"].values
+        if "position" in recording
+        else np.full((recording.sizes["time"], len(stations), 2), np.nan)
+    )
+    return Experiment(
+        str(recording.attrs["name"]), recording["time"].values, position, stations, recording.attrs["excitation"],
+        trace, float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
+        poses=bool(recording.attrs["poses"]), **angles,
+    )
+
+
+def fit_of(
+    i: int, name: str, entry: dict[str, Any], recordings: Mapping[str, tuple[Experiment, xr.Dataset]],
+) -> FitOutcome:
+    """Return the outcome of fit number `i` with its recordings."""
+    result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
+    records, actuation = [], result.model.actuation
+    for record, numbers in entry["records"].items():
+        if set(numbers) <= {"role", "not_computed"}:
+            continue  # its motion could not be computed
+        exp, recording = recordings[record]
+        under_fit = recording.isel(fit=i)
+        metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
+        body = under_fit["body"].values if "body" in under_fit and under_fit["body"].notnull().any() else None
+        records.append(RecordOutcome(record, numbers["role"], exp, under_fit["modelled"].values,
+                                     under_fit["modelled_pressure"].values, metrics, band_of(under_fit, exp), body,
+                                     dict(zip(actuation.names, actuation.units, strict=True))))
+    return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
+
+
+def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
+    """Return the results that could not be computed, of a fit or of the study."""
+    return tuple(NotComputed(**n) for n in entry.get("not_computed", ()))
+
+
+def result_of(entry: dict[str, Any], model: Model) -> FitResult:
+    """Return the result of the optimisation of a fit."""
+    parameters = tuple(
+        Parameter(name, p["value"], -np.inf if p["lower"] is None else p["lower"],
+                  np.inf if p["upper"] is None else p["upper"], p["free"], p["unit"], p["scale"], p["source"], p["std"],
+                  p.get("prior"), p.get("prior_std"))
+        for name, p in entry["parameters"].items()
+    )
+    stored = entry["covariance"]
+    covariance = None if stored is None else Covariance(**{
+        **stored, "names": tuple(stored["names"]), **{k: np.array(stored[k]) for k in ("matrix", "white", "hidden")}})
+    return FitResult(
+        model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
+        entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
+        turns=any("rmse_deg" in r for r in entry["records"].values()),
+    )
+
+
+def band_of(recording: xr.Dataset, exp: Experiment) -> Band | None:
+    """Return the prediction band of a recording; None if it has none."""
+    level = float(recording["band_level"])
+    if np.isnan(level):
+        return None
+    std, lower, upper = (recording[f"band_{part}"].values for part in ("std", "lower", "upper"))
+    return Band(recording["modelled"].values, std, lower, upper, level, *exp.shown_in)
+
+
+def shape_of(groups: Groups) -> Shape | None:
+    """Return the dense shape that determined the chain; None if there is none."""
+    if "/shape" not in groups:
+        return None
+    body, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
+    facts: dict[str, Any] = json.loads(order.attrs["json"])
+    facts |= {k: tuple(facts[k]) for k in ("orders", "stations_between", "notes")}
+    facts["node_arc_length"] = tuple(np.array(nodes) for nodes in facts["node_arc_length"])
+    facts |= {k: order[k].values for k in ("time", "max_error", "mean_error")}
+    chain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(
+        links.attrs["json"]).items()}
+    chain |= {str(k): v.values for k, v in links.data_vars.items()}
+    arc, position, curvature, rest = (body[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
+    return Shape(str(body.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), LinkPlacement(**chain),
+                 str(body.attrs["tip_status"]))
+
+
+def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
+    """Return a model selection with the content that its table and figure need.
+
+    The fit results of single stages are not stored; `result` stands for each.
+    """
+    if content is None:
+        return None
+    steps = [
+        Step(Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
+             r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
+             bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""),
+             given=tuple(r.get("as_given", ())))
+        for name, r in content["stages"].items()
+    ]
+    return ModelSelection(tuple(steps), content["chosen"], content["reason"])
+
+
+def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
+    """Return the correction of a pressure's clock."""
+    recording = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
+    time, motion, clock, pressure = (recording[k].values for k in ("time", "motion", "clock", "pressure"))
+    return Clocks(entry["message"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])
+
+
+def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Forecast:
+    """Return a prediction for a case that was not recorded."""
+    apart = {"title", "stated", "half_width_95"}
+    return Forecast(
+        name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
+        {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
+        recording["half_width"].values if "half_width" in recording else None,
+    )

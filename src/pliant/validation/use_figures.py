@@ -1,4 +1,4 @@
-"""Figures of the running model: state, contact, map and controlled tip against time."""
+"""Figures of a model in use: estimated state, contact, sweep and controlled tip."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.plotting import REST_COLOUR, new_figure, style
 from pliant.simulation.result import ENDINGS
+from pliant.units import KIND_OF, shown_in
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def estimate_overview(found: Any) -> Figure:
-    """Joint angles, smoothed rates with two standard deviations, whitened innovations, and strains, against time."""
+    """Draw joint angles, smoothed rates with two standard deviations, whitened innovations and strains against time."""
     time, lengthens = found["time"].values, "axial_strain" in found
     with style():
         figure, axes = new_figure(3 + lengthens, 1, height=5.4 + 1.8 * lengthens, sharex=True)
@@ -47,7 +48,7 @@ def estimate_overview(found: Any) -> Figure:
 
 
 def contact_overview(found: Any) -> Figure:
-    """Test statistic with its threshold, place along the body and force of a contact against time."""
+    """Draw the test statistic with its threshold, and the position and force of a contact, against time."""
     time = found["time"].values
     with style():
         figure, axes = new_figure(3, 1, height=5.0, sharex=True)
@@ -58,7 +59,7 @@ def contact_overview(found: Any) -> Figure:
         low, high = (1e3 * found[name].values for name in ("arc_low", "arc_high"))
         axes[1].fill_between(time, low, high, color="0.8", linewidth=0, label="95 %")
         axes[1].plot(time, 1e3 * found["contact_arc_length"].values, color="black")
-        axes[1].set_ylabel("place along the body (mm)")
+        axes[1].set_ylabel("position along the body (mm)")
         axes[1].legend()
         for name in ("normal", "tangential"):
             axes[2].plot(time, found[f"{name}_force"].values, label=name)
@@ -69,7 +70,7 @@ def contact_overview(found: Any) -> Figure:
 
 
 def sweep_figure(samples: Any) -> Figure:
-    """Draw the results of a sweep: the tip against time, median and 95 %, and how each number is spread."""
+    """Draw the results of a sweep: the tip against time with median and 95 % range, and a histogram of each number."""
     good = samples.isel(sample=np.flatnonzero(~samples["failed"].values.astype(bool)))
     names = [str(n) for n, a in good.data_vars.items() if a.dims == ("sample",) and n != "failed"]
     moving = "tip" in good
@@ -96,17 +97,21 @@ def sweep_figure(samples: Any) -> Figure:
 
 
 def control_figure(
-    time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",)
+    time: Any, wanted: Any, reached: Any, command: Any, pressure: Any, names: Sequence[str] = ("",), unit: str = "Pa"
 ) -> Figure:
-    """A controlled tip: displacement wanted and reached above, command and measured pressure below.
+    """Draw a controlled tip: wanted and reached displacement above, command and measured pressure below.
 
     Parameters
     ----------
     time : (T,) array, s
-    wanted, reached : (T,) array, m; (T, m) of several outputs called `names`, m or rad
-    command, pressure : (T,) array, Pa; (T, C) of several chambers
+    wanted, reached : (T,) array, m; (T, m) for several outputs, m or rad
+    command, pressure : (T,) array, Pa; (T, C) for several chambers
     names : sequence of str
+        Names of the outputs.
+    unit : str
+        SI unit of command and pressure: of tendons "N", "m" or "rad".
     """
+    factor, word = shown_in(unit)
     with style():
         figure, panels = new_figure(2, 1, height=3.4, sharex=True)
         for name, seen, asked in zip(names, by_column(reached), by_column(wanted), strict=True):
@@ -115,9 +120,10 @@ def control_figure(
         panels[0].set_ylabel("tip displacement (mm)" if len(names) == 1 else "change of outputs (mm, mrad)")
         for c, (asked, read) in enumerate(zip(by_column(command), by_column(pressure), strict=True)):
             own = f" {c + 1}" if np.ndim(command) > 1 else ""
-            panels[1].step(time, asked * 1e-3, where="post", label=f"command{own}")
-            panels[1].plot(time, read * 1e-3, label=f"measured{own}", linewidth=0.7)
-        panels[1].set(xlabel="time (s)", ylabel="gauge pressure (kPa)")
+            panels[1].step(time, asked * factor, where="post", label=f"command{own}")
+            panels[1].plot(time, read * factor, label=f"measured{own}", linewidth=0.7)
+        kind = "gauge pressure" if unit == "Pa" else KIND_OF[unit]
+        panels[1].set(xlabel="time (s)", ylabel=f"{kind} ({word})")
         for panel in panels:
             panel.legend(loc="best")
         figure.align_ylabels()
@@ -125,6 +131,6 @@ def control_figure(
 
 
 def by_column(values: Any) -> Any:
-    """Columns (m, T) of values (T,) or (T, m)."""
+    """Return the columns (m, T) of values (T,) or (T, m)."""
     made = np.asarray(values)
     return made[None] if made.ndim == 1 else made.T

@@ -1,4 +1,4 @@
-"""Short texts that figures and report share: roles, numbers, headings."""
+"""Short texts that figures and report share: roles, labels of metrics, formatted numbers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pliant.units import quantity, shown_in
 
 INPUTS = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "motor angle"}  # by SI unit
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
-NO_PLACES = "The recordings hold angles and no places: shapes, order and path are left out."
+NO_PLACES = "The recordings hold angles and no positions: shapes, order and path are left out."
 DASH = "–"
 LABELS = {
     "rmse_mm": "RMSE", "rmse_deg": "RMSE", "max_mm": "largest distance", "max_deg": "largest difference",
-    "rmse_percent_of_travel": "RMSE / travel",
+    "rmse_percent_of_travel": "RMSE / peak displacement",
     "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
     "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
     "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
@@ -28,16 +28,16 @@ LABELS = {
 
 
 def input_words(units: Iterable[str]) -> tuple[str, str]:
-    """Return what inputs of some SI units are called together, and the units in which they are shown."""
+    """Return a word for inputs of these SI units, such as "pressure", and the units in which figures show them."""
     kinds = list(dict.fromkeys(units))
     word = INPUTS[kinds[0]] if len(kinds) == 1 else "input"
     return word, ", ".join(shown_in(unit)[1] for unit in kinds)
 
 
 def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) -> str:
-    """A number with `count` significant digits, written out below a million; a dash where there is none.
+    """Return a number with `count` significant digits, without exponent below a million; a dash if it is not finite.
 
-    With `zeros` trailing ones are kept, as for what was measured; without, dropped, as for what was stated.
+    With `zeros`, trailing zeros are kept, as for measured numbers; without, they are dropped, as for stated numbers.
     """
     if value is None or isinstance(value, bool) or not math.isfinite(value):
         return DASH
@@ -49,22 +49,22 @@ def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) ->
 
 
 def clip(text: str, width: int = 60) -> str:
-    """User text on one line of at most `width` printable characters: XML, and so SVG, forbids control characters."""
+    """Return a user's text on one line of at most `width` printable characters, which XML and SVG allow."""
     line = escaped(" ".join(text.split()), "line")
     return line if len(line) <= width else f"{line[: width - 1]}…"
 
 
 def readable(name: str) -> str:
-    """Return a name of a station or record as a person writes it: ``link_5`` is "link 5"."""
+    """Return the name of a station or recording with blanks instead of underscores: ``link_5`` becomes "link 5"."""
     return " ".join(name.replace("_", " ").split()) or name
 
 
 def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
-    """A metric of a length or of an angle, whichever was compared, and its unit: ``rmse_mm`` or ``rmse_deg``."""
+    """Return the value and unit of a metric that is a length [mm] or an angle [degrees], whichever was compared."""
     return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")
 
 
 def metric_label(key: str) -> tuple[str, str]:
-    """Words and unit of a metric from its name: frequency_hz is ("frequency", "Hz")."""
+    """Split the name of a metric into words and unit: "frequency_hz" gives ("frequency", "Hz")."""
     words, unit = quantity(key)
     return LABELS.get(key, words), unit or "%" * ("_percent_" in key)

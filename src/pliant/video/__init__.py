@@ -1,4 +1,4 @@
-"""From a video to a recording of the body's shape."""
+"""Track the shape of a soft body in a video and return it as a recording."""
 
 from pliant.video.track import Tracking, track_video
 

@@ -1,4 +1,4 @@
-"""The body from frame to frame: each begins where the two before lead, and is judged by itself."""
+"""Track the body's silhouette from frame to frame, starting from the motion in the previous two frames."""
 
 from __future__ import annotations
 
@@ -22,31 +22,32 @@ from pliant.video.ribbon import (
     normals,
     share,
 )
-from pliant.video.rough import mask_of, rough_line
 from pliant.video.surroundings import Surroundings
 
 Array = np.ndarray
-WIDE, FINE = 2.2, 0.6  # widths, and half widths beyond the edge, to both sides of the line that are looked at
-HIDDEN_RUN, HIDDEN = 0.12, 0.3  # shares of the body, in one piece and in all, that may be hidden
-LENGTH = 0.05  # share by which the length in pixels may change between two frames that were seen
-LIGHT = 0.45  # change of a point's lightness over that from background to body
-KEEP = 0.8  # of what was known of widths and lightness, from one frame to the next
+WIDE, FINE = 2.2, 0.6  # search range to both sides of the line: in widths, and in half widths beyond the edge
+HIDDEN_RUN, HIDDEN = 0.12, 0.3  # largest hidden fractions of the body, in one piece and in total
+LENGTH = 0.05  # accepted relative change of the length between two frames
+LIGHT = 0.45  # accepted change of lightness relative to the contrast of body and background
+KEEP = 0.8  # weight of the previous widths and lightness in the update
 WEIGHT_BASE = 50.0
+LEVELS = 24  # intervals of distance from the base
+LEAST_PIXELS = 40  # least number of pixels of the body in the small picture
 
 
 @dataclass
 class Known:
-    """Shape, movement per frame, half width, lightness and length in the frames before."""
+    """State of the tracker: line, motion per frame, half width, lightness and length in the previous frames."""
 
     line: Array  # (S, 2)
-    step: Array  # (S, 2), from the frame before to it
+    step: Array  # (S, 2), since the previous frame
     half: Array  # (S,)
     light: Array  # (S,)
     length: float
 
 
 class Follower:
-    """Follows the body; `base` (2,) holds its first point, in pixels, where that is known."""
+    """Tracker of the body's silhouette; `base` (2,) is the position of the base in pixels, where it is known."""
 
     def __init__(self, around: Surroundings, base: Array | None = None) -> None:
         self.around, self.base = around, base
@@ -55,7 +56,7 @@ class Follower:
         self.cv2 = opencv("tracking a video")
 
     def __call__(self, picture: Array) -> Ribbon | None:
-        """The body in the next frame; None where it is hidden, whole or in part."""
+        """Return the body in the next frame; None where it is wholly or partly hidden."""
         found = None
         if self.known is not None:
             found = self._refined(picture, self.known.line + self.known.step, self.known)
@@ -69,7 +70,7 @@ class Follower:
         return found
 
     def _afresh(self, picture: Array) -> Ribbon | None:
-        """From this frame alone."""
+        """Return the body from this frame alone, without the previous ones."""
         around = self.around
         small = self.cv2.resize(picture, around.small.shape[1::-1], interpolation=self.cv2.INTER_AREA)
         mask = mask_of(small, around)
@@ -87,7 +88,7 @@ class Follower:
         return self._refined(picture, line, guess)
 
     def _begin(self, mask: Array) -> Array | None:
-        """The end of the body that never moves, in the small picture: that of what always is body."""
+        """Return the end of the body that never moves, in the small picture; None where there is none."""
         if not self.around.always.any():
             return None
         line = rough_line(mask, None)
@@ -98,7 +99,7 @@ class Follower:
         return np.asarray(line[0] if near[0] <= near[1] else line[-1])
 
     def _refined(self, picture: Array, line: Array, known: Known) -> Ribbon | None:
-        """Edges along the normals: from far at first, then closely."""
+        """Return the body measured by its edges along the normals, first in a wide range, then in a narrow one."""
         line = self._centred(picture, line, known)
         for _ in range(2):
             line, tip = self._ended(picture, line, known, at_tip=True)
@@ -112,7 +113,7 @@ class Follower:
         return found if self._whole(found, known) else None
 
     def _centred(self, picture: Array, line: Array, known: Known) -> Array:
-        """The line moved to the middle of what is bodily within a wide reach."""
+        """Return the line moved to the middle of the body's pixels within a wide range."""
         reach, step = WIDE * 2.0 * float(known.half.mean()), max(1.0, 0.1 * float(known.half.mean()))
         u = np.arange(-reach, reach + step, step)
         for _ in range(2):
@@ -127,7 +128,7 @@ class Follower:
         return evenly(line)
 
     def _measured(self, picture: Array, line: Array, known: Known) -> Ribbon:
-        """The line at the middle between both edges."""
+        """Return the line at the middle between both edges."""
         reach = float(np.ceil((1.0 + FINE) * known.half.max() + 4.0))
         u = np.arange(-reach, reach + 1.0)
         _, normal = normals(line)
@@ -157,7 +158,7 @@ class Follower:
         return BASIS.smooth(line, weight)
 
     def _ended(self, picture: Array, line: Array, known: Known, *, at_tip: bool) -> tuple[Array, bool]:
-        """The line lengthened or cut to where the body ends; and whether that end was seen."""
+        """Return the line extended or cut to the end of the body, and whether that end was found."""
         half = float(known.half[-4:].mean() if at_tip else known.half[:4].mean())
         light = float(np.median(known.light[-6:] if at_tip else known.light[:6]))
         along = line[-1] - line[-6]
@@ -165,8 +166,8 @@ class Follower:
         across = np.array([along[1], -along[0]])
         v = np.arange(-2.0 * half, BEYOND * 2.0 * half)
         u = np.linspace(-0.55, 0.55, 11) * half
-        there = line[-1] + v[:, None, None] * along + u[None, :, None] * across
-        seen, behind = self.sample(picture, there)
+        neighbour = line[-1] + v[:, None, None] * along + u[None, :, None] * across
+        seen, behind = self.sample(picture, neighbour)
         body = share(seen, behind, np.full(len(v), light)).mean(axis=1)
         end = float(crossing(body[None], np.zeros(1, int))[0][0])
         if not np.isfinite(end):
@@ -179,7 +180,7 @@ class Follower:
         return np.stack([np.interp(at, steps, longer[:, k]) for k in (0, 1)], axis=1), True
 
     def _whole(self, found: Ribbon, known: Known) -> bool:
-        """Whether enough of the body was seen, its tip among it, and as long as before."""
+        """Return whether enough of the body was seen, with its tip and with the previous length."""
         seen = found.seen[2:]
         run = longest_run(~seen)
         length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
@@ -202,15 +203,73 @@ class Follower:
 
 
 def _median(values: Array) -> Array:
-    """Running median over five points (S,)."""
+    """Return the running median (S,) over five points."""
     padded = np.pad(values, 2, mode="edge")
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
 
 
 def longest_run(flags: Array) -> int:
-    """The longest run of true values."""
+    """Return the length of the longest run of true flags."""
     best = run = 0
     for flag in flags.tolist():
         run = run + 1 if flag else 0
         best = max(best, run)
     return best
+
+
+def mask_of(small: Array, around: Surroundings) -> Array:
+    """Return the mask (h, w) of the pixels of the body in a small picture (h, w, 3)."""
+    cv2 = opencv("tracking a video")
+    light, behind = small.astype(np.float32) @ around.weight, around.small @ around.weight
+    share = (light - behind) / np.maximum(around.body - behind, 0.3)
+    mask = ((share > 0.5) & around.reach).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, label, facts, _ = cv2.connectedComponentsWithStats(mask)
+    if count < 2:
+        return np.zeros(mask.shape, bool)
+    inside = np.bincount(label[around.always], minlength=count)
+    inside[0] = 0
+    best = int(inside.argmax()) if inside.any() else 1 + int(facts[1:, cv2.CC_STAT_AREA].argmax())
+    return np.asarray(label == best)
+
+
+def rough_line(mask: Array, start: Array | None) -> Array | None:
+    """Return points (N, 2) along the middle of a mask (h, w), base first; None where the mask is too small.
+
+    Parameters
+    ----------
+    start : array (2,), optional
+        Position of the base. Without it the line begins at one of the two ends that are farthest apart.
+    """
+    place = np.argwhere(mask)[:, ::-1].astype(float)
+    if len(place) < LEAST_PIXELS:
+        return None
+    seen = _distances(mask, place, place[0] if start is None else start)
+    if start is None:
+        seen = _distances(mask, place, place[int(np.where(np.isfinite(seen), seen, -1.0).argmax())])
+    whole = np.isfinite(seen)
+    step = seen[whole].max() / LEVELS
+    level = np.minimum((seen[whole] / step).astype(int), LEVELS - 1)
+    count = np.bincount(level, minlength=LEVELS)
+    middle = np.stack([np.bincount(level, place[whole, k], LEVELS) / np.maximum(count, 1) for k in (0, 1)], axis=1)
+    return np.asarray(middle[count > 0])
+
+
+def _distances(mask: Array, place: Array, start: Array) -> Array:
+    """Return the distance (N,) of each pixel of the mask from the pixel nearest to `start`, within the mask."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    number = np.full((mask.shape[0] + 2, mask.shape[1] + 2), -1)
+    number[1:-1, 1:-1][mask] = np.arange(len(place))
+    rows, columns, lengths = [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        pixel, neighbour = number[1:-1, 1:-1], number[1 + dy : mask.shape[0] + 1 + dy, 1 + dx : mask.shape[1] + 1 + dx]
+        both = (pixel >= 0) & (neighbour >= 0)
+        rows.append(pixel[both])
+        columns.append(neighbour[both])
+        lengths.append(np.full(int(both.sum()), float(np.hypot(dy, dx))))
+    graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))),
+                      shape=(len(place), len(place))).tocsr()  # fmt: skip
+    nearest = int(np.linalg.norm(place - start, axis=1).argmin())
+    return np.asarray(dijkstra(graph, directed=False, indices=nearest))

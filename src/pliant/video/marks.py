@@ -1,4 +1,4 @@
-"""Marks on the body: dots of one colour, or ArUco markers, frame by frame."""
+"""Track marks on the body in every frame: dots of one colour, or ArUco markers."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pliant.video.reel import Reel
 Array = np.ndarray
 Frame = tuple[float, Array, Array | None]
 Region = tuple[float, float, float, float]  # pixels: left, top, right, bottom
-HALF_COLOUR = 0.4  # share of the dots' colour from which on a pixel belongs to one
+HALF_COLOUR = 0.4  # fraction of the dots' colour from which a pixel belongs to a dot
 LEAST_PIXELS = 9
-ROUND = (0.68, 0.88)  # share of the box around it that a disc fills, as pixels count it
-MASS = (0.6, 1.6)  # of a dot's usual size, within which it is that dot
-BLURRED = 0.35  # the least of it of a dot that moves by more than its width from frame to frame
-NEARER, FARTHER = 0.75, 1.2  # of the distance along the body, between which the next dot lies
-MOST_TURN = 1.2  # rad, of the way from dot to dot, beyond that of the dots before
-FIRST = 30  # frames in which all marks must have been seen at once
-APART = 2.5  # usual distances between neighbours, beyond which a mark is not on the same body
-COLOURED = 40.0  # levels by which a dot's colour must differ from grey
+ROUND = (0.68, 0.88)  # fraction of its bounding box that a disc fills, in pixels
+MASS = (0.6, 1.6)  # accepted size relative to a dot's usual size
+BLURRED = 0.35  # accepted size of a dot that moves by more than its width per frame
+NEARER, FARTHER = 0.75, 1.2  # accepted distance of the next dot relative to its usual distance
+MOST_TURN = 1.2  # rad: accepted turn of the direction from dot to dot
+FIRST = 30  # number of first frames, one of which must show all marks
+APART = 2.5  # times the usual spacing: a mark farther away is not on the same body
+COLOURED = 40.0  # least difference of a dot's colour from grey, in levels
 
 
 def chain(points: Array) -> Array:
-    """Order (M,) along the body of points (M, 2): from one end to the nearest, and so on."""
+    """Return the order (M,) of points (M, 2) along the body: from one end to the nearest point, and so on."""
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     order = [int(apart.max(axis=1).argmax())]
     while len(order) < len(points):
@@ -37,18 +37,19 @@ def chain(points: Array) -> Array:
 
 
 class Dots:
-    """Finds dots of one colour (blue, green, red), sub-pixel: centroids weighted by how far a pixel has that colour."""
+    """Detector of dots of one colour (blue, green, red), with sub-pixel centroids weighted by that colour."""
 
     def __init__(self, colour: tuple[float, float, float], region: Region | None = None) -> None:
         self.region = region
         self.cv2: Any = opencv("tracking a video")
         away = np.array(colour) - np.mean(colour)
         if np.linalg.norm(away) < COLOURED:
-            raise InputError(f"dots of the colour {hexadecimal(colour)} are nearly grey: a clear colour is needed")
+            raise InputError(f"the colour {hexadecimal(colour)} of the dots is nearly grey: use dots of a more "
+                             "saturated colour")
         self.weight = (away / (away @ away)).astype(np.float32)[None]
 
     def all(self, picture: Array, *, round_ones: bool = False) -> tuple[Array, Array]:
-        """Centres (N, 2) and masses (N,) of everything of that colour, or of what is round among it."""
+        """Return centres (N, 2) and masses (N,) of all regions of that colour, or of the round ones only."""
         share = self.cv2.transform(picture.astype(np.float32), self.weight)
         count, label, facts, _ = self.cv2.connectedComponentsWithStats((share > HALF_COLOUR).astype(np.uint8))
         found = []
@@ -63,31 +64,33 @@ class Dots:
             mass = np.where(other, 0.0, np.clip(share[part] - 0.2, 0.0, None))
             rows, columns = np.mgrid[part]
             found.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
-        made = np.array(found).reshape(-1, 3)
+        markers = np.array(found).reshape(-1, 3)
         if self.region is not None:
             left, top, right, bottom = self.region
-            x, y = made[:, 0], made[:, 1]
-            made = made[(x >= left) & (x <= right) & (y >= top) & (y <= bottom)]
-        return made[:, :2], made[:, 2]
+            x, y = markers[:, 0], markers[:, 1]
+            markers = markers[(x >= left) & (x <= right) & (y >= top) & (y <= bottom)]
+        return markers[:, :2], markers[:, 2]
 
 
 def follow_dots(
     reel: Reel, colour: tuple[float, float, float], count: int | None = None, region: Region | None = None,
 ) -> tuple[list[str], Iterator[Frame]]:
-    """Return notes on marks left out, and an iterator of time, picture and dots (M, 2) along the body; NaN where one is
-    hidden.
+    """Return lines about marks left out, and an iterator of time [s], picture and dots (M, 2) [pixels] per frame.
+
+    The dots are in order along the body, with NaN where one is hidden.
 
     Parameters
     ----------
     count : int, optional
-        Dots on the body; marks of that colour elsewhere are then left out.
+        Number of dots on the body; marks of that colour elsewhere are then left out.
     region : left, top, right, bottom, pixels, optional
-        Part of the picture that the body never leaves.
+        Part of the picture in which dots are searched.
 
     Raises
     ------
     InputError
-        When fewer than two dots of that colour are there, other than `count` dots, or marks away from the others.
+        When fewer than two dots of that colour are found, a number other than `count`, or, without `count`, marks away
+        from the others.
     """
     dots = Dots(colour, region)
     place, usual, findings = _first_dots(reel, dots, colour, count)
@@ -101,11 +104,11 @@ def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterat
 
 
 class ChainOfDots:
-    """Finds the dots (M, 2) of a body again in each frame, from the slowest dot outwards.
+    """Tracker of the dots (M, 2) of a body from frame to frame, from the slowest dot outwards.
 
-    The slowest dot is sought where it is expected, within a reach that grows with its speed and with the frames since
-    it was last seen. Each neighbour is then sought from the dot already found: at their known distance, in the
-    direction in which it last lay. So a body may swing by several distances between its dots from frame to frame.
+    The slowest dot is searched near its expected position, within a reach that grows with its speed and with the frames
+    since it was last seen. Each neighbour is then searched from the dot found before, at the known distance and in the
+    last known direction. The body may therefore move by several dot spacings from frame to frame.
     """
 
     def __init__(self, place: Array, mass: Array) -> None:
@@ -129,7 +132,7 @@ class ChainOfDots:
         return found
 
     def _from_slowest(self, centres: Array, masses: Array) -> Array:
-        """Return which centre (M,) is each dot, -1 where none; the first dot found leads to the others."""
+        """Return the index of the centre (M,) of each dot, -1 where hidden, starting from the slowest dot."""
         best = np.full(len(self.place), -1)
         for start in np.argsort(self.travel, kind="stable").tolist():
             k = self._nearest(start, centres, masses)
@@ -146,7 +149,7 @@ class ChainOfDots:
         return best
 
     def _nearest(self, dot: int, centres: Array, masses: Array) -> int:
-        """Return the centre nearest to where a dot is expected, -1 where none is within reach."""
+        """Return the index of the centre nearest to the expected position of a dot, -1 where none is within reach."""
         apart = np.linalg.norm(centres - self.place[dot] - self.step[dot], axis=1)
         reach = (1.0 + self.gap[dot]) * (0.5 * self.spacing.min() + float(np.linalg.norm(self.step[dot])))
         apart[~self._alike(dot, masses) | (apart >= reach)] = np.inf
@@ -154,7 +157,7 @@ class ChainOfDots:
         return k if np.isfinite(apart[k]) else -1
 
     def _along(self, chosen: Array, start: int, way: int, centres: Array, masses: Array) -> None:
-        """Choose, one after another to one side of `start`, the centre at the known distance from the dot before."""
+        """Fill `chosen` to one side of dot `start`: each dot takes the centre at the known distance from the last."""
         last, turn = start, 0.0
         dot = start + way
         while 0 <= dot < len(chosen):
@@ -172,7 +175,7 @@ class ChainOfDots:
             dot += way
 
     def _alike(self, dot: int, masses: Array) -> Array:
-        """Return which masses (N,) are a dot's; one that moves fast is blurred and shows less of its colour."""
+        """Return a mask (N,) of the masses that fit a dot; a fast dot is blurred and may be smaller."""
         wide = 2.0 * np.sqrt(self.mass[dot] / np.pi)
         least = MASS[0] if np.linalg.norm(self.step[dot]) < wide and not self.gap[dot] else BLURRED
         size = masses / self.mass[dot]
@@ -182,7 +185,7 @@ class ChainOfDots:
 def _first_dots(
     reel: Reel, dots: Dots, colour: tuple[float, float, float], count: int | None
 ) -> tuple[Array, Array, list[str]]:
-    """Centres and masses of the dots on the body, along it, and what was left out."""
+    """Return centres and masses of the dots in order along the body, and a line about marks left out."""
     best, masses = np.empty((0, 2)), np.empty(0)
     for k, (_, picture) in enumerate(reel.frames()):
         if k == FIRST:
@@ -194,20 +197,20 @@ def _first_dots(
             best, masses = centres[alike], sizes[alike]
     if len(best) < 2:
         raise InputError(
-            f"{reel.path.name}: {len(best)} dots of the colour {hexadecimal(colour)} are seen in its first frames, two "
-            "or more are needed: take the colour from the picture itself"
+            f"{reel.path.name}: {len(best)} dots of the colour {hexadecimal(colour)} were found in its first "
+            "frames, but two are needed: set colour to the colour of the dots in the picture"
         )
     body = _on_one_body(best, count)
     away = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in best[~body])
     if count is None and away:
         raise InputError(
-            f"{reel.path.name}: marks of the dots' colour lie away from the others, at the pixels {away}: cover them, "
-            "or say in [tracking] count, the number of dots on the body, or region, where in the picture it moves"
+            f"{reel.path.name}: marks of the dots' colour are away from the others, at the pixels {away}: cover them, "
+            "or set in [tracking] count, the number of dots on the body, or region, the part of the picture to search"
         )
     if count is not None and body.sum() != count:
         raise InputError(
-            f"{reel.path.name}: {int(body.sum())} dots are seen on one body, and [tracking] says count = {count}: "
-            "check the colour, or say in region in which part of the picture the body moves"
+            f"{reel.path.name}: {int(body.sum())} dots were found on one body, but count = {count} in [tracking]: "
+            "correct colour or count, or set region to the part of the picture in which the body moves"
         )
     best, masses = best[body], masses[body]
     order = chain(best)
@@ -215,7 +218,7 @@ def _first_dots(
 
 
 def _on_one_body(points: Array, count: int | None) -> Array:
-    """Which of the points (M, 2) lie on one body: a group of `count`, else the largest, of neighbours not far apart."""
+    """Return a mask (M,) of the points on one body: a group of `count` close neighbours, else the largest group."""
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     nearest = np.where(np.eye(len(points), dtype=bool), np.inf, apart).min(axis=1)
     near = apart <= APART * np.median(nearest)
@@ -228,12 +231,14 @@ def _on_one_body(points: Array, count: int | None) -> Array:
 
 
 def hexadecimal(colour: tuple[float, float, float]) -> str:
-    """Blue, green, red as ``#rrggbb``."""
+    """Return the colour (blue, green, red) as ``#rrggbb``."""
     return "#" + "".join(f"{round(c):02x}" for c in reversed(colour))
 
 
 def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
-    """Numbers of the markers along the body, and time, picture and centres (M, 2) of each frame, NaN where hidden.
+    """Return the marker numbers along the body, and an iterator of time [s], picture and centres (M, 2) [pixels].
+
+    Centres of hidden markers are NaN.
 
     Raises
     ------
@@ -256,8 +261,8 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
                 best, finder = seen, one
     if len(best) < 2:
         raise InputError(
-            f"{reel.path.name}: {len(best)} ArUco or AprilTag markers are seen in its first frames, two or more are "
-            "needed: a marker must be 20 pixels wide or more, with a white border around it"
+            f"{reel.path.name}: {len(best)} ArUco or AprilTag markers were found in its first frames, but two are "
+            "needed: a marker must be at least 20 pixels wide, with a white border"
         )
     ids = np.array(list(best))
     numbers = ids[chain(np.array(list(best.values())))].tolist()
@@ -271,12 +276,12 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
 
 
 def _markers(finder: Any, picture: Array) -> dict[int, Array]:
-    """Centres (2,) of the markers by number: where their diagonals cross."""
+    """Return the centre (2,) of each marker by number: the crossing of its diagonals."""
     corners, ids, _ = finder.detectMarkers(picture)
-    made: dict[int, Array] = {}
+    markers: dict[int, Array] = {}
     for quad, number in zip(corners, [] if ids is None else ids.ravel().tolist(), strict=True):
         a, b, c, d = np.asarray(quad, float).reshape(4, 2)
         along, across, between = c - a, d - b, b - a
         share = (between[0] * across[1] - between[1] * across[0]) / (along[0] * across[1] - along[1] * across[0])
-        made[number] = a + share * along
-    return made
+        markers[number] = a + share * along
+    return markers

@@ -1,4 +1,4 @@
-"""Writing a film: whole or not at all."""
+"""Write a video file; a failed write leaves no partial file."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ CODEC = "mp4v"  # MPEG-4: every build of OpenCV's wheels writes and reads it
 
 @contextmanager
 def movie(path: Path, rate: float, size: tuple[int, int]) -> Iterator[Callable[[np.ndarray], None]]:
-    """Takes frames (H, W, 3), uint8, blue green red; the file is there when all went well.
+    """Open a video file for writing and yield a function that appends a frame (H, W, 3), uint8, blue green red.
+
+    The file appears under its name only when the block ends without an error.
 
     Parameters
     ----------
     path : Path
-        Ends in .mp4.
+        File name that ends in .mp4.
     rate : float, Hz
     size : (width, height), pixels
 
     Raises
     ------
     InputError
-        For another ending, a folder that cannot be written, or without OpenCV.
+        For another ending, a folder that cannot be written, or where OpenCV is not installed.
     """
     cv2 = opencv("writing a film")
     path = Path(path)
     if path.suffix.lower() != ".mp4":
-        raise InputError(f"a film is written as .mp4, not {path.name!r}")
+        raise InputError(f"a video is written as .mp4, not {path.name!r}: change the file name")
     draft = path.with_name(f".{path.stem}.{os.getpid()}.tmp.mp4")
     writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*CODEC), float(rate), size)
     try:
         if not writer.isOpened():
-            raise InputError(f"cannot write a film to {path}: is its folder there?")
+            raise InputError(f"cannot write a video to {path}: check that its folder exists and is writable")
 
         yield writer.write
         writer.release()

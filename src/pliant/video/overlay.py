@@ -1,4 +1,4 @@
-"""Overlays to check the tracking: the found shape over the pictures, as a sheet of a few frames and as a film."""
+"""Draw the tracked shape over the frames, as a sheet of a few frames or as a video, to check the tracking."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pliant.video.movie import movie
 from pliant.video.reel import Reel
 
 Array = np.ndarray
-TILES, ACROSS, TILE = 12, 3, 560  # frames of a sheet, side by side, and pixels across of each
-GAPS = 3  # so many of them are shown where they begin, too
-FILM = 1280  # pixels across of the film, at most
+TILES, ACROSS, TILE = 12, 3, 560  # frames on a sheet, frames per row, and width of each in pixels
+GAPS = 3  # number of gaps whose first frame is shown, too
+FILM = 1280  # largest width of the video in pixels
 LINE, EDGE, BASE, TIP, ALARM = (  # blue, green, red
     tuple(bytes.fromhex(colour)[::-1]) for colour in ("ff2828", "ffffff", "00a0ff", "ffc800", "ff963c")
 )
@@ -26,7 +26,10 @@ Draw = Callable[[float, Array, Array | None], None]
 
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
-    """Takes time, picture and points of each frame; the files are there when all went well."""
+    """Open overlay files and yield a function of time, picture and points that adds one frame.
+
+    The files appear only when the block ends without an error.
+    """
     sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in ENDINGS)
     shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
@@ -56,26 +59,27 @@ def _size(reel: Reel, most: int) -> tuple[int, int]:
 
 
 def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, int]) -> Array:
-    """The picture made smaller, with the points (S, 2) of it over it: a line, its ends, and the time."""
+    """Return the picture scaled to `size`, with the points (S, 2) [pixels] as a line, its ends marked, and the time."""
     cv2 = opencv("drawing on a video")
-    made = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    canvas = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     share = size[0] / picture.shape[1]
-    seen = np.empty((0, 2)) if points is None else points[np.isfinite(points).all(axis=1)]
-    place = np.round(((seen + 0.5) * share - 0.5) * 16).astype(np.int32)
+    visible = np.empty((0, 2)) if points is None else points[np.isfinite(points).all(axis=1)]
+    place = np.round(((visible + 0.5) * share - 0.5) * 16).astype(np.int32)
     if len(place) > 1:
         for colour, thick in ((EDGE, 4), (LINE, 2)):
-            cv2.polylines(made, [place], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
-    whole_line = points is not None and len(seen) == len(points)
+            cv2.polylines(canvas, [place], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
+    whole_line = points is not None and len(visible) == len(points)
     if 1 < len(place) <= 24:
         for x, y in place:
-            cv2.circle(made, (int(x), int(y)), 80, EDGE, 2, cv2.LINE_AA, 4)
+            cv2.circle(canvas, (int(x), int(y)), 80, EDGE, 2, cv2.LINE_AA, 4)
     elif len(place):
         for (x, y), colour in zip(place[[0, -1]], (BASE, TIP), strict=True):
-            cv2.circle(made, (int(x), int(y)), 80, colour, 2, cv2.LINE_AA, 4)
-    _write(made, f"{time:.3f} s", (8, 24), EDGE)
+            cv2.circle(canvas, (int(x), int(y)), 80, colour, 2, cv2.LINE_AA, 4)
+    _write(canvas, f"{time:.3f} s", (8, 24), EDGE)
     if not whole_line:
-        _write(made, "gap" if points is None or not len(seen) else f"{len(points) - len(seen)} hidden", (8, 50), ALARM)
-    return np.asarray(made)
+        hidden = "gap" if points is None or not len(visible) else f"{len(points) - len(visible)} hidden"
+        _write(canvas, hidden, (8, 50), ALARM)
+    return np.asarray(canvas)
 
 
 def _write(picture: Array, text: str, where: tuple[int, int], colour: tuple[int, ...]) -> None:
@@ -88,9 +92,9 @@ def _write_sheet(tiles: list[Array], path: Path) -> None:
     cv2 = opencv("drawing on a video")
     height, width, gap = *tiles[0].shape[:2], 6
     rows = -(-len(tiles) // ACROSS)
-    made = np.full((rows * (height + gap) - gap, ACROSS * (width + gap) - gap, 3), 255, np.uint8)
+    canvas = np.full((rows * (height + gap) - gap, ACROSS * (width + gap) - gap, 3), 255, np.uint8)
     for k, tile in enumerate(tiles):
         y, x = k // ACROSS * (height + gap), k % ACROSS * (width + gap)
-        made[y : y + height, x : x + width] = tile
+        canvas[y : y + height, x : x + width] = tile
     with whole(path) as draft:
-        draft.write_bytes(cv2.imencode(".png", made)[1].tobytes())
+        draft.write_bytes(cv2.imencode(".png", canvas)[1].tobytes())

@@ -1,10 +1,10 @@
-"""Reading a film frame by frame, with the time that its container gives each frame."""
+"""Read a video frame by frame, with the time of each frame from its container and changes of brightness removed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +14,19 @@ from pliant.errors import InputError
 from pliant.recording.camera import opencv
 
 Array = np.ndarray
-FEWEST = 8  # frames in which a motion can be seen
-COARSE = 160  # points across of the grid on which brightness is compared
-DARK, BRIGHT, SATURATED = 30.0, 215.0, 250.0  # levels between which a pixel shows a change of brightness
-FEWEST_POINTS = 200  # of the grid
+FEWEST = 8  # least number of frames
+COARSE = 160  # points across the grid on which brightness is compared
+DARK, BRIGHT, SATURATED = 30.0, 215.0, 250.0  # grey levels: only pixels between them are used to measure brightness
+FEWEST_POINTS = 200  # least number of grid points
+SAMPLES = 32  # frames in which brightness is compared
+STEADY = 0.02  # relative change of brightness that noise and a moving body explain
 
 
 @dataclass(frozen=True)
 class Reel:
-    """A film: its size in pixels, rate in Hz, and how many frames it announces.
+    """A video file: its size [pixels], frame rate [Hz] and stated number of frames.
 
-    With a `reference`, the usual frame on a coarse grid, every frame is brought to its brightness.
+    With a `reference`, the median frame on a coarse grid, every frame is adjusted to the brightness of the reference.
     """
 
     path: Path
@@ -36,11 +38,11 @@ class Reel:
 
     @property
     def coarse(self) -> int:
-        """Pixels from point to point of the coarse grid."""
+        """Spacing of the coarse grid, pixels."""
         return max(1, self.width // COARSE)
 
     def gain(self, part: Array) -> Array:
-        """Return the brightness (3,) of a coarse picture (h, w, 3) relative to the reference; 1 where too few show."""
+        """Return the brightness (3,) of a coarse picture (h, w, 3) relative to the reference; 1 where unknown."""
         if self.reference is None:
             return np.ones(3)
         good = (self.reference > DARK) & (self.reference < BRIGHT) & (part > DARK / 2) & (part < SATURATED)
@@ -48,7 +50,7 @@ class Reel:
         return np.array([np.median(r) if r.size > FEWEST_POINTS else 1.0 for r in ratios])
 
     def even(self, picture: Array) -> Array:
-        """Return the picture (H, W, 3) at the brightness of the reference; the picture itself without one."""
+        """Return the picture (H, W, 3) adjusted to the brightness of the reference; unchanged without a reference."""
         if self.reference is None:
             return picture
         gain = self.gain(picture[:: self.coarse, :: self.coarse])
@@ -56,7 +58,7 @@ class Reel:
         return np.stack([table[:, c][picture[..., c]] for c in range(3)], axis=2)
 
     def frames(self) -> Iterator[tuple[float, Array]]:
-        """Time [s] and picture (H, W, 3), uint8, blue green red, of each frame, one at a time."""
+        """Yield the time [s] and the picture (H, W, 3), uint8, blue green red, of each frame."""
         with _opened(self.path) as (cv2, film):
             while True:
                 whole, picture = film.read()
@@ -65,14 +67,14 @@ class Reel:
                 yield 1e-3 * film.get(cv2.CAP_PROP_POS_MSEC), self.even(picture)
 
     def sampled(self, count: int, width: int) -> Array:
-        """(K, h, w, 3) uint8: so many frames or fewer, evenly over the film, made small."""
+        """Return at most `count` frames, evenly over the video, scaled to `width`: (K, h, w, 3) uint8."""
         with _opened(self.path) as (cv2, film):
             size = (width, max(1, round(self.height * width / self.width)))
-            made = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
-        return np.array(made)
+            pictures = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
+        return np.array(pictures)
 
     def pictures(self, count: int) -> Iterator[Array]:
-        """The frames that `sampled` shows, as they are, one at a time."""
+        """Yield the frames that `sampled` returns, at full size."""
         with _opened(self.path) as (cv2, film):
             yield from self._some(cv2, film, count)
 
@@ -85,22 +87,23 @@ class Reel:
 
 
 def open_reel(path: Path) -> Reel:
-    """Open a film.
+    """Open a video file and return it as a `Reel`.
 
     Raises
     ------
     InputError
-        When it is absent, no film that OpenCV reads, or has too few frames.
+        When the file does not exist, OpenCV cannot read it, or it has too few frames.
     """
     if not path.is_file():
-        raise InputError(f"no video can be read from {path}: it is {'a folder' if path.is_dir() else 'absent'}")
+        raise InputError(f"cannot read a video from {path}: "
+                         f"{'this is a folder, not a file' if path.is_dir() else 'there is no such file'}")
     with _opened(path) as (cv2, film):
         whole, picture = film.read()
         rate, count = float(film.get(cv2.CAP_PROP_FPS)), int(film.get(cv2.CAP_PROP_FRAME_COUNT))
     if not whole or not rate > 0:
-        raise InputError(f"{path.name} is no video that OpenCV can read, or it is damaged: MP4 is always read")
+        raise InputError(f"OpenCV cannot read {path.name} as a video; it may be damaged: convert it to MP4")
     if count < FEWEST:
-        raise InputError(f"{path.name} has {count} frames: a motion needs {FEWEST} or more")
+        raise InputError(f"{path.name} has {count} frames, but tracking needs {FEWEST} or more: use a longer video")
     return Reel(path, picture.shape[1], picture.shape[0], rate, count)
 
 
@@ -112,3 +115,18 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield cv2, film
     finally:
         film.release()
+
+
+def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:
+    """Return the video with all frames adjusted to its median brightness, per colour, and a history line.
+
+    Brightness is the median ratio of a frame to the median frame, so that moving objects have no influence while they
+    cover less than half of the picture. A video of steady brightness is returned unchanged.
+    """
+    parts = np.array([p[:: reel.coarse, :: reel.coarse] for p in reel.pictures(SAMPLES)])
+    probe = replace(reel, reference=np.median(parts, axis=0).astype(np.float32))
+    gains = np.array([probe.gain(part) for part in parts])
+    change = float(np.abs(gains - 1.0).max())
+    if change <= STEADY:
+        return reel, []
+    return probe, [f"brightness changes by up to {100 * change:.0f} % and was compensated: lock the camera's exposure"]

@@ -1,8 +1,8 @@
-"""The middle of a bright ribbon in one frame, sub-pixel: both its edges along the normals of a line that is near.
+"""Measure the centreline of a bright body in one frame, to sub-pixel accuracy, from its two edges.
 
-Along each normal the share of the body in a pixel is ``(light - background) / (body - background)``. A blurred edge
-crosses one half where the sharp one lies, for a blur of focus or of motion alike. The middle between both edges is
-smoothed along the body by a spline with few knots.
+The edges are located along normals of an approximate line. Along each normal the fraction of a pixel that the body
+covers is ``(light - background) / (body - background)``. An edge blurred by focus or motion crosses one half where the
+sharp edge lies. The midpoints between both edges are smoothed along the body by a spline with few knots.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from pliant.recording.camera import opencv
 from pliant.video.surroundings import Surroundings
 
 Array = np.ndarray
-POINTS = 61  # of the line, base to tip
+POINTS = 61  # number of points of the line, base to tip
 SPANS = 16  # of the spline along the body
 ROUGHNESS = 5e-11  # weight of its third derivative
-STIFF_END = 5.0  # of that weight near the tip, beyond which nothing holds the spline; tried on films of actuator "a"
-INNER = 0.45  # of the half width: where the body's own lightness is taken
-WIDTHS = (0.75, 1.3)  # of the usual width
-STEEP = 0.08  # share of the body per pixel at an edge, from which on it counts fully
-BEYOND = 2.0  # widths beyond an end, where the tip is looked for
+STIFF_END = 5.0  # factor of that weight near the tip, where the spline is free; tuned on videos of actuator "a"
+INNER = 0.45  # of the half width: within it the lightness of the body is measured
+WIDTHS = (0.75, 1.3)  # accepted width relative to the usual width
+STEEP = 0.08  # slope of the body fraction per pixel from which an edge has full weight
+BEYOND = 2.0  # widths beyond the end of the line in which the tip is searched
 
 
 @dataclass(frozen=True)
 class Ribbon:
-    """Shape in one frame, base to tip: points (S, 2), half widths (S,), lightness (S,), and which were seen."""
+    """Measured body in one frame, base to tip: line (S, 2), half widths (S,) [pixels], lightness (S,), seen (S,).
+
+    `seen` marks the points at which both edges were found, `tip` whether the tip was found.
+    """
 
     line: Array
     half: Array
@@ -38,7 +41,7 @@ class Ribbon:
 
 
 class Basis:
-    """Splines along the body, base at 0 and tip at 1: from values (S,) with weights to smooth ones."""
+    """Smoothing splines along the body, with parameter 0 at the base and 1 at the tip."""
 
     def __init__(self, count: int) -> None:
         from scipy.interpolate import BSpline
@@ -51,7 +54,7 @@ class Basis:
         self.rough = ROUGHNESS * count * (stiff * third).T @ third / SPANS
 
     def smooth(self, values: Array, weight: Array) -> Array:
-        """Values (S, d) made smooth, those of no weight filled in."""
+        """Return values (S, d) smoothed with weights (S,); values of weight 0 are filled in."""
         left = self.matrix.T * weight
         return np.asarray(self.matrix @ np.linalg.solve(left @ self.matrix + self.rough, left @ values))
 
@@ -60,28 +63,28 @@ BASIS = Basis(POINTS)
 
 
 def evenly(line: Array, count: int = POINTS) -> Array:
-    """The line (N, 2) with points evenly along its length."""
+    """Return `count` points at equal spacing along the line (N, 2)."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
     at = np.linspace(0.0, along[-1], count)
     return np.stack([np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1])], axis=1)
 
 
 def normals(line: Array) -> tuple[Array, Array]:
-    """Unit tangents and normals (S, 2), the normal a quarter turn on the way from x to y back from the tangent."""
+    """Return unit tangents and normals (S, 2) of a line; the normal is the tangent turned by 90 degrees from y to x."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
     return tangent, np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
 
 
 class Sampler:
-    """Lightness of a frame and of the background at points, on the body's own scale."""
+    """Sampler of the lightness of a frame and of the background, on the scale of the body's lightness."""
 
     def __init__(self, around: Surroundings) -> None:
         self.around = around
         self.cv2: Any = opencv("tracking a video")
 
     def __call__(self, picture: Array, points: Array) -> tuple[Array, Array]:
-        """Lightness and background (S, U) at points (S, U, 2) of a picture."""
+        """Return the lightness (S, U) of a picture and of the background at points (S, U, 2) [pixels]."""
         cv2, x, y = self.cv2, *(np.ascontiguousarray(points[..., k], np.float32) for k in (0, 1))
         both = [cv2.remap(p, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) @ self.around.weight
                 for p in (picture, self.around.background)]  # fmt: skip
@@ -89,18 +92,18 @@ class Sampler:
 
 
 def share(light: Array, behind: Array, body: Array) -> Array:
-    """Share (S, U) of the body in each pixel; where body and background look alike, what the neighbours leave open."""
+    """Return the fraction (S, U) of each pixel that the body covers; low contrast gives 0."""
     contrast = body[:, None] - behind
     return np.asarray(np.clip((light - behind) / np.where(np.abs(contrast) < 0.2, np.inf, contrast), -0.2, 1.4))
 
 
 def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
-    """Return where profiles (S, U) first fall below one half from column `first` (S,) on, and how steeply there.
+    """Return where profiles (S, U) first fall below one half from column `first` (S,) on, and their slope there.
 
     Returns
     -------
     at, slope : arrays (S,)
-        Columns with fractions, NaN where there is none; shares of the body per column.
+        Fractional columns of the crossing, NaN where there is none; fall of the profile per column.
     """
     columns = np.arange(profile.shape[1])
     below = (profile < 0.5) & (columns >= first[:, None])
@@ -113,7 +116,7 @@ def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
 
 
 def edges(profile: Array, middle: int) -> tuple[Array, Array, Array]:
-    """Columns (S,) of the edges to both sides of column `middle`, and the slope of the less steep of them."""
+    """Return the columns (S,) of the left and right edge about column `middle`, and the lower slope of the two (S,)."""
     last = profile.shape[1] - 1
     left, rise = crossing(profile[:, ::-1], np.full(len(profile), last - middle))
     right, fall = crossing(profile, np.full(len(profile), middle))

@@ -1,4 +1,4 @@
-"""The middle of the body's silhouette in every frame of a film."""
+"""Track the centreline of the body's silhouette in every frame of a video, and check that the camera does not move."""
 
 from __future__ import annotations
 
@@ -7,26 +7,29 @@ from collections.abc import Iterator
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.camera import opencv
 from pliant.video.follow import Follower
 from pliant.video.reel import Reel
-from pliant.video.stillness import Stillness
 from pliant.video.surroundings import Surroundings, surroundings
 
 Array = np.ndarray
-FIRST = 10  # frames that say where the base is
-TRIED = 120  # frames in which it is looked for
+FIRST = 10  # number of frames that determine the base
+TRIED = 120  # most frames that are searched for the base
+PATCHES, HALF = 12, 12  # number of patches, and pixels from the centre of each to its border
+MOST_SHIFT = 1.5  # pixels; smaller shifts are noise or vibration
+MOST_SHIFTED = 0.02  # fraction of frames that may show larger shifts, as when a hand covers the patches
 
 
 def follow_silhouette(
     reel: Reel, base: tuple[float, float] | None = None
 ) -> Iterator[tuple[float, Array, Array | None]]:
-    """Time [s], picture and points (S, 2) [pixels] from base to tip of each frame; None where the body is hidden.
+    """Yield time [s], picture and centreline (S, 2) [pixels], base to tip, of each frame; None where hidden.
 
     Parameters
     ----------
     reel : Reel
     base : (x, y), pixels, optional
-        Where the body begins. Default: where its colour ends at the end that does not move.
+        Position of the base. Default: the end of the body that does not move.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def follow_silhouette(
 
 
 def base_of(reel: Reel, around: Surroundings) -> Array:
-    """Return where the body begins, (2,) pixels: the median over some frames, since it stands still."""
+    """Return the position of the base (2,) [pixels], the median over the first frames, as the base does not move."""
     follow, found = Follower(around), []
     for tried, (_, picture) in enumerate(reel.frames(), 1):
         ribbon = follow(picture)
@@ -54,9 +57,46 @@ def base_of(reel: Reel, around: Surroundings) -> Array:
             break
     if not found:
         raise InputError(
-            f"{reel.path.name}: no body is seen whole in the first {TRIED} frames: nothing there has two clear edges "
-            "before its background from one end to the other; say where it begins by --base, or put a sheet behind it"
+            f"{reel.path.name}: no whole body was found in the first {TRIED} frames: no object has two clear edges "
+            "against the background from one end to the other; give the position of its base by --base, or put a "
+            "plain sheet behind it"
         )
     return np.asarray(np.median(found, axis=0))
 
 
+class Stillness:
+    """Shift of the picture in each frame, by least squares on the grey levels of patches; see `refuse`."""
+
+    def __init__(self, around: Surroundings, reel: Reel) -> None:
+        self.cv2 = opencv("tracking a video")
+        self.reel, self.shifts = reel, list[float]()
+        grey = self.cv2.cvtColor(around.background, self.cv2.COLOR_BGR2GRAY)
+        free = self.cv2.resize((~around.reach).astype(np.uint8), grey.shape[::-1], interpolation=self.cv2.INTER_NEAREST)
+        free[: 2 * HALF], free[-2 * HALF :], free[:, : 2 * HALF], free[:, -2 * HALF :] = 0, 0, 0, 0
+        corners = self.cv2.goodFeaturesToTrack(grey, PATCHES, 0.02, 4 * HALF, mask=free, blockSize=7)
+        self.patches = [] if corners is None else [self._patch(grey, c) for c in corners[:, 0].astype(int)]
+
+    def _patch(self, grey: Array, middle: Array) -> tuple[tuple[slice, slice], Array, Array]:
+        x, y = middle
+        where = np.s_[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+        patch = self.cv2.GaussianBlur(grey[where].astype(np.float32), (0, 0), 1.5)
+        slope = np.stack([g.ravel() for g in np.gradient(patch)[::-1]])
+        return where, patch, np.linalg.pinv(slope @ slope.T, rcond=0.02) @ slope
+
+    def __call__(self, picture: Array) -> None:
+        """Measure the shift of the next frame."""
+        found = []
+        for where, patch, solve in self.patches:
+            grey = self.cv2.cvtColor(picture[where], self.cv2.COLOR_BGR2GRAY).astype(np.float32)
+            found.append(solve @ (patch - self.cv2.GaussianBlur(grey, (0, 0), 1.5)).ravel())
+        if found:
+            self.shifts.append(float(np.hypot(*np.median(found, axis=0))))
+
+    def refuse(self) -> None:
+        """Raise InputError where the camera moved in more than 2 % of the frames."""
+        shifts = np.array(self.shifts)
+        if len(shifts) and (shifts > MOST_SHIFT).mean() > MOST_SHIFTED:
+            raise InputError(
+                f"{self.reel.path.name}: the camera moves by {np.quantile(shifts, 0.98):.1f} pixels or more in "
+                f"{int((shifts > MOST_SHIFT).sum())} of {len(shifts)} frames: fix it to a stand and film again"
+            )

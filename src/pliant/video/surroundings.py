@@ -1,8 +1,8 @@
-"""Separation of body and background: from frames spread over the film, made small.
+"""Separate body and background in a video, from scaled-down frames spread over the video.
 
-The body is what moves, so its colour is the one that many pixels take at some time and that the surroundings have not.
-Behind each pixel lies what it shows while the body is elsewhere; where the body never leaves, at its base, the
-background is filled in from beside it.
+The body is what moves. Its colour is therefore the colour that many pixels take at some time and the surroundings do
+not have. The background of a pixel is its colour while the body is elsewhere. Where the body never leaves, at its base,
+the background is filled in from neighbouring pixels.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ from pliant.recording.camera import opencv
 from pliant.video.reel import Reel
 
 Array = np.ndarray
-SAMPLES, SMALL = 32, 480  # frames, and pixels across of the small pictures
-BINS = 16  # of each colour, where the commonest is looked for
-LEAST_MOTION, NOISES = 14.0, 8.0  # levels, and times the noise, by which a pixel changes that the body crosses
+SAMPLES, SMALL = 32, 480  # number of frames, and width of the small pictures in pixels
+BINS = 16  # histogram bins per colour channel
+LEAST_MOTION, NOISES = 14.0, 8.0  # least change of a moving pixel: levels, and times the noise
 MOST_SHAKE = 1.5  # pixels
 LEAST_AREA = 4e-4  # of the picture
 LEAST_CONTRAST = 6.0  # between body and background, in standard deviations of the noise
 ROUGH_COLOUR = 12.0  # levels: codecs keep a colour's hue more coarsely than its lightness
-NEAR = 0.35  # of the way from background to body: frames of a pixel that show the same thing
+NEAR = 0.35  # of the contrast of body and background: values of a pixel that close are equal
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The body's colour and what lies behind it.
+    """Colour of the body and picture of the background, as `surroundings` determines them.
 
     Attributes
     ----------
     weight : array (3,)
-        Takes a colour to a lightness along which body and background differ most: the body's minus the background's
-        is 1.
+        Weights that map a colour to a lightness in which body and background differ most. The lightness of the body
+        minus that of the background is 1.
     body : float
-        The body's lightness.
+        Lightness of the body.
     background : array (H, W, 3), uint8
-        In the film's own size.
+        The background at full size.
     small : array (h, w, 3), float32
-        The same, made small.
+        The background, scaled down.
     scale : float
-        Pixels of the film to one of the small picture.
+        Pixels of the video per pixel of the small picture.
     always, reach : arrays (h, w) of bool
-        Where the body always is; where it may be at all.
+        Masks of the pixels that the body always covers, and of those that it may cover.
     """
 
     weight: Array
@@ -57,7 +57,7 @@ class Surroundings:
 
 
 def surroundings(reel: Reel) -> Surroundings:
-    """Learn body and background from a film.
+    """Determine the colour of the body and the background of a video.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def surroundings(reel: Reel) -> Surroundings:
 
 
 def refuse_moving_camera(stack: Array, reel: Reel) -> None:
-    """Most corners in the picture must stay where they are: those of the body are a few."""
+    """Raise InputError where most corners in the pictures move, which means that the camera moves."""
     cv2 = opencv("tracking a video")
     grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in stack]
     corners = cv2.goodFeaturesToTrack(grey[0], 60, 0.02, 12)
@@ -93,12 +93,12 @@ def refuse_moving_camera(stack: Array, reel: Reel) -> None:
             moved.append(float(np.quantile(went, 0.25)) * reel.width / stack.shape[2])
     if np.median(moved) > MOST_SHAKE:
         raise InputError(
-            f"{reel.path.name}: the camera moves, by up to {max(moved):.0f} pixels: fix it to a stand and film again"
+            f"{reel.path.name}: the camera moves by up to {max(moved):.0f} pixels: fix it to a stand and film again"
         )
 
 
 def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float]:
-    """Return the pixels that change, (h, w), and the noise of a level."""
+    """Return the mask (h, w) of the pixels that change, and the noise in grey levels."""
     cv2 = opencv("tracking a video")
     change = [cv2.absdiff(picture, middle) for picture in stack]
     noise = 1.4826 * float(np.median([c[::4, ::4] for c in change]))
@@ -116,7 +116,7 @@ def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float
 
 
 def commonest(stack: Array, moving: Array) -> Array:
-    """The colour (3,) that most of the moving pixels take at some time, and that the rest of the picture has not."""
+    """Return the colour (3,) that most moving pixels take at some time and the rest of the picture does not have."""
     cv2 = opencv("tracking a video")
     crossed = _binned(stack[:, moving])
     ordered = np.sort(crossed, axis=0)
@@ -137,7 +137,7 @@ def commonest(stack: Array, moving: Array) -> Array:
 
 
 def _binned(colours: Array) -> Array:
-    """Number of the bin of each colour (..., 3), uint8."""
+    """Return the index of the histogram bin of each colour (..., 3), uint8."""
     bins = colours.astype(np.int32) * BINS // 256
     return np.asarray((bins[..., 0] * BINS + bins[..., 1]) * BINS + bins[..., 2])
 
@@ -149,7 +149,7 @@ def _blurred(histogram: Array) -> Array:
 
 
 def discriminant(middle: Array, moving: Array, body: Array, noise: float, reel: Reel) -> Array:
-    """Weights (3,) of the colours along which body and background differ most."""
+    """Return the colour weights (3,) for which body and background differ most."""
     cv2 = opencv("tracking a video")
     around = cv2.dilate(moving.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool)
     colours = middle[around].astype(np.float32)  # what passes by, a hand or a mark, is no background
@@ -163,14 +163,14 @@ def discriminant(middle: Array, moving: Array, body: Array, noise: float, reel: 
     grain = noise * float(np.linalg.norm(weight)) / contrast
     if 1.0 / grain < LEAST_CONTRAST:
         raise InputError(
-            f"{reel.path.name}: body and background differ by {1.0 / grain:.1f} times the noise alone, less than "
-            f"{LEAST_CONTRAST:g}: put a darker or lighter sheet behind the body, or more light on it"
+            f"{reel.path.name}: body and background differ by only {1.0 / grain:.1f} times the noise, but "
+            f"{LEAST_CONTRAST:g} are needed: put a darker or lighter sheet behind the body, or more light on it"
         )
     return np.asarray(weight / contrast, np.float32)
 
 
 def _background(stack: Array, middle: Array, body: Array, weight: Array, moving: Array) -> tuple[Array, Array]:
-    """The small picture (h, w, 3) without the body, and where the body always is."""
+    """Return the small picture (h, w, 3) without the body, and the mask of pixels that the body always covers."""
     cv2 = opencv("tracking a video")
     light = np.array([cv2.transform(p.astype(np.float32), weight[None]) for p in stack])
     free = light < float(body @ weight) - 0.4
@@ -188,7 +188,7 @@ def _background(stack: Array, middle: Array, body: Array, weight: Array, moving:
 
 
 def _always(bodily: Array, moving: Array) -> Array:
-    """Return the pixels (h, w) that the body always covers: connected, and like it in all frames (K, h, w)."""
+    """Return the mask (h, w) of pixels that the body always covers, connected to it in most frames (K, h, w)."""
     from scipy.ndimage import binary_fill_holes
 
     cv2 = opencv("tracking a video")
@@ -204,7 +204,7 @@ def _always(bodily: Array, moving: Array) -> Array:
 
 
 def _large_background(reel: Reel, small: Array, weight: Array, reach: Array) -> Array:
-    """The background (H, W, 3), uint8, in the film's own size: where the body may be, the mean of what shows none."""
+    """Return the background (H, W, 3), uint8, at full size: the mean of the frames that do not show the body."""
     cv2 = opencv("tracking a video")
     guess = cv2.resize(small, (reel.width, reel.height), interpolation=cv2.INTER_LINEAR)
     x, y, w, h = cv2.boundingRect(reach.astype(np.uint8))

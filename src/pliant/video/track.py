@@ -1,4 +1,4 @@
-"""From a video to a recording of the body's shape."""
+"""Track the shape of a soft body in a video and return it as a recording; lost and repeated frames are counted."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from pydantic import ValidationError
 from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
-from pliant.video.exposure import even_exposure
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import ENDINGS, overlay
-from pliant.video.pace import doubled_and_leaps, lost_in_times
-from pliant.video.reel import Reel, open_reel
+from pliant.video.reel import Reel, even_exposure, open_reel
 from pliant.video.silhouette import follow_silhouette
 
 if TYPE_CHECKING:
@@ -26,31 +24,34 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Method = Literal["silhouette", "dots", "aruco"]
-STATIONS = 25  # of a silhouette, evenly along the body
-LENGTH = 0.03  # share by which a silhouette's length may differ from its median
-SPARSE = 8  # pixels to one that is compared with the frame before
-MOST_GAPS = 0.5  # of the frames
+STATIONS = 25  # default number of stations of a silhouette
+LENGTH = 0.03  # accepted relative deviation of a silhouette's length from its median
+SPARSE = 8  # step between the pixels that are compared with the previous frame
+MOST_GAPS = 0.5  # largest fraction of frames that may be gaps
+MOVES = 0.7  # pixels per frame: a repeated frame is detectable only in faster motion
+STANDS, LEAPS = 0.2, 1.7  # relative to the neighbours' steps: of a repeated frame, and after a lost one
+ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated frame
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """Settings of the tracking of a video.
+    """Settings of video tracking: method, base, dots, region and overlays.
 
     Attributes
     ----------
     method : {"silhouette", "dots", "aruco"}
     base : (x, y), pixels, optional
-        Where the body begins; found where its colour ends when absent.
+        Position of the base. Default: the end of the body that does not move.
     colour : str, optional
-        Of the dots, as ``#rrggbb``.
+        Colour of the dots, as ``#rrggbb``.
     count : int, optional
-        Dots on the body; marks of their colour that lie away from it are then left out and counted.
+        Number of dots on the body; marks of their colour away from the body are then left out and listed.
     region : (left, top, right, bottom), pixels, optional
-        Part of the picture in which dots are looked for.
+        Part of the picture in which dots are searched.
     stations : int
-        Points of a silhouette, evenly along the body, base and tip among them.
+        Number of points of a silhouette at equal spacing along the body, base and tip included.
     overlays : tuple of Path
-        To write: the shape over some frames on one sheet (.png), over all frames as a film (.mp4).
+        Files to write that show the shape over the frames: one sheet with some frames (.png), or a video (.mp4).
     """
 
     method: Method = "silhouette"
@@ -62,30 +63,30 @@ class Tracking:
     overlays: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be followed."""
+        """Check the settings; raise InputError for invalid or contradictory ones."""
         if self.method not in get_args(Method):
-            raise InputError(f"method is one of {', '.join(get_args(Method))}, not {self.method!r}")
+            raise InputError(f"method must be one of {', '.join(get_args(Method))}, not {self.method!r}")
         if not 4 <= self.stations <= 200:
-            raise InputError(f"stations lie between 4 and 200, got {self.stations}")
+            raise InputError(f"stations must be between 4 and 200, not {self.stations}")
         if self.method != "dots" and (self.count is not None or self.region is not None):
-            raise InputError("count and region concern dots: leave them out, or follow dots")
+            raise InputError("count and region apply to dots only: remove them, or set method to dots")
         if strange := [p.name for p in self.overlays if p.suffix.lower() not in ENDINGS]:
-            raise InputError(f"an overlay is a sheet (.png) or a film (.mp4), not {strange[0]!r}")
+            raise InputError(f"an overlay must be a sheet (.png) or a video (.mp4), not {strange[0]!r}")
         if self.count is not None and (not isinstance(self.count, int) or self.count < 2):
-            raise InputError(f"count is a number of dots, 2 or more, got {self.count!r:.40}")
+            raise InputError(f"count must be the number of dots, 2 or more, not {self.count!r:.40}")
         if self.region is not None and not _is_region(self.region):
-            raise InputError(f"region is [left, top, right, bottom] in pixels, got {self.region!r:.60}")
+            raise InputError(f"region must be [left, top, right, bottom] in pixels, not {self.region!r:.60}")
         if (self.method == "dots") != (self.colour is not None):
-            raise InputError("dots are found by their colour: give colour as '#rrggbb' with method dots, only there")
+            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour")
 
     @property
     def blue_green_red(self) -> tuple[float, float, float]:
-        """The colour of the dots."""
+        """Colour of the dots as blue, green, red from 0 to 255."""
         text = (self.colour or "").removeprefix("#")
         try:
             r, g, b = bytes.fromhex(text)
         except ValueError:
-            raise InputError(f"a colour is written as '#rrggbb', not {self.colour!r}") from None
+            raise InputError(f"colour must be written as '#rrggbb', not {self.colour!r}") from None
         return float(b), float(g), float(r)
 
 
@@ -93,29 +94,30 @@ def track_video(
     path: str | Path, camera: Camera | dict[str, Any], tracking: Tracking | None = None,
     *, progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Follow a bending body through a video.
+    """Track a bending body in a video and return its shape as a recording.
 
     Parameters
     ----------
     path : Path
-        Anything that OpenCV reads; frames are read one at a time.
+        A video that OpenCV can read; frames are read one at a time.
     camera : Camera or dict
         Scale and view, as in a study's ``[camera]``. Without `rate_hz` the times are those of the container.
     tracking : Tracking, optional
+        Settings; default: the silhouette.
     progress : callable, optional
-        Called with the fraction of the frames that is done.
+        Function that is called with the fraction of frames processed so far.
 
     Returns
     -------
     xarray.Dataset
         Recording in frame ``tracker``: positions (time, station, axis) [m] in the plane z = 0, x right and y up. A
-        frame in which the body is hidden is a gap, as is one that repeats the frame before. What was lost, repeated or
-        hidden is counted in its history; `time_uncertainty_s` bounds how early or late a time may be.
+        frame in which the body is hidden is a gap, as is one that repeats the previous frame. The history counts lost,
+        repeated and hidden frames; the attribute `time_uncertainty_s` bounds the error of the times.
 
     Raises
     ------
     InputError
-        When the video, the camera or what they show cannot be used; one sentence says why.
+        When the video or the camera cannot be used, or the body cannot be tracked.
     """
     path, how = Path(path), tracking or Tracking()
     camera = _camera(camera)
@@ -153,7 +155,7 @@ def _camera(camera: Camera | dict[str, Any]) -> Camera:
 
 
 def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator[tuple[float, Array, Array | None]]]:
-    """Names of the stations, empty for a silhouette's; what to tell; and what is seen frame by frame."""
+    """Return the station names (empty for a silhouette), lines for the history, and an iterator over the frames."""
     if how.method == "silhouette":
         even, findings = even_exposure(reel)
         return [], findings, follow_silhouette(even, how.base)
@@ -164,7 +166,7 @@ def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator
 
 
 def _is_region(region: Any) -> bool:
-    """Whether it is left, top, right, bottom."""
+    """Return whether `region` is four numbers left, top, right, bottom in order."""
     numbers = isinstance(region, list | tuple) and all(isinstance(v, int | float) for v in region)
     return numbers and len(region) == 4 and region[0] < region[2] and region[1] < region[3]
 
@@ -174,14 +176,14 @@ def _stacked(points: list[Array | None], reel: Reel) -> Array:
     hidden = sum(p is None or not np.isfinite(p).any() for p in points)
     if first is None or hidden > MOST_GAPS * len(points):
         raise InputError(
-            f"{reel.path.name}: the body is seen whole in {len(points) - hidden} of {len(points)} frames only: keep "
+            f"{reel.path.name}: the whole body was found in only {len(points) - hidden} of {len(points)} frames: keep "
             "hands and cables away from it, keep it in the picture, and put a plain sheet behind it"
         )
     return np.array([np.full(first.shape, np.nan) if p is None else p for p in points], float)
 
 
 def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen: _Seen) -> xr.Dataset:
-    """The recording of what was seen, with its history."""
+    """Return the recording of the tracked points, with its history."""
     time, findings, unsure = _times(reel, camera, seen.time)
     doubled, leaps = doubled_and_leaps(seen.points, seen.change, time)
     points = np.where(doubled[:, None, None], np.nan, seen.points)
@@ -194,9 +196,9 @@ def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen
         position, arc, names, strange = _even(position, how.stations)
         findings.append(f"the body is {1e3 * arc[-1]:.2f} mm long in the picture")
         if strange:
-            findings.append(f"{strange} frames in which its length differs by more than {100 * LENGTH:g} % are gaps")
-    findings += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden, or not recognised",
-             f"{int(doubled.sum())} frames repeat the one before and are gaps"]  # fmt: skip
+            findings.append(f"{strange} frames in which the length differs by more than {100 * LENGTH:g} % are gaps")
+    findings += [f"{int(hidden.sum())} of {len(time)} frames are gaps: the body was hidden or not found",
+             f"{int(doubled.sum())} frames repeat the previous frame and are gaps"]  # fmt: skip
     if leaps.any():
         findings.append(f"{int(leaps.sum())} steps are twice as long as their neighbours: frames may be missing")
     with reel.path.open("rb") as file:
@@ -209,29 +211,30 @@ def _recording(reel: Reel, camera: Camera, how: Tracking, names: list[str], seen
 
 
 def _times(reel: Reel, camera: Camera, time: Array) -> tuple[Array, list[str], float]:
-    """Times (T,) [s] of the middle of each exposure, how they came to be, and how far off they may be [s]."""
+    """Return times (T,) [s] of the middle of each exposure, history lines, and the uncertainty of the times [s]."""
     findings = []
     if camera.rate_hz is not None:
         if abs(camera.rate_hz / reel.rate - 1.0) > 0.02:
-            rates = f"{reel.rate:.4g} frames a second, [camera] {camera.rate_hz:.4g}"
-            findings.append(f"the file says {rates}, which is used")
+            rates = f"{reel.rate:.4g} frames per second, [camera] {camera.rate_hz:.4g}"
+            findings.append(f"the file states {rates}, which is used")
         time = np.arange(len(time)) / camera.rate_hz
     if (np.diff(time) <= 0).any():
-        raise InputError(f"{reel.path.name}: its times do not increase: say rate_hz in [camera]")
+        raise InputError(f"{reel.path.name}: the frame times of the file do not increase: set rate_hz in [camera]")
     missing, places = lost_in_times(time)
-    findings.append(f"{missing} frames are missing at {places} places of the file's times")
+    findings.append(f"{missing} frames are missing in {places} gap(s) of the file's times")
     period = float(np.median(np.diff(time)))
     open_s = 1e-3 * camera.exposure_ms if camera.exposure_ms is not None else None
     read_s = 1e-3 * camera.readout_ms if camera.readout_ms is not None else None
     unsure = (0.0 if open_s is not None else 0.5 * period) + 0.5 * (read_s if read_s is not None else period)
     shutter = f"open for {1e3 * open_s:g} ms" if open_s is not None else "open for an unknown time"
-    rows = f"its rows within {1e3 * read_s:g} ms" if read_s is not None else "its rows within an unknown time"
-    findings.append(f"times are the middle of the exposure, known to {1e3 * unsure:.1f} ms: shutter {shutter}, {rows}")
+    rows = f"rows read within {1e3 * read_s:g} ms" if read_s is not None else "rows read within an unknown time"
+    findings.append(f"times are the middle of the exposure, uncertain by {1e3 * unsure:.1f} ms: shutter {shutter}, "
+                    f"{rows}")
     return time + 0.5 * (open_s if open_s is not None else period), findings, unsure
 
 
 def _base_first(points: Array, names: list[str], how: Tracking) -> tuple[Array, list[str]]:
-    """Marks in their order from the base: the end nearest to it, or the one that moves less."""
+    """Return the marks and their names in order from the base: the given base, or the end that moves less."""
     ends = points[:, [0, -1]]
     if how.base is not None:
         apart = np.nanmedian(np.linalg.norm(ends - np.array(how.base), axis=2), axis=0)
@@ -245,7 +248,7 @@ def _base_first(points: Array, names: list[str], how: Tracking) -> tuple[Array, 
 
 
 def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]:
-    """Stations (T, N, 3) evenly along the body, their arc length (N,) [m], names, and how many frames were dropped."""
+    """Return stations (T, N, 3) evenly along the body, arc length (N,) [m], names, and the number of dropped frames."""
     from scipy.interpolate import CubicSpline
 
     along = np.cumsum(np.linalg.norm(np.diff(position, axis=1), axis=2), axis=1)
@@ -253,9 +256,50 @@ def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]
     length = float(np.nanmedian(along[:, -1]))
     with np.errstate(invalid="ignore"):
         strange = np.abs(along[:, -1] / length - 1.0) > LENGTH
-    made = np.full((len(position), stations, 3), np.nan)
+    resampled = np.full((len(position), stations, 3), np.nan)
     share = np.linspace(0.0, 1.0, stations)
     for k in np.flatnonzero(np.isfinite(along[:, -1]) & ~strange):
-        made[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
+        resampled[k] = CubicSpline(along[k], position[k])(share * along[k, -1])
     names = ["base", *(f"s{k:02d}" for k in range(1, stations - 1)), "tip"]
-    return made, share * length, names, int(strange.sum())
+    return resampled, share * length, names, int(strange.sum())
+
+
+def lost_in_times(time: Array) -> tuple[int, int]:
+    """Return the number of missing frames in the times (T,) [s] and the number of gaps that they form."""
+    step = np.diff(time)
+    missing = np.rint(step / np.median(step)).astype(int) - 1
+    return int(missing[missing > 0].sum()), int((missing > 0).sum())
+
+
+def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array, Array]:
+    """Return masks (T,) of frames that repeat the previous one, and of steps twice as long as their neighbours.
+
+    A step that is twice as long suggests a missing frame.
+
+    Parameters
+    ----------
+    points : array (T, S, 2), pixels
+        Tracked points; NaN where nothing was seen.
+    change : array (T,), levels
+        Mean change of the picture since the previous frame, in grey levels.
+    time : array (T,), s
+
+    Both are reported only where the body moves by `MOVES` or more and keeps its direction, as two frames at a reversal
+    are alike.
+    """
+    step = np.diff(points, axis=0, prepend=np.nan)
+    apart = (step**2).sum(axis=2)
+    count = np.isfinite(apart).sum(axis=1)
+    size = np.sqrt(np.where(count > 0, np.nansum(apart, axis=1), np.nan) / np.maximum(count, 1))
+    even = np.rint(np.diff(time, prepend=time[0]) / np.median(np.diff(time))) <= 1
+    doubled, leaps = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for k in range(2, len(points) - 1):
+        before, after = size[k - 1], size[k + 1]
+        if not np.isfinite([before, size[k], after]).all() or np.nansum(step[k - 1] * step[k + 1]) <= 0:
+            continue
+        least = min(before, after)
+        alike = change[k] < ALIKE * min(change[k - 1], change[k + 1])
+        doubled[k] = least > MOVES and size[k] < STANDS * least and alike
+        leaps[k] = min(before, after) > MOVES and size[k] > LEAPS * max(before, after) and even[k - 1 : k + 2].all()
+    leaps[1:] &= ~doubled[:-1]
+    return doubled, leaps

@@ -1,4 +1,4 @@
-"""The report and the live page."""
+"""The HTML report of a study, and the live page of a running model."""
 
 from pliant.view.report import write_report
 

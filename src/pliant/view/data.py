@@ -1,30 +1,34 @@
-"""What the page's plots draw: arrays of every record, shape, law and forecast, in the units that a reader reads."""
+"""Arrays that the report's plots show, in display units, and how they are packed into the page."""
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from pliant.identification.experiment import Experiment
 from pliant.mechanics import mechanics_of
-from pliant.numerics.arcs import arc_lengths
+from pliant.numerics.curve import arc_lengths
 from pliant.units import shown_in
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of, pressures_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import input_words
-from pliant.view.packing import Pack
 
 Array = np.ndarray
-MOST_NUMBERS = 1_200_000  # of all records in one page; beyond, every second frame, or every third, ...
-MOST_FRAMES = 4000  # of a plot of the shape
-PROFILES, PLACES = 60, 120  # of the fan of curvatures
+MOST_NUMBERS = 1_200_000  # limit for all recordings of a page; above it, only every second (third, ...) frame is shown
+MOST_FRAMES = 4000  # limit for a plot of the dense shape
+PROFILES, PLACES = 60, 120  # curvature profiles, and positions along each
+LEVELS = 65_000  # number of integer levels for an array's range; -32768 marks missing values
+GAP = -32_768
 
 
 def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
-    """Notes of all arrays, by what they are of."""
+    """Add all arrays of the page to `pack` and return their descriptions, grouped by what they show."""
     every = thinning(outcome)
     measured: dict[str, Any] = {}
     for fit in outcome.fits:
@@ -49,7 +53,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
 
 
 def thinning(outcome: StudyOutcome) -> int:
-    """Every how manieth frame the page shows, so that its size stays bounded."""
+    """Return k if the page shows every k-th frame, chosen so that the page's size stays limited."""
     numbers = 0
     for fit in outcome.fits:
         for r in fit.records:
@@ -60,7 +64,7 @@ def thinning(outcome: StudyOutcome) -> int:
 
 
 def measured_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
-    """Return what a recording showed: s, mm (degrees of angles alone), and inputs in kPa, N, mm or rad."""
+    """Return the measured motion [mm, degrees for angles alone] and inputs [kPa, N, mm or rad] of a recording."""
     exp, inputs = record.experiment, []
     for name, trace in exp.traces.items():
         seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
@@ -76,7 +80,10 @@ def measured_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
 
 
 def grown_of(position: Array, exp: Experiment, every: int, pack: Pack) -> dict[str, Any] | None:
-    """How much longer the body is than in its first frames, mm, by arcs through the stations; nothing for one point."""
+    """Return the growth of the body's length since its first frames [mm], along arcs through the stations.
+
+    The result is None for a single station or for angles alone.
+    """
     if exp.without_positions or len(exp.stations) < 2:
         return None
     length = arc_lengths(position)
@@ -84,22 +91,22 @@ def grown_of(position: Array, exp: Experiment, every: int, pack: Pack) -> dict[s
 
 
 def clock(time: Array, pack: Pack) -> dict[str, Any]:
-    """Times to the last digit: float64, as bytes."""
+    """Return the description of an array of times [s], stored in full precision (float64)."""
     note = {"at": pack.used, "shape": [time.size], "kind": "float64"}
     pack.put(np.asarray(time, dtype="<f8").tobytes())
     return note
 
 
 def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
-    """Return what a fit says of a recording: mm (degrees), inputs in the units of `measured_of`.
+    """Return the motion that a fit predicts for a recording [mm or degrees], in the units of `measured_of`.
 
-    With the correlation of its last station's residual.
+    It includes the band of the prediction and the autocorrelation of the last station's residual.
     """
     exp = record.experiment
     factor = exp.shown_in[1]
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     lag, correlation = zip(*(autocorrelation(exp.time, r) for r in residual.T), strict=True)
-    seen = np.isfinite(residual[:, 0]).sum()
+    count = np.isfinite(residual[:, 0]).sum()
     scales = [shown_in(unit)[0] for unit in record.units]
     body = record.body if record.body is not None else np.concatenate(
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
@@ -110,15 +117,15 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,
         "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
-        "white": float(1.96 / np.sqrt(max(seen, 1))),
+        "white": float(1.96 / np.sqrt(max(count, 1))),
     }
 
 
 def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
-    """Errors of each order in time, and the fan of curvatures."""
+    """Return the errors of each number of segments against time, and curvature profiles of many frames."""
     order = shape.order
     stretch = -(-order.time.size // MOST_FRAMES)
-    starts = np.arange(0, order.time.size, stretch)  # of each stretch of frames, its largest error
+    starts = np.arange(0, order.time.size, stretch)  # start of each interval, whose largest error is shown
     frames = np.unique(np.linspace(0, len(shape.curvature) - 1, min(PROFILES, len(shape.curvature))).astype(int))
     places = np.unique(np.linspace(0, shape.arc_length.size - 1, min(PLACES, shape.arc_length.size)).astype(int))
     return {
@@ -132,7 +139,7 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
 
 
 def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
-    """Torque law of each fit, kPa and mN m, with the levels of its records."""
+    """Return the torque law of each fit [mN m over kPa], with the pressure levels of its recordings."""
     known = [law for f in fits for law in laws_of(f)]
     levels = sorted({p for _, _, marks in known for p in marks})
     pressure = np.unique([*pressures_of(known, 100), *levels])
@@ -145,14 +152,16 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
 
 
 def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
-    """A forecast's tip and its band, mm; its angle, degrees, where the recordings hold angles alone."""
+    """Return the tip of a forecast with its band [mm, or degrees for angles alone]."""
     half, factor = forecast.half_width, float(np.degrees(1.0)) if forecast.tip.shape[1] == 1 else 1e3
     edges = None if half is None else [pack.add(factor * (forecast.tip + s * half)) for s in (-1, 1)]
     return {"time": clock(forecast.time, pack), "tip": pack.add(factor * forecast.tip), "band": edges}
 
 
 def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
-    """Motion and pressure over each other, in shares of their ranges; the pressure as moved and as logged."""
+    """Return motion and pressure scaled to 0 to 1 on one time axis [s], with the pressure as logged and
+    clock-corrected.
+    """
     time = c.time[:: -(-c.time.size // MOST_FRAMES)]
     moved = c.clock * (1.0 + c.drift) + c.delay
     motion, pressure = (np.interp(time, t, v) for t, v in ((c.time, c.motion), (moved, c.pressure)))
@@ -161,3 +170,47 @@ def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
     shown = [np.interp(time, t, level, left=np.nan, right=np.nan) for t in (moved, c.clock)]
     return {"time": clock(time, pack), "motion": pack.add((motion - motion.min()) / max(float(np.ptp(motion)), 1e-300)),
             "moved": pack.add(shown[0]), "logged": pack.add(shown[1])}
+
+
+@dataclass
+class Pack:
+    """A collection of arrays to be stored in a page; for each, a description says where it lies in the data.
+
+    Values are rounded to 1/65 000 of their range, such as 3 um for 0.2 m, and stored as differences along the first
+    axis, which compress well.
+    """
+
+    parts: list[bytes] = field(default_factory=list)
+    used: int = 0
+
+    def add(self, values: Any) -> dict[str, Any]:
+        """Add an array of any shape and return its description: position in the data, shape and scale."""
+        array = np.asarray(values, dtype=float)
+        finite = np.isfinite(array)
+        low, high = (float(f(array[finite])) if finite.any() else 0.0 for f in (np.min, np.max))
+        scale = (high - low) / LEVELS or 1.0
+        levels = np.full(array.shape, GAP, dtype=np.int64)
+        levels[finite] = np.rint((array[finite] - low) / scale) - LEVELS // 2
+        steps = np.diff(levels, axis=0, prepend=0).astype(np.uint16)  # differences may overflow, which their sum undoes
+        note = {"at": self.used, "shape": list(array.shape), "low": low, "scale": scale}
+        self.put(steps.astype("<u2").tobytes())
+        return note
+
+    def put(self, content: bytes) -> None:
+        """Add raw bytes; their number must be even."""
+        self.parts.append(content)
+        self.used += len(content)
+
+    def text(self) -> str:
+        """Return all arrays as one compressed block in base64; the same arrays give the same text."""
+        return base64.b64encode(zlib.compress(b"".join(self.parts), 9)).decode()
+
+
+def unpack(text: str, note: dict[str, Any]) -> Array:
+    """Return the array that a description refers to, as the page's script reads it."""
+    content = zlib.decompress(base64.b64decode(text))
+    count = int(np.prod(note["shape"]))
+    steps = np.frombuffer(content, dtype="<u2", count=count, offset=note["at"]).reshape(note["shape"])
+    levels = np.cumsum(steps, axis=0, dtype=np.uint16).astype(np.int16).astype(float)
+    levels[levels == GAP] = np.nan
+    return np.asarray((levels + LEVELS // 2) * note["scale"] + note["low"])

@@ -1,4 +1,4 @@
-"""A model that runs behind the live page: in short steps, pulled by hand, driven by sliders or a recording."""
+"""The model behind the live page: it is stepped in real time, driven by sliders or a recording, and can be pulled."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from pliant.errors import InputError, SimulationError
 from pliant.identification import Experiment
 from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station
+from pliant.model import Model, Station, load_model
 from pliant.simulation import Stepper
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.time_step import shared_step
 from pliant.units import shown_in
+from pliant.validation.store import load_outcome
 
 Array = np.ndarray
-SHORTEST = 1e-4  # s, of a step: a page cannot follow many more
-TINY = 1e-9  # s, that a sum of frames may lack of a step
-LATEST = 0.1  # s of motion that one frame of the page may catch up with
+SHORTEST = 1e-4  # s, shortest step, since the page cannot show more
+TINY = 1e-9  # s, rounding tolerance when frame times are summed to steps
+LATEST = 0.1  # s, longest motion that one frame of the page makes up for
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
-FACTORS = (0.5, 2.0)  # of stiffness and damping, where a model comes without intervals
-PULL = 1.5  # stiffness of the thread between hand and body, in those of a joint over the body's length squared
+FACTORS = (0.5, 2.0)  # range of stiffness and damping for a model without confidence intervals
+PULL = 1.5  # stiffness of the spring between hand and body, in units of joint stiffness / (n length^2)
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Slider(NamedTuple):
-    """One number of the model that the page may change."""
+    """A number of the model that the page may change, with its range."""
 
     name: str
     value: float
@@ -41,21 +42,21 @@ class Slider(NamedTuple):
 
 
 class Pull(BaseModel):
-    """A hand at a point of the body."""
+    """The position of a hand that pulls at a point of the body."""
 
     model_config = ConfigDict(extra="forbid")
     link: int = Field(ge=0)
-    share: float = Field(ge=0.0, le=1.0)  # of the link's length
-    x_mm: Finite  # where the hand is
+    share: float = Field(ge=0.0, le=1.0)  # position of the point, as a fraction of the link's length
+    x_mm: Finite  # position of the hand
     y_mm: Finite
-    z_mm: Finite = 0.0  # of a body in space
+    z_mm: Finite = 0.0  # for a body in space
 
 
-class Wish(BaseModel):
-    """A request of the page; entries that it does not name stay as they are."""
+class PageRequest(BaseModel):
+    """A request of the page; values that it does not contain stay unchanged."""
 
     model_config = ConfigDict(extra="forbid")
-    pressure_kpa: list[Annotated[float, Field(ge=-2000.0, le=2000.0)]] | None = None  # tendons: N, mm, rad
+    pressure_kpa: list[Annotated[float, Field(ge=-2000.0, le=2000.0)]] | None = None  # for tendons N, mm or rad
     gravity: Annotated[list[Annotated[float, Field(ge=-30, le=30)]], Field(min_length=2, max_length=3)] | None = None
     parameters: dict[str, Finite] | None = None
     speed: float | None = Field(None, ge=0.0, le=1.0)
@@ -64,19 +65,22 @@ class Wish(BaseModel):
     reset: bool = False
 
 
-class Played(NamedTuple):
-    """Contents of the live page: a model, its adjustable parameters, recordings to play under it."""
+class PageContent(NamedTuple):
+    """The content of the live page: a model, its adjustable parameters, and recordings to play under it."""
 
     model: Model
     sliders: tuple[Slider, ...]
     records: Mapping[str, Experiment]
-    start: float = 0.0  # s, that the pressure's clock is behind the shape's, as fitted
-    log: Path | None = None  # of a control loop that is watched
-    touch: float = 0.0  # N m, from which on a joint's torque is taken for a touch there
+    start: float = 0.0  # s, fitted offset of the pressure's clock from the shape's
+    log: Path | None = None  # log.csv of a control loop to watch
+    touch: float = 0.0  # N m, unexplained joint torque above which a touch is shown
 
 
 def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, ...]:
-    """Fitted parameters within their 95 % intervals; of a bare model, factors on stiffness and damping."""
+    """Return sliders for fitted parameters within their 95 % intervals, or for factors on stiffness and damping.
+
+    The factors are used if no fitted parameter has an interval.
+    """
     known = [p for p in parameters if p.free and p.std and p.value is not None and moves(model, p.name, p.value)]
     if known:
         return tuple(Slider(p.name, p.value, max(p.value - WIDE * p.std, p.lower), min(p.value + WIDE * p.std, p.upper),
@@ -85,7 +89,7 @@ def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, 
 
 
 def moves(model: Model, name: str, value: float) -> bool:
-    """Whether a parameter belongs to the model, and not to one recording."""
+    """Return whether a parameter changes the model, rather than belonging to one recording."""
     try:
         return apply(model, {name: 1.01 * value}) != model
     except (InputError, KeyError):
@@ -93,39 +97,39 @@ def moves(model: Model, name: str, value: float) -> bool:
 
 
 def step_of(model: Model) -> float:
-    """Length of a step, s: what the model needs, as far as a page can follow."""
+    """Return the time step [s] that the model needs, but at least 0.1 ms."""
     return max(shared_step([model]), SHORTEST)
 
 
 class Job(NamedTuple):
-    """A request that needs a new stepper: numbers of the model, a start from rest, a recording."""
+    """A request that needs a new stepper: changed numbers of the model, a restart from rest, or another recording."""
 
     changed: dict[str, Any]
-    pressure: Array  # Pa, behind the valves when the job was taken
+    pressure: Array  # Pa, behind the valves when the job was created
     restart: bool
     record: str | None
-    other_record: bool  # whether `record` was asked for
+    other_record: bool  # whether the request changes `record`
 
 
 class Live:
-    """One running model; each page has its own.
+    """A running model; each open page has its own.
 
-    `ask` only notes what takes long to do. `job` takes it over, `prepare` does it, on another thread if need be, and
-    `take` puts the result in the place of what runs; `build` does all three.
+    `receive` stores requests that take long to fulfil. `job` returns them as a `Job`, `prepare` builds the new model,
+    if necessary on another thread, and `replace_model` replaces the running model by it. `build` does all three.
 
     Parameters
     ----------
-    played : Played
+    content : PageContent
 
     Raises
     ------
     InputError
-        When the model cannot be stepped, as `Stepper`.
+        When the model cannot be stepped; see `Stepper`.
     """
 
-    def __init__(self, played: Played) -> None:
-        self.played = played
-        self.model = played.model
+    def __init__(self, content: PageContent) -> None:
+        self.content = content
+        self.model = content.model
         self.stepper = Stepper(self.model, step_of(self.model))
         self.chambers = self.model.actuation.count
         self.command = np.zeros(self.chambers)
@@ -135,42 +139,42 @@ class Live:
         self.factor = np.array([shown_in(unit)[0] for unit in self.model.actuation.units])
         self.record: Experiment | None = None
         self.changed: dict[str, Any] = {}
-        self.sliders = {s.name: s for s in played.sliders}
-        self.by_hand = np.zeros(self.chambers)  # Pa, what the sliders ask for while no recording is played
+        self.sliders = {s.name: s for s in content.sliders}
+        self.by_hand = np.zeros(self.chambers)  # Pa, positions of the sliders, used while no recording is played
         self.pending = self.restarting = self.other_record = False
         self.next_record: str | None = None
 
-    def ask(self, wish: Wish) -> None:
-        """Note what the page asks for, and do what is done in no time."""
-        if wish.pressure_kpa is not None and len(wish.pressure_kpa) == self.chambers:
-            sent = np.array(wish.pressure_kpa) / self.factor
+    def receive(self, request: PageRequest) -> None:
+        """Apply the quick parts of a request (inputs, speed, pull) and store the rest for `job`."""
+        if request.pressure_kpa is not None and len(request.pressure_kpa) == self.chambers:
+            sent = np.array(request.pressure_kpa) / self.factor
             pressed = np.array(self.model.actuation.units) == "Pa"
             self.by_hand[:] = np.where(pressed, np.maximum(sent, 0.0), sent)
             self.command[:] = self.by_hand
-        if wish.speed is not None:
-            self.speed = wish.speed
-        if "pull" in wish.model_fields_set:
-            self.pull = wish.pull
-        if "record" in wish.model_fields_set:
-            self.next_record, self.other_record, self.restarting = wish.record, True, True
-        numbers = {n: v for n, v in (wish.parameters or {}).items() if n in self.sliders}
-        gravity = {} if wish.gravity is None else {"gravity": np.array(wish.gravity)}
+        if request.speed is not None:
+            self.speed = request.speed
+        if "pull" in request.model_fields_set:
+            self.pull = request.pull
+        if "record" in request.model_fields_set:
+            self.next_record, self.other_record, self.restarting = request.record, True, True
+        numbers = {n: v for n, v in (request.parameters or {}).items() if n in self.sliders}
+        gravity = {} if request.gravity is None else {"gravity": np.array(request.gravity)}
         self.changed |= {**gravity, **numbers}
-        self.restarting |= wish.reset
+        self.restarting |= request.reset
         self.pending |= bool(numbers or gravity or self.restarting)
 
     def job(self) -> Job:
-        """Take over what was noted; of several wishes for one thing the last."""
+        """Return the stored requests as a job and clear them; of several requests for one value, the last counts."""
         job = Job(dict(self.changed), self.stepper.pressure, self.restarting, self.next_record,
                   self.other_record)
         self.pending = self.restarting = self.other_record = False
         return job
 
     def prepare(self, job: Job) -> tuple[Model, Stepper] | str:
-        """The model of a job and its stepper; where there can be none, the sentence that says why. Changes nothing."""
+        """Return the model of a job and its stepper, or an error message; the running model is not changed."""
         numbers = {n: float(np.clip(v, self.sliders[n].low, self.sliders[n].high))
                    for n, v in job.changed.items() if n in self.sliders}
-        model = self.played.model
+        model = self.content.model
         pressure = np.zeros_like(job.pressure) if job.restart else job.pressure
         try:
             for name in ("stiffness", "damping"):
@@ -183,80 +187,82 @@ class Live:
         except (InputError, SimulationError) as error:
             return str(error)
 
-    def take(self, job: Job, made: tuple[Model, Stepper] | str) -> None:
-        """Go on with what was prepared: from rest where that was asked for, else with the same motion."""
-        if isinstance(made, str):
-            self.message = made
+    def replace_model(self, job: Job, prepared: tuple[Model, Stepper] | str) -> None:
+        """Replace the running model by a prepared one, from rest if requested, else with the present state
+        of motion.
+        """
+        if isinstance(prepared, str):
+            self.message = prepared
             return
-        model, stepper = made
+        model, stepper = prepared
         if job.restart:
             self.debt = 0.0
         else:
             stepper.restore(self.stepper.snapshot())
         if job.other_record:
-            self.record = self.played.records.get(job.record or "")
+            self.record = self.content.records.get(job.record or "")
             self.command[:] = self.by_hand
         self.model, self.stepper = model, stepper
 
     def build(self) -> None:
-        """Do what was noted, at once."""
+        """Fulfil the stored requests at once, on this thread."""
         if self.pending:
             job = self.job()
-            self.take(job, self.prepare(job))
+            self.replace_model(job, self.prepare(job))
 
     def restart(self, pressure: float) -> None:
-        """Back to rest."""
+        """Put the body back to rest at a pressure [Pa]."""
         self.stepper.reset(np.full(self.chambers, pressure))
         self.debt = 0.0
 
     def advance(self, elapsed: float) -> None:
-        """Move on by `elapsed` [s] of the wall's clock, slowed by the speed."""
+        """Simulate `elapsed` seconds of wall time, multiplied by the speed."""
         self.debt = min(self.debt + self.speed * elapsed, LATEST)
         with catch_warnings():
-            simplefilter("ignore", EnergyWarning)  # a hand that pulls brings energy
+            simplefilter("ignore", EnergyWarning)  # a pulling hand adds energy
             while self.debt >= self.stepper.length - TINY:
                 self.debt -= self.stepper.length
-                self.one()
+                self.advance_step()
 
-    def one(self) -> None:
-        """One step: the hand's push, then the pressure's."""
+    def advance_step(self) -> None:
+        """Simulate one step: first the pull of the hand, then the inputs."""
         if self.record is not None:
             self.play(self.record)
         try:
             self.push()
             self.stepper.step(self.command)
         except SimulationError as error:
-            self.message, self.pull = f"{error} The body is back at rest.", None
+            self.message, self.pull = f"{error} The body was put back to rest.", None
             self.command[:] = self.by_hand[:] = 0.0
             self.restart(0.0)
 
     def play(self, exp: Experiment) -> None:
-        """The recorded pressure at this instant; from the beginning once it has ended."""
+        """Set the command to the recorded pressure at this time; at the end, start the recording again."""
         if self.stepper.time > np.ptp(exp.time):
             self.restart(0.0)
         if exp.pressure is not None:
-            now = np.array([exp.time[0] + self.stepper.time - self.played.start])
+            now = np.array([exp.time[0] + self.stepper.time - self.content.start])
             traces = [exp.driving(name) for name in self.model.actuation.names]
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:
-        """The impulse of the hand's thread over a step: M dv = h J'F."""
+        """Add the impulse of the hand's spring over one step to the velocity: M dv = h J'F."""
         self.force[:] = 0.0
         if self.pull is None or self.pull.link >= self.model.n:
             return
         m, x, i = self.model, self.stepper.position, self.pull.link
         chain, hand = mechanics_of(m), Station("hand", i, self.pull.share * float(m.link_length[i]))
         start, end = chain.nodes(x)[i + 1 : i + 3]
-        at = start + self.pull.share * (end - start)
+        point = start + self.pull.share * (end - start)
         stiffness = PULL * float(m.stiffness.mean()) / (m.n * m.length**2)
         hand_at = 1e-3 * np.array([self.pull.x_mm, self.pull.y_mm, self.pull.z_mm])[: chain.dimension]
-        gap = np.clip(hand_at - at, -m.length, m.length)
+        gap = np.clip(hand_at - point, -m.length, m.length)
         self.force[:] = stiffness * gap
         push = chain.position_jacobian(x, hand).T @ self.force
         self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
-        """Return the present state for drawing: mm, kPa (tendons: N, mm, rad), N."""
+        """Return the present state for drawing: positions [mm], inputs [kPa; for tendons N, mm or rad], force [N]."""
         m, t = self.model, self.stepper.time
         joints = mechanics_of(m).nodes(self.stepper.position)
         message, self.message = self.message, ""
@@ -268,3 +274,37 @@ class Live:
         return {"t": round(t, 6), "body": np.round(1e3 * joints, 3).tolist(), "message": message, "measured": measured,
                 "kpa": np.round(self.factor * self.stepper.pressure, 4).tolist(),
                 "command": np.round(self.factor * self.command, 4).tolist(), "force": np.round(self.force, 5).tolist()}
+
+
+def page_content(source: Path, log: Path | None = None, touch: float = 0.0) -> PageContent:
+    """Return the content of the live page for a model file or a results folder.
+
+    For a folder it is the model of the first fit, with sliders for its parameters and its recordings.
+
+    Parameters
+    ----------
+    source : Path
+        Model file, or folder written by `pliant run`.
+    log : Path, optional
+        log.csv of a control loop of the same body, to be watched.
+    touch : float
+        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.watched.WatchedLoop`.
+
+    Raises
+    ------
+    InputError
+        When the file or folder cannot be read.
+    """
+    if not source.is_dir():
+        model = load_model(source)
+        return PageContent(model, sliders_of(model), {}, log=log, touch=touch)
+    outcome = load_outcome(source)
+    first = outcome.fits[0]
+    recordings = {r.name: in_base_frame(r.experiment) for r in first.records}
+    return PageContent(outcome.model, sliders_of(outcome.model, first.result.parameters), recordings,
+                  first.result.values.get("start", 0.0), log, touch)
+
+
+def in_base_frame(experiment: Experiment) -> Experiment:
+    """Return a stored experiment, which is in the axes of its recording, in the base frame of the model."""
+    return experiment.turned() if experiment.x_sign < 0 else experiment

@@ -1,4 +1,4 @@
-"""`report.html`: what a study found, on one page that moves and needs nothing but itself."""
+"""`report.html`: the results of a study on one interactive page that needs no other file."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import NO_PLACES, ROLE, digits, metric_label
-from pliant.view.data import page_data
-from pliant.view.packing import Pack
+from pliant.view.data import Pack, page_data
 from pliant.view.rows import (
     DETAILS,
     PAIRS,
@@ -34,8 +33,8 @@ from pliant.view.rows import (
     not_shown,
     order_rows,
     parameter_row,
+    points_text,
     record_row,
-    seen_text,
     selection_rows,
 )
 
@@ -44,23 +43,23 @@ SIGNS = {"good": ("✓", "Good"), "beware": ("!", "Beware"), "missed": ("✗", "
 
 
 def write_report(outcome: StudyOutcome, folder: str | Path) -> Path:
-    """Write ``report.html``.
+    """Write the results of a study as ``report.html`` and return its path.
 
     Parameters
     ----------
     outcome : StudyOutcome
     folder : str or Path
-        Made when absent. The page asks for nothing from any network.
+        Folder for the page, created if it is absent. The page loads nothing from a network.
 
     Returns
     -------
     Path
-        Of the page. The same outcome gives the same bytes.
+        Path of the page. The same outcome gives the same bytes.
 
     Raises
     ------
     InputError
-        When the folder cannot be made or written.
+        When the folder cannot be created or written to.
     """
     folder = Path(folder)
     try:
@@ -71,7 +70,7 @@ def write_report(outcome: StudyOutcome, folder: str | Path) -> Path:
 
 
 def report_page(outcome: StudyOutcome) -> str:
-    """The page as text."""
+    """Return the HTML text of the report."""
     pack = Pack()
     data = page_data(outcome, pack)
     shown = content(outcome) | {"every": data["every"]}
@@ -83,7 +82,7 @@ def report_page(outcome: StudyOutcome) -> str:
 
 
 def template(name: str) -> Any:
-    """A template of the page; user text is escaped in it."""
+    """Return a Jinja template of the page, which escapes user text."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -95,27 +94,27 @@ def template(name: str) -> Any:
 
 
 def asset(name: str) -> str:
-    """A script or style of the page, as text to put into it."""
+    """Return the text of a script or style sheet of the page."""
     return (ASSETS / name).read_text(encoding="utf-8")
 
 
 def script_json(data: Any) -> str:
-    """JSON that may stand in a script element, whatever its texts say."""
+    """Return `data` as JSON that is safe inside a script element, whatever text it contains."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def content(outcome: StudyOutcome) -> dict[str, Any]:
-    """Everything that the page says in words and tables."""
+    """Return everything that the page shows as text and tables."""
     main = sorted(first_records(outcome.fits), key=lambda pair: pair[1].role != "held_out")
-    headline = outcome.headline or Headline("open", "No verdict was formed; the table of records has the numbers.")
+    headline = outcome.headline or Headline("open", "There is no verdict; the table of records has the numbers.")
     sign, word = SIGNS[headline.state]
     turns = outcome.turns
     meaning = definitions(turns=turns)
     return {
         "axes": outcome.axes, "in_space": len(outcome.axes) == 3, "unit": "°" if turns else "mm",
         "no_places": NO_PLACES if turns else "",
-        "first_look": first_look(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
+        "worst_record": worst_record(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
             "held_out": [row for f in outcome.fits for row in (
                 *(record_row(f, r) for r in f.records if r.role == "held_out"),
@@ -124,7 +123,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
                 missing_row(f, m) for f in outcome.fits for m in f.missing if m.role == "train"],
         },
         "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
-        "seen": {r.name: seen_text(r) for _, r in main},
+        "seen": {r.name: points_text(r) for _, r in main},
         "several": len(outcome.fits) > 1,
         "fits": fit_table(outcome.fits, list(outcome.findings)),
         "band_json": script_json({
@@ -145,39 +144,39 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     }
 
 
-def first_look(outcome: StudyOutcome) -> str:
-    """Return in one line what to look at first: the first fit's worst held-out record, else its worst record."""
+def worst_record(outcome: StudyOutcome) -> str:
+    """Return a sentence on what to look at first: the first fit's worst held-out record, or its worst record."""
     records = outcome.fits[0].records
-    shown = [r for r in records if r.role == "held_out"] or list(records)
-    if not shown:
+    candidates = [r for r in records if r.role == "held_out"] or list(records)
+    if not candidates:
         return ""
-    worst = max(shown, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
+    worst = max(candidates, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
     which = "held-out record" if worst.role == "held_out" else "record"
     return f"Look first at {worst.name}, the {which} with the largest error: click its cell in the table, then Play."
 
 
 def clock_title(name: str, delay: float) -> str:
-    """Return the offset of a pressure's clock as a title."""
+    """Return a title with the offset of a pressure's clock."""
     return f"{name}: the pressure's clock is moved by {1e3 * delay:+.1f} ms".replace("-", "\N{MINUS SIGN}")
 
 
 def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
-    """Return on what the band of a prediction rests, and how much of the record it holds; "" where there is none."""
+    """Return a sentence on the sources of a prediction band and on its coverage; "" if there is no band."""
     covariance = fit.result.covariance
     if record.band is None or covariance is None:
         return ""
     held = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
-    return (f"The {100 * record.band.level:g} % band, of the parameters' uncertainty ({covariance.source}) and of "
-            f"residuals as large as in training, holds {held} % of the coordinates.")
+    return (f"The {100 * record.band.level:g} % band combines the parameters' uncertainty ({covariance.source}) with "
+            f"residuals as large as in training; it contains {held} % of the measured coordinates.")
 
 
 def selection_block(selection: ModelSelection) -> dict[str, Any]:
-    """The stages of a model selection, and why one of them was chosen."""
+    """Return the stages of a model selection, and the reason for the chosen one."""
     return {"reason": selection.reason, "rows": selection_rows(selection)}
 
 
 def shape_block(shape: Shape) -> dict[str, Any]:
-    """The dense shape that decided the chain: how its tip was found, the errors of each order, the links."""
+    """Return the content of the section on the dense shape: tip, errors of each number of segments, links."""
     notes: Sequence[str] = [shape.tip_status, *shape.order.notes, *shape.links.notes]
     return {
         "name": shape.name, "summary": shape.order.summary(), "notes": [n for n in dict.fromkeys(notes) if n],
@@ -188,7 +187,7 @@ def shape_block(shape: Shape) -> dict[str, Any]:
 
 
 def forecast_block(forecast: Forecast) -> dict[str, Any]:
-    """A forecast: what was changed, what is predicted."""
+    """Return the stated changes and the predicted numbers of a forecast."""
     stated = [(k, digits(v, 5, zeros=False), known_unit(k)) for k, v in forecast.stated.items()]
     half = {k: f" ± {digits(v, 2)}" for k, v in forecast.interval.items()}
     numbers = [(k, *metric_label(k), f"{digits(v, 4)}{half.get(k, '')}") for k, v in forecast.numbers.items()]

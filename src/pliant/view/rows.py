@@ -1,4 +1,4 @@
-"""The rows of the report's tables, as texts."""
+"""Rows of the report's tables, formatted as text."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOut
 from pliant.validation.wording import digits, sized
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
-TIED = 0.95  # correlation of errors from which two parameters are named together
+TIED = 0.95  # correlation of errors above which two parameters are reported as a pair
 PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
 DETAILS = ("frequency_large_hz", "damping_ratio_large", "frequency_small_hz", "damping_ratio_small")
 SINGLE = ("rmse_mm", "rmse_percent_of_travel", "rmse_percent_of_length", "max_mm", "fit_percent", "within_band_percent")
 
 
 def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOutcome]]:
-    """Every record with the first fit that holds it, as metrics.json gives them."""
-    found: dict[str, tuple[FitOutcome, RecordOutcome]] = {}
+    """Return a pair (fit, recording) for each recording, with the first fit that uses it."""
+    records: dict[str, tuple[FitOutcome, RecordOutcome]] = {}
     for f in fits:
         for r in f.records:
-            found.setdefault(r.name, (f, r))
-    return list(found.values())
+            records.setdefault(r.name, (f, r))
+    return list(records.values())
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
-    """Return the names of the metrics' columns; `turns`: of a body seen by angle sensors alone, in degrees."""
+    """Return the names of the metrics for a table's columns; with `turns`, those of angles [degrees]."""
     if not turns:
         return tuple(keys)
     return tuple(k.replace("_mm", "_deg") for k in keys if k != "rmse_percent_of_length")
 
 
 def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
-    """A row of the table of records: texts only."""
+    """Return the texts of one row in the table of recordings."""
     m = record.metrics
     pairs = {k: m.get(k) or {} for k in columns(PAIRS, turns=record.experiment.without_positions)}
     measured, modelled = (pairs["frequency_hz"].get(who) for who in ("measured", "modelled"))
@@ -59,19 +59,19 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
 
 
 def edge_notes(metrics: dict[str, Any]) -> list[str]:
-    """Return which times of a held-out record were fitted to it, its pressure not having been measured."""
-    found = metrics.get("fitted_edges_s") or {}
-    times = ", ".join(f"{name} {digits(value, 4)} s" for name, value in found.items())
+    """Return a note on the pulse times that were fitted to a held-out recording without measured pressure."""
+    fitted = metrics.get("fitted_edges_s") or {}
+    times = ", ".join(f"{name} {digits(value, 4)} s" for name, value in fitted.items())
     return [f"Fitted to this record, since its pressure was not measured: {times}."] if times else []
 
 
 def missing_row(fit: FitOutcome, missing: NotComputed) -> dict[str, Any]:
-    """A row of the table of records for one whose motion could not be computed."""
+    """Return the row in the table of recordings for one whose motion could not be computed."""
     return {"name": missing.record, "fit": fit.title, "missing": missing.sentence}
 
 
 def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
-    """A row of the table of two amplitudes and single joints: texts only."""
+    """Return the texts of one row in the table of large and small swings and single joints."""
     m = record.metrics
     pairs = [[digits((m.get(k) or {}).get(who)) for who in ("measured", "modelled")] for k in DETAILS]
     joints = [[digits(v, 2, sign) for v in m.get(k) or ()] for k, sign in (
@@ -79,23 +79,23 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     return {"name": record.name, "fit": fit.title, "pairs": pairs, "joints": [", ".join(row) for row in joints]}
 
 
-def seen_text(record: RecordOutcome) -> str:
-    """Return in words how much of a record was compared."""
+def points_text(record: RecordOutcome) -> str:
+    """Return a sentence on how much of a recording was compared."""
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
     unit, factor = exp.shown_in
     travel = f"{digits(factor * exp.travel)} {'°' if unit == 'deg' else unit}"
-    return f"{frames} frames compared, {missing} points not seen, travel {travel}"
+    return f"{frames} frames compared, {missing} points not measured, peak displacement {travel}"
 
 
 def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any]:
-    """Fits against records, held-out ones first and then in the given order: error and role in every cell."""
+    """Return the table of fits (rows) and recordings (columns, held-out ones first): error and role in every cell."""
     role: dict[str, str] = {}
     pairs = [(r.name, r.role) for f in fits for r in f.records] + [(m.record, m.role) for f in fits for m in f.missing]
     for name, own in pairs:
         role[name] = "held_out" if "held_out" in (own, role.get(name)) else own
-    place = {n: k for k, n in enumerate(dict.fromkeys([*order, *role]))}
-    names = sorted(role, key=lambda n: (role[n] != "held_out", place[n]))
+    rank = {n: k for k, n in enumerate(dict.fromkeys([*order, *role]))}
+    names = sorted(role, key=lambda n: (role[n] != "held_out", rank[n]))
     rows = []
     for k, f in enumerate(fits):
         cells = {r.name: (r.role, digits(r.metrics.get("rmse_percent_of_travel")), digits(sized(r.metrics, "rmse")[0]),
@@ -108,7 +108,7 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
 
 
 def parameter_row(p: Parameter) -> dict[str, str]:
-    """A row of a parameter table: texts only."""
+    """Return the texts of one row in the table of parameters."""
     source = p.source or ("fitted" if p.free else "given")
     at_bound = p.free and p.value is not None and min(
         abs(p.value - p.lower), abs(p.value - p.upper)) < 1e-6 * (p.scale or 1.0)
@@ -124,14 +124,17 @@ def parameter_row(p: Parameter) -> dict[str, str]:
 
 
 def interval(p: Parameter) -> str:
-    """The 95 % interval of a parameter in words; a dash where there is none."""
+    """Return the 95 % interval of a parameter as text; a dash if it has none."""
     if p.std is None or p.value is None:
         return digits(None)
     return " to ".join(digits(p.value + side * WIDE * p.std, 4) for side in (-1, 1))
 
 
 def correlation_rows(result: FitResult) -> dict[str, Any] | None:
-    """Correlation of the free parameters' errors: names, and a row of texts and strengths for each; None for one."""
+    """Return names and rows of the table of parameter correlations; None for fewer than two free parameters.
+
+    Each cell is a pair of text and absolute value.
+    """
     covariance = result.covariance
     if covariance is None or len(covariance.names) < 2:
         return None
@@ -146,9 +149,9 @@ def correlation_rows(result: FitResult) -> dict[str, Any] | None:
 def not_shown(result: FitResult) -> list[str]:
     """Return sentences on what the recordings do not determine about a fit's parameters."""
     free = [p for p in result.parameters if p.free]
-    said = [f"{p.name}: the data do not show it." for p in free if p.std is None]
+    said = [f"{p.name}: the data do not determine it." for p in free if p.std is None]
     said += [
-        f"{p.name}: its 95 % interval, {interval(p)}, holds zero." for p in free
+        f"{p.name}: its 95 % interval, {interval(p)}, contains zero." for p in free
         if p.std is not None and p.value is not None and abs(p.value) < WIDE * p.std
     ]
     covariance = result.covariance
@@ -156,13 +159,13 @@ def not_shown(result: FitResult) -> list[str]:
         shown = [i for i, hidden in enumerate(covariance.hidden) if not hidden]
         tied = [(abs(c), f"{covariance.names[i]} and {covariance.names[j]}", c) for k, i in enumerate(shown)
                 for j in shown[:k] if abs(c := float(covariance.correlation[i, j])) > TIED]
-        said += [f"{pair} make up for each other: their errors are correlated by {digits(c, 2)}."
+        said += [f"{pair} compensate each other: their errors are correlated by {digits(c, 2)}."
                  for _, pair, c in sorted(tied, reverse=True)]
     return said
 
 
 def bounds(p: Parameter) -> str:
-    """The bounds of a parameter in words."""
+    """Return the bounds of a parameter as text."""
     below, above = math.isfinite(p.lower), math.isfinite(p.upper)
     lower, upper = digits(p.lower, zeros=False), digits(p.upper, zeros=False)
     if below and above:
@@ -171,7 +174,7 @@ def bounds(p: Parameter) -> str:
 
 
 def known_unit(parameter: str) -> str:
-    """Unit of a parameter or of a pressure level; nothing for a name that pliant does not know."""
+    """Return the unit of a parameter or of a pressure level; "" for an unknown name."""
     try:
         return "Pa" if parameter == "level" or parameter.endswith(".pressure") else kind_of(parameter).unit
     except InputError:
@@ -182,7 +185,7 @@ RUBBER = 1070.0  # kg/m^3, of silicones
 
 
 def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
-    """Return the body in a few numbers, those by which a person sees whether it can be."""
+    """Return (name, value) pairs that describe the body, by which a person can judge its plausibility."""
     m = outcome.model
     length, mass = (digits(1e3 * v, 4, zeros=False) for v in (m.length, m.mass))
     gravity = ", ".join(digits(g, zeros=False) for g in m.gravity)
@@ -202,13 +205,13 @@ def plausible(m: Model) -> list[tuple[str, str]]:
            f"modulus {digits(1e-6 * modulus)} MPa (soft silicones have 0.03 to 3 MPa)")
     try:
         frequency, damping = modes(m)
-    except PliantError:  # no rest under its own load
+    except PliantError:  # the body has no equilibrium under its own weight
         return [("plausibility", rod)]
     return [("first mode", f"{digits(frequency[0])} Hz, damping ratio {digits(damping[0])}"), ("plausibility", rod)]
 
 
 def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
-    """Stages of a model selection: texts only."""
+    """Return the texts of the rows in the table of a model selection, one for each stage."""
     titles = {s.stage.name: s.stage.title for s in selection.steps}
     freed = {s.stage.name: set(s.freed) for s in selection.steps}
     rows, before = [], ""
@@ -231,7 +234,7 @@ def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
 
 
 def order_rows(shape: Shape) -> list[dict[str, Any]]:
-    """Errors and cost of each number of segments: texts only."""
+    """Return the texts of the rows with errors and cost of each number of segments."""
     order = shape.order
     return [
         {
@@ -245,7 +248,7 @@ def order_rows(shape: Shape) -> list[dict[str, Any]]:
 
 
 def link_rows(shape: Shape) -> list[list[str]]:
-    """Number, length, rest angle, variation of length and distance from the measured tip of each link: texts only."""
+    """Return for each link the texts of its number, length, rest angle, length variation and tip distance."""
     links = shape.links
     columns = (1e3 * links.link_length, np.degrees(links.rest_bend), 100 * links.length_variation,
                1e3 * np.sqrt((links.residual**2).mean(axis=0)))

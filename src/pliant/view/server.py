@@ -1,4 +1,4 @@
-"""The live page's server: this machine alone, a token in the address, one running model for each page."""
+"""The server of the live page: for this machine only, with a token in the address and one running model per page."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from pydantic import ValidationError
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
-from pliant.simulation.levels import typical_pressure
+from pliant.simulation.state import typical_pressure
 from pliant.units import shown_in
-from pliant.view.live import Live, Played, Wish
+from pliant.view.live import Live, PageContent, PageRequest
 from pliant.view.report import asset, script_json, template
 from pliant.view.watched import WatchedLoop
 
 HOST = "127.0.0.1"
 RATE = 60.0  # frames in a second
-BARE_KPA = 200.0  # where nothing was recorded
-LARGEST = 4096  # bytes of a wish
+BARE_KPA = 200.0  # upper end of the sliders without recordings
+LARGEST = 4096  # bytes of a request
 POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
           "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
-def running(played: Played) -> Live | WatchedLoop:
-    """Return the moving body of a page: a model of its own, or the loop that is watched."""
-    return Live(played) if played.log is None else WatchedLoop(played.log, played.model, played.touch)
+def running(content: PageContent) -> Live | WatchedLoop:
+    """Return the moving body of a page: a running model, or the control loop to watch."""
+    return Live(content) if content.log is None else WatchedLoop(content.log, content.model, content.touch)
 
 
-def live_page(played: Played, live: Live | WatchedLoop) -> str:
-    """The page as text."""
-    m, ends = played.model, ranges(played, live.chambers)
+def live_page(content: PageContent, live: Live | WatchedLoop) -> str:
+    """Return the HTML text of the live page."""
+    m, ends = content.model, ranges(content, live.chambers)
     data = {
         "length": 1e3 * m.length, "links": m.n, "chambers": chamber_names(m, live.chambers),
         "gravity": [float(g) for g in m.gravity],
-        "sliders": [s._asdict() for s in played.sliders], "name": m.name,
-        "watched": played.log is not None, **ends,
-        "records": [n for n, e in played.records.items() if e.pressure is not None],
+        "sliders": [s._asdict() for s in content.sliders], "name": m.name,
+        "watched": content.log is not None, **ends,
+        "records": [n for n, e in content.records.items() if e.pressure is not None],
     }
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("live.js")]
     pressed = all(unit == "kPa" for unit in ends["units"])
@@ -50,41 +50,43 @@ def live_page(played: Played, live: Live | WatchedLoop) -> str:
 
 
 def chamber_names(model: Model, count: int) -> list[str]:
-    """Return the page's names of the pressures: those of the model where it names all of them."""
+    """Return the names of the pressures on the page: those of the model if it names all of them."""
     names = [c.name for c in model.chambers]
     if count == 1:
         return ["pressure"] if names == [Chamber.name] else names[:1]
     return names if len(names) == count else [f"chamber {c + 1}" for c in range(count)]
 
 
-def highest(played: Played) -> float:
-    """Return the upper ends of the pressure sliders, kPa: a quarter above the recorded pressures."""
-    seen = [e.peak for e in played.records.values()]
-    return 1.25e-3 * max(seen) if seen and max(seen) > 0 else BARE_KPA
+def highest(content: PageContent) -> float:
+    """Return the upper end of the pressure sliders [kPa]: 25 % above the highest recorded pressure."""
+    peaks = [e.peak for e in content.records.values()]
+    return 1.25e-3 * max(peaks) if peaks and max(peaks) > 0 else BARE_KPA
 
 
-def ranges(played: Played, count: int) -> dict[str, list[Any]]:
-    """Return unit and ends of the slider of each input: pressures from none to the highest, tendons either way."""
-    model = played.model
+def ranges(content: PageContent, count: int) -> dict[str, list[Any]]:
+    """Return the unit and the range of the slider of each input: pressures from 0 up, displacements and angles both
+    ways.
+    """
+    model = content.model
     known = [shown_in(unit) for unit in model.actuation.units]
     if len(known) != count or all(unit == "kPa" for _, unit in known):
-        return {"units": ["kPa"] * count, "lowest": [0.0] * count, "highest": [highest(played)] * count}
-    ends = [highest(played) if unit == "kPa" else 2.0 * factor * typical_pressure(model, c)
+        return {"units": ["kPa"] * count, "lowest": [0.0] * count, "highest": [highest(content)] * count}
+    ends = [highest(content) if unit == "kPa" else 2.0 * factor * typical_pressure(model, c)
             for c, (factor, unit) in enumerate(known)]  # fmt: skip
     lowest = [-end if unit in ("mm", "rad") else 0.0 for end, (_, unit) in zip(ends, known, strict=True)]
     return {"units": [unit for _, unit in known], "lowest": lowest, "highest": ends}
 
 
-def application(played: Played, token: str, host: str) -> Any:
-    """The page and its socket, as an ASGI application; everything else is not found."""
+def application(content: PageContent, token: str, host: str) -> Any:
+    """Return an ASGI application that serves the page and its WebSocket; any other address is not found."""
     try:
         from starlette.applications import Starlette
         from starlette.responses import HTMLResponse, PlainTextResponse
         from starlette.routing import Route, WebSocketRoute
     except ImportError:
         raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
-    live_page(played, running(played))  # refused here, before a browser asks
-    one_build = asyncio.Lock()  # of all pages: one that asks for many models does not hold up the others
+    live_page(content, running(content))  # raises an error now, before a browser connects
+    one_build = asyncio.Lock()  # shared by all pages, so that one with many requests does not block the others
 
     def known(connection: Any) -> bool:
         return connection.headers.get("host") == host and secrets.compare_digest(
@@ -95,32 +97,32 @@ def application(played: Played, token: str, host: str) -> Any:
             return PlainTextResponse("not found", 404)
         headers = {"Content-Security-Policy": POLICY.format(host=host), "Referrer-Policy": "no-referrer",
                    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
-        return HTMLResponse(live_page(played, running(played)), headers=headers)
+        return HTMLResponse(live_page(content, running(content)), headers=headers)
 
     async def follow(ws: Any) -> None:
         if not known(ws) or ws.headers.get("origin") != f"http://{host}":
             await ws.close(1008)
             return
         await ws.accept()
-        await converse(ws, running(played), one_build)
+        await converse(ws, running(content), one_build)
 
-    made = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
-    made.router.redirect_slashes = False
-    return made
+    app = Starlette(routes=[Route("/{token}/", page), WebSocketRoute("/{token}/live", follow)])
+    app.router.redirect_slashes = False
+    return app
 
 
 async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> None:
-    """Build on a thread what the page asked for last, one build at a time, while motion and frames go on."""
+    """Build the models that the page requests on a thread, one at a time, while the motion goes on."""
     while True:
         await asked.wait()
         async with one_build:
             asked.clear()
             job = live.job()
-            live.take(job, await asyncio.to_thread(live.prepare, job))
+            live.replace_model(job, await asyncio.to_thread(live.prepare, job))
 
 
 async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -> None:
-    """Send frames at a steady rate and take wishes, until the page is closed."""
+    """Send frames at a steady rate and receive requests, until the page is closed."""
     from starlette.websockets import WebSocketDisconnect
 
     asked = asyncio.Event()
@@ -133,9 +135,9 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
                 return
             text = message.get("text") or ""
             try:
-                live.ask(Wish.model_validate_json(text[:LARGEST]))  # what is longer is no JSON when cut
+                live.receive(PageRequest.model_validate_json(text[:LARGEST]))  # a longer text, cut, is invalid
             except ValidationError:
-                live.message = "the page asked for something that cannot be"
+                live.message = "the page sent a request that is not valid: reload the page"
             if live.pending:
                 asked.set()
 
@@ -158,21 +160,21 @@ async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -
 
 
 class Server:
-    """A server that is ready to run; `address` is what to open.
+    """A server for the live page; `address` is the address to open.
 
     Parameters
     ----------
-    played : Played
+    content : PageContent
     port : int
-        0: any free one.
+        Port number; 0 for any free one.
 
     Raises
     ------
     InputError
-        When the extra is missing, the port is taken or the model cannot be stepped.
+        When the packages of the extra view are missing, the port is in use, or the model cannot be stepped.
     """
 
-    def __init__(self, played: Played, port: int = 0) -> None:
+    def __init__(self, content: PageContent, port: int = 0) -> None:
         try:
             import uvicorn
         except ImportError:
@@ -181,24 +183,24 @@ class Server:
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self.socket.bind((HOST, port))
-            self.socket.listen()  # from here on a browser that follows the address waits, and is not refused
+            self.socket.listen()  # from now on a browser that connects waits instead of being refused
         except OSError as error:
             self.socket.close()
-            raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}") from None
+            raise InputError(f"cannot listen at {HOST}:{port}: {error.strerror or error}; try --port 0") from None
         host = f"{HOST}:{self.socket.getsockname()[1]}"
         token = secrets.token_urlsafe(16)
         self.address = f"http://{host}/{token}/"
-        config = uvicorn.Config(application(played, token, host), log_level="error", ws="websockets-sansio",
+        config = uvicorn.Config(application(content, token, host), log_level="error", ws="websockets-sansio",
                                 timeout_graceful_shutdown=1, lifespan="off", access_log=False)
         self.server = uvicorn.Server(config)
 
     def run(self) -> None:
-        """Serve until the program is interrupted, or `stop` is called from another thread."""
+        """Serve the page until the program is interrupted, or `stop` is called from another thread."""
         try:
             self.server.run(sockets=[self.socket])
         finally:
             self.socket.close()
 
     def stop(self) -> None:
-        """End `run`."""
+        """Stop the server, so that `run` returns."""
         self.server.should_exit = True

@@ -1,4 +1,4 @@
-/* What both versions of FMI share: an instance of @P@ behind numbered variables. Included by the wrapper of a version.
+/* Code shared by FMI 2 and 3: an instance of @P@ with numbered variables. The wrapper of each version includes it.
  * Variables: 0 time; then @INPUTS@ inputs; then @OUTPUTS@ outputs; then @PARAMETERS@ parameters. */
 #include <stdarg.h>
 #include <stdbool.h>
@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The functions of an FMU whose sources are linked into a program carry its name, so that several can be; those of a
- * shared library have the names of the standard: compile it with @FMI@_OVERRIDE_FUNCTION_PREFIX. */
+/* When the sources are linked into a program, the functions have the FMU's name as a prefix, so that several FMUs can
+ * be linked. In a shared library they have the standard's names: compile it with @FMI@_OVERRIDE_FUNCTION_PREFIX. */
 #define @FMI@_FUNCTION_PREFIX @NAME@_
 #if !defined FMI2_OVERRIDE_FUNCTION_PREFIX && !defined FMI3_OVERRIDE_FUNCTION_PREFIX && !defined DISABLE_PREFIX
 #define @FMI@_ACTUAL_FUNCTION_PREFIX @FMI@_FUNCTION_PREFIX
@@ -33,8 +33,8 @@ typedef struct {
     @P@_parameters parameters;
     double command[INPUTS];
     double time;
-    int changed; /* parameters, since the last update */
-} Moment; /* all that a saved state of the FMU holds */
+    int changed; /* whether parameters changed since the last update */
+} Moment; /* the content of a saved state of the FMU */
 
 typedef struct {
     Moment now;
@@ -73,7 +73,7 @@ static void outputs(Instance *i, double *y)
     for (int k = 0; k < 3; k++) *y++ = joule[k];
 }
 
-/* Where a parameter lies; they are the first numbers of their struct, which holds nothing but numbers. */
+/* Address of parameter k; the struct of parameters contains only numbers of one type. */
 static double *parameter(Instance *i, uint32_t k) { return (double *)&i->now.parameters + k; }
 
 static int get_reals(Instance *i, const uint32_t *refs, size_t count, double *values)
@@ -107,7 +107,7 @@ static int set_reals(Instance *i, const uint32_t *refs, size_t count, const doub
     return 0;
 }
 
-/* 0; -1 where h is no whole number of steps; -2 where a step failed. */
+/* Returns 0 on success, -1 if h is no whole number of steps, -2 if a step failed. */
 static int advance(Instance *i, double h)
 {
     double steps = h / @STEP@;

@@ -1,6 +1,6 @@
-"""Plausibility checks: mistakes in the input that would give a wrong model without an error, named before they do.
+"""Plausibility checks of recordings, stated data and models, for mistakes that give a wrong model silently.
 
-Each check is one function in one list; `doubts` runs them. A check warns, it changes nothing.
+Each check is one function in a list, and `doubts` runs them. A check only warns and changes nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +16,6 @@ __all__ = ["CHECKS", "UNITS", "Case", "Check", "doubts"]
 
 
 def doubts(case: Case, *subjects: Subject) -> dict[str, str]:
-    """Sentences of the checks of these subjects that find something, by the name of the check; default: all."""
+    """Return the sentences of all checks of `subjects` (default: all) that found a problem, by name of the check."""
     chosen = [c for c in CHECKS if not subjects or c.subject in subjects]
     return {c.name: sentence for c in chosen if (sentence := c.find(case))}

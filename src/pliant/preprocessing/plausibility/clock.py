@@ -1,4 +1,4 @@
-"""Checks of the clocks: times in milliseconds that were read as seconds, and the other way round."""
+"""Checks of sample times: milliseconds that were read as seconds, and the reverse."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ SLOWEST, FASTEST = 1.0, 5e-5  # s from sample to sample
 
 
 def unit(case: Case) -> str:
-    """Samples too far apart or too close for the motion of a soft body."""
+    """Return a sentence where samples are too far apart or too close for the motion of a soft body; else ""."""
     for name, what in (("time", "frames"), ("pressure_time", "samples of pressure")):
         if case.recording is None or name not in case.recording.coords or case.recording.sizes.get(name, 0) < 2:
             continue
         step = float(np.median(np.diff(case.recording[name].values)))
         if step > SLOWEST:
-            return (f"the {what} are {step:.4g} s apart: are the times ms or us, read as s? Name the column t_ms or "
-                    "t_us, or state time_unit in the mapping")  # fmt: skip
+            return (f"the {what} are {step:.4g} s apart: were times in ms or us read as s? Name the column t_ms or "
+                    "t_us, or set time_unit in the mapping")  # fmt: skip
         if step < FASTEST:
-            return f"the {what} are {step:.3g} s apart: are the times s, read as ms or us? Check time_unit"
+            return f"the {what} are {step:.3g} s apart: were times in s read as ms or us? Check time_unit"
     return ""
 
 
 CHECKS = (
-    Check("unit of time", "recording", "the median step of each clock",
+    Check("unit of time", "recording", "the median step of the times of shape and pressure",
           f"above {SLOWEST:g} s, too slow for a motion; below {1e6 * FASTEST:g} us, faster than sensors of motion and "
-          "pressure are", unit),
+          "pressure sample", unit),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The interface of a plausibility check: its input and its result."""
+"""Input (`Case`) and definition (`Check`) of a plausibility check."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ Subject = Literal["recording", "body", "model"]
 
 @dataclass(frozen=True)
 class Case:
-    """Everything that is known when the checks run; a check that needs what is missing finds nothing.
+    """Input of the plausibility checks: recording, stated data and model, as far as they are known.
+
+    A check finds nothing where its input is missing.
 
     Attributes
     ----------
     recording : xarray.Dataset
-        As read; where markers make a station, of the stations.
+        The recording as read, or with its marker clusters assembled to stations.
     swapped : dict
-        Frames in which labels are exchanged, by the names of the stations; see `pliant.preprocessing.labels`.
+        Numbers of frames with exchanged labels, by the names of the stations; see `pliant.preprocessing.labels`.
     aligned : xarray.Dataset, optional
         The recording in the base frame.
     length, mass, diameter : float, optional
-        Of the body as stated, m, kg, m.
+        Stated length [m], mass [kg] and diameter [m] of the body.
     gravity : tuple of float, optional
-        As stated, m/s^2: x, y of the base frame, or x, y, z of the tracker.
+        Stated gravity, m/s^2: x, y of the base frame, or x, y, z of the tracker.
     model : Model, optional
-        As fitted.
+        The fitted model.
     """
 
     recording: xr.Dataset | None = None
@@ -46,17 +48,17 @@ class Case:
 
 @dataclass(frozen=True)
 class Check:
-    """One check: a mistake that would give a wrong model without an error.
+    """A plausibility check: a function that detects one mistake, with its name, subject and threshold.
 
     Attributes
     ----------
     name : str
     subject : {"recording", "body", "model"}
-        What it judges: each recording, the numbers stated of the body, or the fitted model.
+        What the check examines: each recording, the stated data of the body, or the fitted model.
     looks_at, threshold : str
-        For the documentation: what is compared, and the limit with its reason.
+        Texts for the documentation: what is compared, and the limit with its reason.
     find : callable
-        From a `Case` to one sentence with what was seen and what to do, empty where nothing is wrong.
+        Function of a `Case` that returns one sentence with the problem and the remedy, "" where there is none.
     """
 
     name: str

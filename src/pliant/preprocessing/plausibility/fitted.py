@@ -1,4 +1,4 @@
-"""Checks of the fitted model: whether its stiffness and its torque are those of a soft body of its size."""
+"""Checks of a fitted model: whether stiffness and torque are plausible for a soft body of its size."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ STIFFEST = 5e3  # Pa, EI / L^4: a solid rod of 8 MPa, a third as wide as long
 MODULUS = (1e3, 1e9)  # Pa: hydrogel, and a hard plastic
 ROUND = np.pi / 64  # second moment of area of a solid round section, over the fourth power of its diameter
 LARGEST_ARM = np.pi / 8  # area of that section times its radius, over the third power of its diameter
-USUAL_WIDTH = 0.4  # diameter in parts of the length where none is stated
+USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is stated
 
 
 def stiffness(case: Case) -> str:
-    """A bending stiffness that no soft body of the size has."""
+    """Return a sentence where the fitted bending stiffness is implausible for the size of the body; else ""."""
     if case.model is None:
         return ""
     section, length = float(np.max(bending_stiffness(case.model))), case.model.length
@@ -24,16 +24,19 @@ def stiffness(case: Case) -> str:
         if MODULUS[0] <= modulus <= MODULUS[1]:
             return ""
         return (f"the fitted bending stiffness EI = {section:.3g} N m^2 needs a modulus of {modulus:.3g} Pa at "
-                f"{1e3 * case.diameter:.3g} mm diameter, and soft bodies have {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa: "
+                f"{1e3 * case.diameter:.3g} mm diameter, but soft bodies have {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa: "
                 "check mass, length and diameter")  # fmt: skip
     if section <= STIFFEST * length**4:
         return ""
-    return (f"the fitted bending stiffness EI = {section:.3g} N m^2 is that of no soft body of {1e3 * length:.4g} mm: "
-            "check mass (kg) and length (m), whose scale it shares")  # fmt: skip
+    return (f"the fitted bending stiffness EI = {section:.3g} N m^2 is implausible for a soft body of "
+            f"{1e3 * length:.4g} mm: check mass (kg) and length (m), which scale it")  # fmt: skip
 
 
 def torque(case: Case) -> str:
-    """A torque for each pascal that no chamber within the body can make: it is an area times a lever."""
+    """Return a sentence where no chamber within the body could produce the fitted torque per pascal; else "".
+
+    The torque per pascal is an area times a lever arm.
+    """
     if case.model is None:
         return ""
     inputs = [c for c in case.model.chambers if c.kind == "pressure"]  # a tendon's torque is for a newton or a metre
@@ -42,8 +45,8 @@ def torque(case: Case) -> str:
     most = LARGEST_ARM * wide**3
     if made <= most:
         return ""
-    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever of {made:.3g} m^3, and a section of "
-            f"{1e3 * wide:.3g} mm holds {most:.2g} at most: check mass (kg), length (m) and the "
+    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever arm of {made:.3g} m^3, but a section of "
+            f"{1e3 * wide:.3g} mm diameter has {most:.2g} at most: check mass (kg), length (m) and the "
             "unit of pressure")  # fmt: skip
 
 
@@ -51,7 +54,7 @@ CHECKS = (
     Check("bending stiffness", "model", "fitted EI over the fourth power of the length; the modulus where a diameter "
           "is stated", f"above {STIFFEST:g} Pa, a solid rod of 8 MPa a third as wide as long; modulus outside "
           f"{MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
-    Check("torque", "model", "fitted torque for each pascal, which is a chamber's area times its lever",
+    Check("torque", "model", "fitted torque per pascal, which is a chamber's area times its lever arm",
           "above the whole section times its radius; the diameter where none is stated is "
           f"{USUAL_WIDTH:g} of the length", torque),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Checks of what was seen of the body: its size, its turn, the names of its points, its direction at the base."""
+"""Checks of the measured shape: its size, rotation, labels, base, plane and base tangent."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pliant.preprocessing.plausibility.contract import Case, Check
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
 MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
-LEAST_TURN = 180.0 / 57.3  # degrees: pi, the largest that an angle in rad reads where it is below half a turn
-MOST_TILT = 60.0  # degrees: the chord of a body that rests bent by twice as much
-BASE_SHARE, STILL_SHARE = 0.1, 0.2  # of the largest travel, which a base moves less, and of its own
-FOUND, MOST_OUT = ("motion", "body"), 0.3  # planes that follow the recording itself; share of the motion
-DENSE = 8  # stations from which on the direction near the base is seen
+LEAST_TURN = 180.0 / 57.3  # degrees: pi, the largest value in rad of an angle below half a turn
+MOST_TILT = 60.0  # degrees: tilt of the chord of a body that is bent by twice this angle at rest
+BASE_SHARE, STILL_SHARE = 0.1, 0.2  # of the largest displacement; of the base's displacement
+FOUND, MOST_OUT = ("motion", "body"), 0.3  # planes determined from the recording itself; fraction of the motion
+DENSE = 8  # stations: from here on the direction near the base is measured
 
 
 def length_unit(case: Case) -> str:
-    """Positions in millimetres that were read as metres, and the like."""
+    """Return a sentence where the extent of the positions suggests a wrong unit of length; else ""."""
     recording = case.recording
     if (
         recording is None
@@ -29,18 +29,20 @@ def length_unit(case: Case) -> str:
     ):
         return ""
     size = extent(recording["position"].values)
-    return "" if LEAST_BODY < size < MOST_BODY else f"the stations lie within {size:.3g} m: check the unit of length"
+    if LEAST_BODY < size < MOST_BODY:
+        return ""
+    return f"all positions are within {size:.3g} m, implausible for a soft body: check the unit of length"
 
 
 def extent(position: np.ndarray) -> float:
-    """Diagonal of the box that holds every point that was seen, m."""
+    """Return the diagonal [m] of the box that contains every measured point."""
     parts = [p for p in detectors.seen_points(position, np.zeros(position.shape[-1])) if p.size]
     low, high = (np.array([f(p, axis=0) for p in parts]) for f in (np.min, np.max))
     return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) if parts else 0.0
 
 
 def angle_unit(case: Case) -> str:
-    """Degrees that were read as radians, or the other way round."""
+    """Return a sentence where angles suggest degrees read as radians, or the reverse; else ""."""
     recording = case.recording
     if recording is None or "angle" not in recording:
         return ""
@@ -51,34 +53,34 @@ def angle_unit(case: Case) -> str:
         return ""
     name = max(turn, key=lambda n: turn[n])
     if turn[name] > MOST_TURN:
-        return (f"the angle of {name} turns by {turn[name]:.4g} degrees: are its values degrees, read as rad? State "
-                'angle_unit = "deg", and correct the header where it says otherwise')  # fmt: skip
+        return (f"the angle of {name} turns by {turn[name]:.4g} degrees: were degrees read as rad? Set "
+                'angle_unit = "deg" in the mapping, and correct the header where it states rad')  # fmt: skip
     if "position" not in recording and 0 < turn[name] < LEAST_TURN and np.nanmax(np.abs(angle)) < LEAST_TURN:
-        return (f"no angle turns by more than {turn[name]:.2g} degrees: are the values radians, read as degrees? State "
-                'angle_unit = "rad" if they are')  # fmt: skip
+        return (f"no angle turns by more than {turn[name]:.2g} degrees: were radians read as degrees? Then set "
+                'angle_unit = "rad" in the mapping')  # fmt: skip
     return ""
 
 
 def swapped(case: Case) -> str:
-    """Stations that exchange their labels for some frames."""
+    """Return a sentence where stations exchange their labels in some frames; else ""."""
     if not case.swapped:
         return ""
     listed = ", ".join(f"{names} in {count} frames" for names, count in case.swapped.items())
-    return (f'labels are exchanged: {listed}. Say swaps = "undo" or swaps = "exclude" in [alignment]: as they are, the '
-            "frames count as the body's motion")  # fmt: skip
+    return (f'stations exchange their labels: {listed}. Set swaps = "undo" or swaps = "exclude" in [alignment]; '
+            "otherwise these frames count as motion of the body")  # fmt: skip
 
 
 def tangent(case: Case) -> str:
-    """A base tangent that points beside the body."""
+    """Return a sentence where the base tangent points away from the body at rest; else ""."""
     angle = tilt(case)
     if angle is None or angle < MOST_TILT:
         return ""
     return (f"the base tangent points {angle:.0f} degrees away from the body at rest: check tangent in "
-            '[alignment.options], or take tangent = "chord"')  # fmt: skip
+            '[alignment.options], or set tangent = "chord"')  # fmt: skip
 
 
 def moving_base(case: Case) -> str:
-    """A station taken for the base that moves more than the others: the stations in reverse order."""
+    """Return a sentence where the base station moves more than another one, as in reverse order; else ""."""
     report = report_of(case)
     if case.recording is None or report is None or "position" not in case.recording:
         return ""
@@ -88,24 +90,24 @@ def moving_base(case: Case) -> str:
     travel = np.nan_to_num(detectors.travel(detectors.without_spikes(case.recording["position"].values)))
     still, own = int(np.argmin(travel)), travel[names.index(base)]
     if own > BASE_SHARE * travel.max() and travel[still] < STILL_SHARE * own:
-        return (f"{base}, taken for the base, moves by {1e3 * own:.3g} mm, and {names[still]} by only "
-                f"{1e3 * travel[still]:.2g} mm: are the stations in reverse order? State the one that stands still as "
-                "base in [alignment.options], and list the stations from there to the tip")  # fmt: skip
+        return (f"the base station {base} moves by {1e3 * own:.3g} mm, but {names[still]} by only "
+                f"{1e3 * travel[still]:.2g} mm: are the stations in reverse order? Set base in [alignment.options] "
+                "to the station that does not move, and list the stations from there to the tip")  # fmt: skip
     return ""
 
 
 def plane(case: Case) -> str:
-    """A recording in the plane of another one, or in a stated plane, that moves out of it."""
+    """Return a sentence where much of the motion is out of a stated plane or the first recording's plane; else ""."""
     report = report_of(case)
     if report is None or report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
         return ""
-    return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the plane that was stated, or of that of "
-            "the first recording: was the tracker moved between them? Then state alignment = { options = { plane = "
-            '"motion", bend = "positive" } } for this recording, or "negative" for one that bends back')  # fmt: skip
+    return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the stated plane, or the plane of "
+            "the first recording: was the tracker moved in between? Then set alignment = { options = { plane = "
+            '"motion", bend = "positive" } } for this recording, or "negative" if it bends the other way')  # fmt: skip
 
 
 def report_of(case: Case) -> Alignment | None:
-    """How the recording was aligned; None where it was not."""
+    """Return the `Alignment` report of the case's aligned recording; None where there is none."""
     try:
         return None if case.aligned is None else alignment_of(case.aligned)
     except InputError:
@@ -113,7 +115,11 @@ def report_of(case: Case) -> Alignment | None:
 
 
 def tilt(case: Case) -> float | None:
-    """Angle between base tangent and body at rest, degrees: to the last station, of a dense shape to a third of it."""
+    """Return the angle [degrees] between the base tangent and the body at rest; None where it is unknown.
+
+    The direction of the body is that of the last station or, for a dense shape, of the station at a third of its
+    length.
+    """
     report = report_of(case)
     if case.recording is None or report is None or "position" not in case.recording:
         return None
@@ -136,16 +142,18 @@ CHECKS = (
     Check("unit of length", "recording", "the box that holds all points",
           f"outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
     Check("unit of angle", "recording", "the range of each measured angle",
-          f"above {MOST_TURN:g} degrees, more than a body that curls up once; of angles alone also below "
-          f"{LEAST_TURN:.3g} degrees, where half a turn in rad would lie", angle_unit),
-    Check("exchanged labels", "recording", "from frame to frame, which point continues which",
-          "exchanging the labels of two or more points shortens their steps to a quarter, clear of the noise", swapped),
-    Check("moving base", "body", "travel of the station that was taken for the base, and of the others",
-          f"above {BASE_SHARE:g} of the largest travel, where another station moves by less than {STILL_SHARE:g} of it",
+          f"above {MOST_TURN:g} degrees, more than a body that curls up once; without positions also below "
+          f"{LEAST_TURN:.3g} degrees, the value of half a turn in rad", angle_unit),
+    Check("exchanged labels", "recording", "which point continues which from frame to frame",
+          "exchanging the labels of two or more points shortens their steps to a quarter, beyond the noise", swapped),
+    Check("moving base", "body", "peak displacement of the base station and of the others",
+          f"above {BASE_SHARE:g} of the largest, where another station moves by less than {STILL_SHARE:g} of the "
+          "base's",
           moving_base),
-    Check("plane", "body", "share of the motion out of a stated plane, or that of the first recording",
+    Check("plane", "body", "fraction of the motion out of a stated plane or the plane of the first recording",
           f"above {MOST_OUT:g}: a body that bends in one plane shows up to 0.12", plane),
-    Check("base tangent", "body", "angle between the base tangent and the way to the last station at rest (of eight "
-          "stations or more: a third of the way)", f"above {MOST_TILT:g} degrees, which a body at rest that is bent by "
-          f"{2 * MOST_TILT:g} degrees has", tangent),
+    Check("base tangent", "body", "angle between the base tangent and the direction to the last station at rest "
+          "(with eight stations or more: to the station at a third of the body)",
+          f"above {MOST_TILT:g} degrees, the angle of a body that is bent by "
+          f"{2 * MOST_TILT:g} degrees at rest", tangent),
 )  # fmt: skip

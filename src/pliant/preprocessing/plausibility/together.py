@@ -1,4 +1,4 @@
-"""Checks of several recordings of one body: one that is there twice, pressures that belong to another one."""
+"""Checks of several recordings of one body: copies of a recording, and exchanged pressure logs."""
 
 from __future__ import annotations
 
@@ -8,50 +8,56 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 
-from pliant.numerics.peak import peak
+from pliant.numerics.ringdown import peak
 from pliant.preprocessing import detectors
 
-COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least: a film at rest may repeat some
-PLATEAU, LEAST_S = 0.9, 0.15  # of the highest pressure, and how long it must last for the body to follow, s
-MORE, LESS = 1.15, 0.85  # pressure that is higher by more than this, and yet moves the body by less than that
+COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least this many: frames at rest may repeat
+PLATEAU, LEAST_S = 0.9, 0.15  # of the highest pressure; s that it must last for the body to follow
+MORE, LESS = 1.15, 0.85  # ratio of pressures above the first, yet ratio of displacements below the second
 
 
 def beside(recordings: Mapping[str, xr.Dataset]) -> list[str]:
-    """Return one sentence for each pair of recordings that contradict each other, in the order given.
+    """Return one sentence for each pair of recordings that contradict each other, in the given order.
 
     Parameters
     ----------
     recordings : mapping of str to xarray.Dataset
-        In one frame, by name; of one body in one set-up.
+        Recordings of one body in one frame and experimental set-up, by name.
     """
     return [*copies(recordings), *exchanged(recordings)]
 
 
 def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """Two recordings that hold the same numbers: a held-out copy of a training record proves nothing."""
+    """Yield a sentence for each pair of recordings that contain the same numbers.
+
+    A held-out copy of a training recording validates nothing.
+    """
     shapes = {n: r["position" if "position" in r else "angle"].values for n, r in recordings.items()}
     seen = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
     for one, other in combinations(recordings, 2):
         shared = len(seen[one] & seen[other])
         if shared >= max(FEWEST, COPIED * min(len(seen[one]), len(seen[other]))):
-            yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? No record "
-                   "judges a model that was fitted to it")  # fmt: skip
+            yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? Leave the "
+                   "copy out: a recording cannot validate a model that was fitted to it")  # fmt: skip
 
 
 def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """A higher pressure that holds the body at a smaller displacement: their logs may be exchanged."""
+    """Yield a sentence for each pair in which the higher pressure gives the smaller displacement.
+
+    Their pressure logs may be exchanged.
+    """
     held = {n: found for n, r in recordings.items() if (found := plateau(r)) is not None}
     for one, other in combinations(held, 2):
         low, high = sorted((one, other), key=lambda n: abs(held[n][0]))
         (p, u), (higher, less) = held[low], held[high]
         if p * higher > 0 and abs(higher) > MORE * abs(p) and less < LESS * u:
-            yield (f"{high} moves by {1e3 * less:.3g} mm under {higher / 1e3:.3g} kPa, {low} by {1e3 * u:.3g} mm "
-                   f"under only {p / 1e3:.3g} kPa: are their pressures exchanged, or was {high} loaded or "
-                   "touched?")  # fmt: skip
+            yield (f"{high} moves by {1e3 * less:.3g} mm under {higher / 1e3:.3g} kPa, but {low} by {1e3 * u:.3g} mm "
+                   f"under only {p / 1e3:.3g} kPa: are their pressure logs exchanged, or was the body in {high} "
+                   "loaded or touched?")  # fmt: skip
 
 
 def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
-    """Highest pressure [Pa] and displacement of the last station [m] at its end; None where it does not last."""
+    """Return the highest pressure [Pa] and the last station's displacement [m] at its end, or None if too short."""
     if "position" not in recording or "pressure" not in recording or recording["pressure"].ndim != 1:
         return None
     clock, measured = recording["pressure_time"].values, recording["pressure"].values

@@ -1,4 +1,4 @@
-"""A camera of the virtual laboratory: it films the virtual actuator, with the truth aside."""
+"""A virtual camera that films the virtual actuator and returns the true motion with the film."""
 
 from pliant.testbed.camera.film import Filmed, film, film_motion
 from pliant.testbed.camera.scene import Look

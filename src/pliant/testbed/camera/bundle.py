@@ -1,7 +1,7 @@
-"""The film that comes with the package: ``python -m pliant.testbed.camera.bundle`` makes it anew.
+"""Generate the bundled film: ``python -m pliant.testbed.camera.bundle``.
 
-Actuator "a" under three pulses, seen by a camera a little from the side; a log of the pressure with a clock of its own;
-what `pliant track` made of the film.
+It writes a film of actuator "a" under three pulses, seen by a camera slightly from the side; a log of the pressure with
+its own clock; and the track that `pliant track` computes from the film.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ SHUTTER = Shutter(exposure=2e-3, defocus=0.5, noise=2.0)
 
 
 def case() -> Scenario:
-    """The scenario that is filmed."""
+    """Return the scenario of the bundled film: three pulses of pressure."""
     steps = tuple(point for at, level in zip(EDGES, LEVELS, strict=True) for point in ((at, level), (at + WIDTH, 0.0)))
     return Scenario("filmed_pulses", "pulses of 60, 180 and 119 kPa", END, Command("steps", steps))
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write film, log and track."""
+    """Write the film, the pressure log and the track to `folder`."""
     from pliant.recording import append_history, write
     from pliant.video import track_video
 
     folder.mkdir(parents=True, exist_ok=True)
-    made = film(case(), folder / "film.mp4", seed=SEED, view=VIEW, look=LOOK, shutter=SHUTTER)
-    at = np.arange(0.0, made.pressure_time[-1] - LOG_STARTS, 1.0 / LOG_RATE)
-    kpa = np.interp(at + LOG_STARTS, made.pressure_time, 1e-3 * made.pressure)
-    rows = "".join(f"{1e3 * t:.0f},{p:.2f}\n" for t, p in zip(at, kpa, strict=True))
+    filmed = film(case(), folder / "film.mp4", seed=SEED, view=VIEW, look=LOOK, shutter=SHUTTER)
+    log_times = np.arange(0.0, filmed.pressure_time[-1] - LOG_STARTS, 1.0 / LOG_RATE)
+    kpa = np.interp(log_times + LOG_STARTS, filmed.pressure_time, 1e-3 * filmed.pressure)
+    rows = "".join(f"{1e3 * t:.0f},{p:.2f}\n" for t, p in zip(log_times, kpa, strict=True))
     write_text(folder / "film_log.csv", f"t_ms,p_kpa\n{rows}")
     tracked = track_video(folder / "film.mp4", camera())
     rounded = tracked["position"].copy(data=tracked["position"].to_numpy().round(6))
@@ -52,7 +52,7 @@ def main(folder: Path = FOLDER) -> None:
 
 
 def camera() -> dict[str, Any]:
-    """The ``[camera]`` that a laboratory would write, pixels to a hundredth."""
+    """Return the ``[camera]`` table of a mapping for this film, with pixels rounded to a hundredth."""
     table = VIEW.table()
     table["plane"]["pixels"] = np.round(table["plane"]["pixels"], 2).tolist()
     return {**table, "exposure_ms": 1e3 * SHUTTER.exposure, "readout_ms": 0.0}

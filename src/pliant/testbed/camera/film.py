@@ -1,18 +1,20 @@
-"""A film of a scenario as MP4, the log of its pressure, and the truth aside."""
+"""Film a scenario of the virtual actuator as MP4, with the pressure log and the true motion."""
 
 from __future__ import annotations
 
+import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.errors import InputError
+from pliant.files import whole
 from pliant.testbed.camera.scene import Look
 from pliant.testbed.camera.shutter import Scene, Shutter, moments
-from pliant.testbed.camera.times import tell_gaps
 from pliant.testbed.camera.view import View
 from pliant.testbed.laboratory import resolved, run_rod
 from pliant.testbed.rod import RodParameters
@@ -27,18 +29,22 @@ if TYPE_CHECKING:
 
     Shape = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
+INSIDE = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"edts")  # boxes that hold boxes
+DURATION = {b"mvhd": 16, b"tkhd": 20, b"elst": 8, b"mdhd": 16}  # offset of the duration in a box (version 0)
+
+
 @dataclass(frozen=True)
 class Filmed:
-    """Facts about a film, beside its file.
+    """The pressure log and the true motion that belong to a film file.
 
     Attributes
     ----------
     truth : xarray.Dataset
-        As `pliant.testbed.truth.make_truth`, at the middle of each frame's exposure, lost frames left out.
+        Dataset of `pliant.testbed.truth.make_truth` at the middle of each frame's exposure, without lost frames.
     pressure_time, pressure : arrays (P,), s and Pa
-        What the pressure's sensor logged.
+        Times and readings of the pressure sensor.
     length : float, m
-        Of the body, without the edge that carries the cap.
+        Length of the body, without the edge that carries the cap.
     """
 
     truth: xr.Dataset
@@ -47,7 +53,7 @@ class Filmed:
     length: float
 
     def centreline(self) -> NDArray[np.float64]:
-        """True centrelines (T, N, 2) of the body, m, base at the origin and its tangent +y."""
+        """Return the true centrelines (T, N, 2) [m] of the body, base at the origin with its tangent along +y."""
         inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
         return np.asarray(self.truth["position"].to_numpy()[:, inside])
 
@@ -63,19 +69,19 @@ def film(
     shutter: Shutter | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Filmed:
-    """Film a scenario of the virtual actuator.
+    """Film a scenario of the virtual actuator and return the true motion.
 
     Parameters
     ----------
     case, body : as `pliant.testbed.generate`
     path : Path
-        The film to write, .mp4, whole or not at all.
+        The .mp4 file to write. An interrupted run leaves no partial file.
     seed : int
-        Of the board and of all noise.
+        Seed of the background and of all noise.
     view, look, shutter : optional
-        Where the camera stands, what it sees, how it records.
+        Position of the camera, appearance of the scene, exposure and noise.
     progress : callable, optional
-        Called with the fraction that is done.
+        Called with the completed fraction.
 
     Raises
     ------
@@ -100,7 +106,7 @@ def film(
 def film_motion(
     shape: Shape, duration: float, path: Path, scene: Scene, progress: Callable[[float], None] | None = None
 ) -> NDArray[np.float64]:
-    """Film any motion.
+    """Film a moving centreline given as a function of time.
 
     Parameters
     ----------
@@ -128,5 +134,57 @@ def film_motion(
             write(picture)
             if progress is not None:
                 progress((done + 1) / len(kept))
-    tell_gaps(path, np.diff(kept).tolist())
+    write_frame_gaps(path, np.diff(kept).tolist())
     return np.asarray(start[kept] + 0.5 * shutter.exposure)
+
+
+def write_frame_gaps(path: Path, steps: list[int]) -> None:
+    """Rewrite the frame times of an evenly spaced MP4 file so that lost frames appear as longer frames.
+
+    OpenCV's writer cannot do this.
+
+    `steps` gives the time from each frame to the next, as a multiple of the frame period.
+
+    Parameters
+    ----------
+    path : Path
+        MP4 file as OpenCV writes it: one track, with the index behind the pictures.
+    steps : list of int
+        One entry fewer than there are frames; if all are 1, the file is unchanged.
+    """
+    if all(step == 1 for step in steps):
+        return
+    content = path.read_bytes()
+    longer = (sum(steps) + 1) / (len(steps) + 1)
+    with whole(path) as draft:
+        draft.write_bytes(b"".join(_boxes(content, [*steps, 1], longer)))
+
+
+def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
+    at = 0
+    while at + 8 <= len(content):
+        size, kind = struct.unpack_from(">I4s", content, at)
+        if not 8 <= size <= len(content) - at:
+            raise InputError("the film is not an MP4 file as OpenCV writes it: film it again")
+        inner = content[at + 8 : at + size]
+        if kind in INSIDE:
+            inner = b"".join(_boxes(inner, steps, longer))
+        elif kind == b"stts":
+            inner = _table(inner, steps)
+        elif kind in DURATION:
+            inner = _longer(inner, DURATION[kind], longer)
+        yield struct.pack(">I4s", len(inner) + 8, kind) + inner
+        at += size
+
+
+def _table(inner: bytes, steps: list[int]) -> bytes:
+    count, tick = struct.unpack_from(">II", inner, 8)
+    if count != len(steps):
+        raise InputError(f"the film has {count} frames, expected {len(steps)}")
+    rows = [(1, tick * step) for step in steps]
+    return inner[:4] + struct.pack(">I", len(rows)) + b"".join(struct.pack(">II", *row) for row in rows)
+
+
+def _longer(inner: bytes, at: int, longer: float) -> bytes:
+    duration = struct.unpack_from(">I", inner, at)[0]
+    return inner[:at] + struct.pack(">I", round(duration * longer)) + inner[at + 4 :]

@@ -1,4 +1,4 @@
-"""The scene before the camera: the body, its base block, the board behind, the light and a hand."""
+"""The filmed scene: the body, its base block, the background board, the light and a hand."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Colour = tuple[float, float, float]  # blue, green, red; 0 to 255
-Layer = tuple[list[Array], Colour]  # outlines (N, 2) that do not overlap, and what fills them
+Layer = tuple[list[Array], Colour]  # outlines (N, 2) that do not overlap, and their fill colour
 SKIN: Colour = (140.0, 165.0, 215.0)
-CELLS = 6  # of a marker of four by four, with its frame
-PIECES = 4  # of an outline to a pixel
+CELLS = 6  # per side of a 4 x 4 marker with its frame
+PIECES = 4  # pieces of an outline per pixel
 
 
 @dataclass(frozen=True)
 class Look:
-    """Appearance of the scene (SI; colours as blue, green, red).
+    """Appearance of the filmed scene (SI units; colours as blue, green, red).
 
     Attributes
     ----------
     half_width : (float, float), m
-        Of the body at base and tip.
+        Half width of the body at base and tip.
     marks : {"none", "dots", "aruco"}
-        On the body, at `mark_places` (shares of the length).
+        Marks on the body, at `mark_places` (fractions of the length).
     clutter : int
-        Things on the board behind the body.
+        Number of objects on the board behind the body.
     light : float
-        Share by which the light falls off from one side of the picture to the other.
+        Fraction by which the light falls off from one side of the picture to the other.
     gloss : float
-        A brighter stripe along the body beside its middle, in levels.
+        Brightness of a stripe along the body beside its middle, in levels of 255.
     hand : (float, float), s
-        When a hand passes over the body; equal: never.
+        Start and end of a hand's passage over the body; equal values: no hand.
     """
 
     body: Colour = (190.0, 205.0, 215.0)
@@ -56,7 +56,7 @@ class Look:
 
 
 def board(view: View, look: Look, rng: np.random.Generator) -> Array:
-    """The picture (H, W, 3) without the body, before light and lens blur, float32."""
+    """Return the background picture (H, W, 3), float32: board, clutter and base block, before light and blur."""
     cv2 = opencv("a virtual camera")
     width, height = view.size
     picture = np.empty((height, width, 3), np.float32)
@@ -78,14 +78,14 @@ def board(view: View, look: Look, rng: np.random.Generator) -> Array:
 
 
 def lighting(view: View, look: Look) -> Array:
-    """Share of the light (H, W, 1) that falls on each pixel: a slope and a bright spot."""
+    """Return the relative brightness (H, W, 1) of each pixel, made of a linear slope and a bright spot."""
     y, x = np.mgrid[: view.size[1], : view.size[0]].astype(np.float32) / np.float32(view.size[0])
     spot = np.exp(-((x - 0.35) ** 2 + (y - 0.3) ** 2) / 0.05)
     return np.asarray(1.0 - look.light * (x - 0.35 * spot), np.float32)[..., None]
 
 
 def layers(view: View, look: Look, shape: NDArray[np.float64]) -> list[Layer]:
-    """Outlines in pixels, the lower first, of the body with the centreline `shape` (N, 2) [m], base first."""
+    """Return the outlines [pixels] of a body with the centreline `shape` (N, 2) [m], base first, lowest layer first."""
     from scipy.interpolate import CubicSpline
 
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1)))
@@ -113,7 +113,7 @@ def _normal(line: Any, s: Array) -> Array:
 
 
 def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Layer]:
-    """A round dot, or the cells of a marker, about the centreline at `s` [m]."""
+    """Return the outline of a round dot, or of a marker's cells, on the centreline at `s` [m]."""
     half = float(np.interp(s / line.x[-1], [0.0, 1.0], look.half_width))
     normal = _normal(line, np.array(s))
     frame = np.stack([normal, np.array([normal[1], -normal[0]])])  # across to the left, along to the tip
@@ -127,7 +127,7 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
     side, unit = 1.35 * half, np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
     def square(corner: Array, cells: int) -> Array:
-        """Its rows run from tip to base, its columns from left to right."""
+        """Return the outline of a square of marker cells. Rows run from tip to base, columns from left to right."""
         place = (unit * cells + corner) / CELLS - 0.5
         return view.pixels(line(s) + side * (place * [-1.0, 1.0]) @ frame)
 
@@ -136,7 +136,7 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
 
 
 def hand(view: View, look: Look, time: float) -> list[Layer]:
-    """Outlines of a hand that crosses the picture from the left, palm and fingers; none outside its time."""
+    """Return the outlines [pixels] of a hand that enters from the left, or [] outside its time interval."""
     begin, end = look.hand
     if not begin <= time < end:
         return []
@@ -158,7 +158,7 @@ def hand(view: View, look: Look, time: float) -> list[Layer]:
 
 
 def over(picture: Array, shapes: list[Layer]) -> Array:
-    """The picture (H, W, 3) with outlines over it, their borders smooth."""
+    """Draw filled outlines with antialiased borders onto the picture (H, W, 3), in place, and return it."""
     x0, y0, x1, y1 = bounds(shapes, (picture.shape[1], picture.shape[0]), 0)
     colour, cover = painted(shapes, (x0, y0, x1, y1))
     part = picture[y0:y1, x0:x1]
@@ -167,7 +167,7 @@ def over(picture: Array, shapes: list[Layer]) -> Array:
 
 
 def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int, int, int, int]:
-    """First and last pixel (exclusive) that outlines touch: x0, y0, x1, y1, within the picture."""
+    """Return the pixel box x0, y0, x1, y1 (ends exclusive) of the outlines, enlarged by `margin`, within `size`."""
     points = np.concatenate([outline for outlines, _ in shapes for outline in outlines])
     low = np.clip(np.floor(points.min(axis=0)).astype(int) - 1 - margin, 0, np.array(size) - 1)
     high = np.clip(np.ceil(points.max(axis=0)).astype(int) + 2 + margin, low + 1, size)
@@ -175,7 +175,7 @@ def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int
 
 
 def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array, Array]:
-    """Colour times coverage (h, w, 3) and coverage (h, w) of layers in a part of the picture, float32."""
+    """Return colour times coverage (h, w, 3) and coverage (h, w) of the layers within the pixel box, float32."""
     x0, y0, x1, y1 = box
     colour, cover = np.zeros((y1 - y0, x1 - x0, 3), np.float32), np.zeros((y1 - y0, x1 - x0), np.float32)
     for layer in shapes:
@@ -191,9 +191,9 @@ def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array,
 
 
 def coverage(outlines: list[Array], box: tuple[int, int, int, int]) -> Array:
-    """Share (h, w) of each pixel that lies inside outlines (N, 2) which do not overlap, float32.
+    """Return the fraction (h, w) of each pixel that lies inside the non-overlapping outlines (N, 2), float32.
 
-    By Green's theorem, summed along the rows, over pieces of a quarter of a pixel.
+    It is computed by Green's theorem, summed along the rows over pieces of a quarter of a pixel.
     """
     x0, y0, x1, y1 = box
     h, w = y1 - y0, x1 - x0

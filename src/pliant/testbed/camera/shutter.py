@@ -1,4 +1,4 @@
-"""From a scene to frames of a film: exposure, focus, noise of the sensor, frames that are lost or repeated."""
+"""Render film frames from a scene: exposure, defocus, sensor noise, and lost or repeated frames."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
     from pliant.testbed.camera.view import View
 
 Array = np.ndarray
-BLUR_STEP, MOST_STEPS = 2.0, 12  # pixels of motion between two moments of an exposure, and at most so many moments
+BLUR_STEP, MOST_STEPS = 2.0, 12  # pixels of motion between two moments of an exposure, and the most moments
 NOISE_SHIFT = 97  # pixels by which one picture of noise is moved about, each frame another way
 
 
 @dataclass(frozen=True)
 class Shutter:
-    """Exposure and noise of the camera (SI); 0 switches an imperfection off.
+    """Exposure and noise of the virtual camera (SI units); 0 switches an imperfection off.
 
     Attributes
     ----------
     rate : float, Hz
     exposure : float, s
-        The shutter opens at the time of the frame and stays open so long.
+        Exposure time; the shutter opens at the time of the frame.
     defocus : float, pixels
         Standard deviation of the blur.
     noise : float, levels
-        Standard deviation of a pixel at full brightness; it goes with the root of the brightness.
+        Standard deviation of a pixel at full brightness; it scales with the root of the brightness.
     quality : int
-        Of a first, coarse compression of each frame, 1 to 100; 0: none. The film's own codec comes after it.
+        JPEG quality of a first compression of each frame, 1 to 100; 0: none. The film's codec is applied after it.
     dropped : tuple of int
-        Frames that are lost; the file's times tell.
+        Numbers of lost frames; the file's frame times show the gaps.
     doubled : tuple of int
-        Frames in whose place the one before stands once more.
+        Numbers of frames that are replaced by a copy of the frame before.
     """
 
     rate: float = 60.0
@@ -52,7 +52,7 @@ class Shutter:
 
 
 class Scene:
-    """The board and the light, made once, and the noise that is added to each frame."""
+    """Renders frames of a film; background, light and a picture of noise are computed once."""
 
     def __init__(self, view: View, look: Look, shutter: Shutter, rng: np.random.Generator) -> None:
         self.view, self.look, self.shutter, self.rng = view, look, shutter, rng
@@ -70,7 +70,10 @@ class Scene:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.shutter.defocus))
 
     def frame(self, shapes: NDArray[np.float64], time: float) -> Array:
-        """The picture (H, W, 3), uint8, of the body's centrelines (M, N, 2) [m] at the moments of one exposure."""
+        """Return the picture (H, W, 3), uint8, of one exposure.
+
+        `shapes` (M, N, 2) [m] are the body's centrelines at M moments of the exposure, which begins at `time` [s].
+        """
         size, margin = self.view.size, 1 + int(4 * self.shutter.defocus)
         drawn = [[*layers(self.view, self.look, s), *hand(self.view, self.look, time)] for s in shapes]
         x0, y0, x1, y1 = box = bounds([layer for moment in drawn for layer in moment], size, margin)
@@ -99,11 +102,11 @@ class Scene:
 
 
 def levels(picture: Array) -> Array:
-    """Rounded to what a pixel holds."""
+    """Return the picture rounded and clipped to uint8."""
     return np.asarray(np.clip(picture + 0.5, 0, 255).astype(np.uint8))
 
 
 def moments(view: View, ends: NDArray[np.float64]) -> int:
-    """Return the number of moments of an exposure that are drawn, from the centrelines (2, N, 2) [m] at its ends."""
+    """Return the number of moments of an exposure to draw, from the centrelines (2, N, 2) [m] at its start and end."""
     moved = float(np.abs(np.diff(view.pixels(ends), axis=0)).max())
     return min(MOST_STEPS, 1 + int(np.ceil(moved / BLUR_STEP)))

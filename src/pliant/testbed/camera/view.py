@@ -1,4 +1,4 @@
-"""The camera's projection: from the plane of bending to pixels, through a pinhole and a lens."""
+"""The camera's projection from the plane of bending to pixels, by a pinhole model with lens distortion."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-CORNERS_MM = ((-120.0, -20.0), (60.0, -20.0), (60.0, 180.0), (-120.0, 180.0))  # of a sheet behind the body
+CORNERS_MM = ((-120.0, -20.0), (60.0, -20.0), (60.0, 180.0), (-120.0, 180.0))  # corners of a sheet behind the body
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera that looks at the plane of bending.
+    """Position and optics of a camera that looks at the plane of bending.
 
     Attributes
     ----------
     size : (width, height), pixels
     pixels_per_mm : float
-        In the middle of the picture.
+        Scale in the middle of the picture.
     centre : (float, float), m
-        Point of the plane, base at the origin and tangent +y, that lies in the middle of the picture.
+        Point of the plane (base at the origin, tangent +y) in the middle of the picture.
     distance : float, m
-        From the camera to that point; it sets the strength of the perspective.
+        Distance from the camera to `centre`; it sets the strength of the perspective.
     aside, tilt : float, rad
-        The camera stands so far beside and above the normal of the plane.
+        Angles by which the camera stands beside and above the normal of the plane.
     coefficients : tuple of float
-        Of the lens, as OpenCV has them; empty: none.
+        Distortion coefficients of the lens in OpenCV's order; empty: no distortion.
     """
 
     size: tuple[int, int] = (1920, 1080)
@@ -46,13 +46,13 @@ class View:
         return 1e3 * self.pixels_per_mm * self.distance
 
     def scaled(self, width: int) -> Self:
-        """The same view with another number of pixels."""
+        """Return the same view with a picture `width` pixels wide."""
         share = width / self.size[0]
         size = (width, round(share * self.size[1] / 2) * 2)
         return replace(self, size=size, pixels_per_mm=share * self.pixels_per_mm)
 
     def pixels(self, plane: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (..., 2), x right and y down, of points (..., 2) of the plane [m]."""
+        """Return the pixels (..., 2), x to the right and y down, of the points `plane` (..., 2) [m]."""
         x, y = plane[..., 0] - self.centre[0], self.centre[1] - plane[..., 1]
         across, depth = x * np.cos(self.aside), x * np.sin(self.aside)
         down, behind = y * np.cos(self.tilt) - depth * np.sin(self.tilt), y * np.sin(self.tilt)
@@ -61,7 +61,7 @@ class View:
         return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
 
     def table(self) -> dict[str, Any]:
-        """Return the ``[camera]`` table of a mapping: four points of a sheet, and the lens if there is one."""
+        """Return the ``[camera]`` table of a mapping: four points of a sheet, and the lens if it distorts."""
         corners = self.pixels(1e-3 * np.array(CORNERS_MM))
         table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
         if self.coefficients:
@@ -73,7 +73,7 @@ class View:
 def _bent(
     x: NDArray[np.float64], y: NDArray[np.float64], coefficients: tuple[float, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rays as the lens of OpenCV's model (k1, k2, p1, p2, k3) bends them."""
+    """Return normalised image coordinates distorted by OpenCV's lens model (k1, k2, p1, p2, k3)."""
     k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     r2 = x**2 + y**2
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

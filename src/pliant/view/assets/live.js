@@ -44,7 +44,7 @@
   for (const name of data.records) $("record").append(new Option(name, name));
   if (data.watched) {
     $("summary").hidden = true;
-    $("drag").textContent = "as the loop's log tells it";
+    $("drag").textContent = "from the loop's log";
   }
   $("recording").hidden = !data.records.length;
   $("record").addEventListener("change", () => { untouched = false; ask({ record: $("record").value || null }); });

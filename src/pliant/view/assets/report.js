@@ -158,7 +158,7 @@
 
   function correlation(r) {
     const u = plot($("plot-correlation"), { x: r.lag, height: 170, xlabel: "lag (s)", ylabel: "correlation",
-      range: [-1.05, 1.05], marks: [{ low: -r.white, at: r.white, text: "white noise: 95 % within" }],
+      range: [-1.05, 1.05], marks: [{ low: -r.white, at: r.white, text: "95 % of white noise" }],
       series: axes.map((axis, c) => ({ label: axis, values: column(r.correlation, c), width: 1.5, dash: DASHES[c],
         colour: () => paint("tip") })) });
     all.push(u);
@@ -310,7 +310,7 @@
   function clocks(c, i) {
     const draw = (note, label, colour, width, dash) => ({ label, values: column(open(note), 0), width, dash,
       colour: () => paint(colour), tag: label });
-    all.push(plot($(`plot-clock-${i}`), { x: Array.from(open(c.time).flat), height: 180, ylabel: "share of its range",
+    all.push(plot($(`plot-clock-${i}`), { x: Array.from(open(c.time).flat), height: 180, ylabel: "fraction of range",
       xlabel: "time on the shape's clock (s)", series: [draw(c.motion, "motion", "measured", 4.5),
         draw(c.moved, "moved", "tip", 1.6), draw(c.logged, "as logged", "soft", 1.2, [2, 4])] }));
   }

@@ -1,0 +1,154 @@
+"""Observed quantities of a fit: points, orientations and sensor lag, in float, complex or dual numbers.
+
+The orientation of a rigid body follows from a link's station and two further points of the link, one metre along it and
+one metre aside. They are observed like any point, so that the frame has exact derivatives and passes through the model
+of the sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.equations.spatial_observation import angle_over_sine
+from pliant.equations.symbols import ObservedChain
+from pliant.identification.follow_loops import Places, SpatialPlaces
+from pliant.identification.loop_inputs import ForwardProblem, Numbers
+from pliant.mechanics import mechanics_of
+
+Array = np.ndarray
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
+LEAST_LAG = 1e-9  # s: a shorter one is none
+
+
+class NumberKind(NamedTuple):
+    """A kind of numbers on which the compiled loops run: its conversions from and to floats, and its compiler."""
+
+    of: Callable[[Any], Any]  # converts a float, or an array of floats, to a copy in this kind
+    value: Callable[[Any], Any]  # converts back to floats
+    twin: Callable[..., Any]  # compiles a kernel for a number of links and extensible segments
+
+
+def copied(a: Any) -> Any:
+    """Return a float, or a writable copy of an array; read-only arrays would need kernels of their own."""
+    return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
+
+
+def in_kind(record: Any, kind: NumberKind) -> Any:
+    """Return a named tuple with all its floats and arrays converted to a number kind (float, complex or dual)."""
+    return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
+
+
+def places_in_plane(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Places:
+    """Return the positions of the observed points on the links of a planar chain, converted to a number kind."""
+    links = kind.of(np.zeros((5, forward.model.n + 1)))
+    return Places(
+        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, forward.carrier, numbers.along,
+        numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
+    )
+
+
+def places_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> SpatialPlaces:
+    """Return the positions of the observed points on the links of a chain in space, converted to a number kind."""
+    work = in_kind(mechanics_of(forward.model).workspace(), kind)
+    return SpatialPlaces(
+        numbers.body, work, forward.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
+    )
+
+
+def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
+    """Return the time constant (S,) [s] of each station's sensor from parameters by name; empty if none is given."""
+    if not any(name.rpartition(".")[2] == "sensor_lag" for name in own):
+        return np.zeros(0)
+    return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
+
+
+def between_frames(times: Array) -> tuple[Array, Array]:
+    """Return times that refine `times` (T,) to steps of at most 5 ms, and the indices of `times` in them."""
+    parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
+    frames = np.append(0, np.cumsum(parts))
+    return np.interp(np.arange(frames[-1] + 1), frames, times), frames
+
+
+def behind_sensors(rows: Array, between: tuple[Array, Array], lags: Array) -> Array:
+    """Return frames (T, S, 3) of rows (R, S, 3) at the times of `between_frames`, after sensor lags (S,) [s]."""
+    times, frames = between
+    return np.asarray((lagged(rows, times, lags) if lags.size else rows)[frames])
+
+
+def lagged(rows: Array, times: Array, lags: Array) -> Array:
+    """Return rows (R, S, 3) after first-order sensors with time constants `lags` (S,) [s], settled at the first row.
+
+    tau y' = u - y is solved exactly for motions that are linear between two rows. The rows may be complex.
+    """
+    from scipy.linalg import solve_banded
+
+    out = rows.copy()
+    step = np.diff(times)
+    for s, lag in enumerate(lags):
+        tau: Any = lag if np.real(lag) > LEAST_LAG else LEAST_LAG + lag - np.real(lag)
+        kept = np.exp(-step / tau)
+        rise = (1.0 - kept) * tau / step
+        banded = np.ones((2, times.size), dtype=rows.dtype)
+        banded[1, :-1] = -kept
+        aim = rows[:, s].copy()
+        aim[1:] = (rise - kept)[:, None] * rows[:-1, s] + (1.0 - rise)[:, None] * rows[1:, s]
+        out[:, s] = solve_banded((1, 0), banded, aim)
+    return out
+
+
+def with_axes(places: Array, oriented: Array) -> Array:
+    """Return the link coordinates (3, S + 2 m) of all points and of two axis points for each of the m `oriented`."""
+    ends = places[:, oriented]
+    ahead, aside = np.array([[1.0], [0.0], [0.0]]), np.array([[0.0], [0.0], [1.0]])
+    return np.concatenate([places, ends + ahead, ends + aside], axis=1)
+
+
+def repeated(values: Array, oriented: Array) -> Array:
+    """Return per-point values (S + 2 m,) with those of the m `oriented` points repeated for their two axis points."""
+    return np.concatenate([values, values[oriented], values[oriented]])
+
+
+def frames_of(rows: Array, oriented: Array) -> Array:
+    """Return link frames (..., T, m, 3, 3) from rows (..., T, S + 2 m, 3) with the axis points of `with_axes`."""
+    m = len(oriented)
+    start, ahead, aside = rows[..., oriented, :], rows[..., -2 * m : -m, :], rows[..., -m:, :]
+    z = unit(ahead - start)
+    x = aside - start
+    x = unit(x - np.sum(x * z, axis=-1, keepdims=True) * z)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def unit(v: Array) -> Array:
+    """Return vectors (..., 3) divided by their lengths; they may be complex."""
+    return np.asarray(v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True)))
+
+
+def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
+    """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled rotations since the first frame.
+
+    `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
+    measured body.
+    """
+    frames = frames_of(rows, oriented)
+    turned = frames @ np.swapaxes(frames[..., :1, :, :, :], -1, -2)
+    return rotation_vectors(np.swapaxes(measured, -1, -2) @ turned)
+
+
+def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Array) -> Array:
+    """Return derivatives (P, T, m, 3) of `turns_off`, given those (P, T, S + 2 m, 3) of the rows (complex steps)."""
+    return np.asarray(turns_off(rows + 1j * TINY * derivatives, oriented, measured).imag / TINY)
+
+
+def rotation_vectors(R: Array) -> Array:
+    """Return rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), which may be complex.
+
+    The rotation vector is (theta / sin theta) v, where v is the vector of the matrix's skew part.
+    """
+    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
+    v = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    return np.asarray(angle_over_sine(cosine)[..., None] * v)

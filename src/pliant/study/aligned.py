@@ -1,0 +1,97 @@
+"""Recordings of a study on one clock and in one rest position, with what is reported of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.preprocessing.align import alignment_of
+from pliant.preprocessing.sync import shift_pressure, sync
+from pliant.recording import append_history
+from pliant.study.schema import Recording
+from pliant.validation.outcome import Clocks
+
+Array = np.ndarray
+
+
+class Aligned(NamedTuple):
+    """One recording in the base frame, with its pressure on the clock of its shape."""
+
+    body: xr.Dataset
+    findings: tuple[str, ...]  # sentences on reading and aligning the recording
+    tip: str = ""  # how the tip of a fibre was found; empty for markers
+    clocks: Clocks | None = None  # the comparison of the clocks, if one was made
+    doubts: Mapping[str, str] = MappingProxyType({})  # warnings by the name of the check
+
+
+def rest_place(name: str, recording: xr.Dataset) -> Array:
+    """Return the mean position (S, 2) [m] of the stations in the rest window of the alignment."""
+    if "alignment" not in recording.attrs:
+        raise InputError(f"recording {name} was aligned before the study: common_rest needs the tracker's recording")
+    start, stop = alignment_of(recording).rest_s
+    window = (recording["time"].values >= start) & (recording["time"].values <= stop)
+    return np.asarray(np.nanmean(recording["position"].values[window], axis=0))
+
+
+def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
+    """Return every recording shifted, station by station, to the rest position of the first one.
+
+    Raises
+    ------
+    InputError
+        When a recording was not aligned by the study, or has other stations than the first.
+    """
+    first, *_ = recordings
+    stations = recordings[first].body.station.values.tolist()
+    goal = rest_place(first, recordings[first].body)
+    shifted = {}
+    for name, one in recordings.items():
+        if one.body.station.values.tolist() != stations:
+            raise InputError(f"recording {name} has other stations than {first}: common_rest needs the same ones")
+        move = goal - rest_place(name, one.body)
+        far = 1e3 * float(np.linalg.norm(move, axis=1).max())
+        moved = f"shifted by up to {far:.3g} mm, station by station, to the rest position of {first}"
+        body = one.body.assign(position=one.body["position"] + move)
+        shifted[name] = one._replace(body=body, findings=(*one.findings, moved)) if name != first else one
+    return shifted
+
+
+def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) -> xr.Dataset:
+    """Return the recording with the pressure of a log from another file, still on the log's own clock."""
+    if "pressure" not in log:
+        raise InputError(f"recording {name}: {file} holds no pressure: state its pressure column in pressure_mapping")
+    if "pressure" in recording:
+        raise InputError(f"recording {name} holds a pressure already: remove pressure_file, or the pressure in its "
+                         "mapping")  # fmt: skip
+    joined = recording.assign({"pressure": log["pressure"]})
+    digest = log.attrs.get("source_sha256", "")
+    lines = str(log.attrs.get("history", "")).splitlines()
+    return append_history(joined, *(f"{file}: {line}" for line in lines), f"pressure from {file} sha256 {digest}")
+
+
+def on_one_clock(
+    recording: xr.Dataset, entry: Recording, name: str
+) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
+    """Return the recording with its pressure on the shape's clock, the estimated offset, and sentences for the report.
+
+    The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
+    """
+    wanted = entry.clock if entry.clock is not None else "align" if entry.pressure_file else "same"
+    if wanted == "same":
+        return recording, None, ()
+    if "pressure" not in recording:
+        raise InputError(f"recording {name}: clock is stated, but there is no measured pressure: remove clock")
+    if not isinstance(wanted, str):
+        finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
+        return shift_pressure(recording, wanted), None, (finding,)
+    try:
+        offset = sync(recording, drift=True)
+    except InputError as error:
+        raise InputError(f"recording {name}: {error}") from None
+    moved = shift_pressure(recording, offset.delay_s, offset.drift)
+    return moved, Clocks.of(recording, offset), (offset.summary(),)

@@ -1,0 +1,319 @@
+"""The model of the body that a study states: entries, preset, taper, and tendons with estimated azimuths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+import numpy as np
+
+from pliant import actuators
+from pliant.errors import InputError
+from pliant.identification import Experiment
+from pliant.model import Chamber, Extension, Model, Station, Tendon, chain_model
+from pliant.reduction import LinkPlacement
+from pliant.study.schema import ActuatorEntry, ChamberTable, StationTable, Study, TaperTable, TendonTable
+
+Array = np.ndarray
+TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
+SLICES = 200  # of each segment, for the integrals along it
+LEAST_DRAWN = 1e-6  # of the inputs' largest singular value: below it, two tendons were always pulled together
+
+
+def study_model(
+    actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
+    sign: int = 1,
+) -> Model:
+    """Return the model of the study's actuator, from its entries, its preset and the recorded shape.
+
+    Parameters
+    ----------
+    actuator : ActuatorEntry
+    rotation : (3, 3) array or None
+        Rotation that takes vectors of the tracker to the base frame.
+    links : LinkPlacement, optional
+        Links placed on the recorded shape: the chain has their lengths and rest angles, and the mass is distributed by
+        length.
+    usual : int, optional
+        Number of links if neither `links` nor the actuator states one.
+    sign : {1, -1}
+        Direction of the planar recordings' x axis in the base frame.
+    """
+    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter", "stations", "taper"})
+    values["source"] = dict(actuator.source)
+    if not values["space"]:
+        del values["space"]
+    if gravity := values.pop("gravity", None):
+        size = 3 if actuator.space else 2
+        values["gravity"] = in_base_frame(np.array(gravity, dtype=float), rotation, sign, size)
+    if sign < 0:
+        values["source"]["base_frame"] = TURNED
+    if actuator.preset:
+        defaults = dict(preset(actuator.preset).BODY)
+        values = {**defaults, **values, "source": {**defaults.get("source", {}), **values["source"]}}
+    chambers = [ChamberTable(**c) for c in values.pop("chambers")]
+    tendons = [TendonTable(**c) for c in values.pop("tendons")]
+    values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
+    if actuator.taper:
+        values |= tapered(actuator, values["extensions"])
+    missing = [k for k in ("length", "mass") if k not in values]
+    if missing:
+        raise InputError(f"[actuator] needs {' and '.join(missing)} (SI), or a preset: {', '.join(presets())}")
+    if usual is not None:
+        values.setdefault("links", usual)
+    values.setdefault("stiffness", 1.0)
+    values.setdefault("damping", 1e-3)
+    if chambers or tendons:
+        for name in ("torque", "joint_gain", "valve"):
+            values.pop(name, None)  # of the preset's single chamber
+        joints = values.setdefault("links", 5) if links is None else links.n
+        drawn = tuple(tendon_of(entry, joints, values["length"]) for entry in tendons)
+        values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
+    else:
+        values.setdefault("torque", [0.0])
+    return with_masses_and_stations(chain_model(**values), actuator) if links is None else measured_chain(values, links)
+
+
+def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
+    """Return the chambers of an actuator with `joints` joints; in space each at its azimuth, by default 90 degrees.
+
+    A chamber at 90 degrees bends the body about +x, as a chamber of a planar body does.
+    """
+    chambers = []
+    for entry in entries:
+        turned = joints_of(entry, joints)
+        if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
+            raise InputError(
+                f"chamber {entry.name}: gain must be one number or one for each of its {len(turned)} joints, got "
+                f"{len(entry.gain)}"
+            )
+        gain = np.zeros(joints)
+        gain[np.array(turned) - 1] = entry.gain
+        if entry.azimuth_deg is not None and not space:
+            raise InputError(f"chamber {entry.name}: azimuth_deg needs a body in space: set space = true in [actuator]")
+        azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)
+        turns = {"joint_gain": np.sin(azimuth) * gain, "cross_gain": -np.cos(azimuth) * gain} if space else {
+            "joint_gain": gain}  # fmt: skip
+        axial_gain = np.atleast_1d(entry.axial_gain)
+        chambers.append(Chamber(torque=np.array(entry.torque), axial_gain=axial_gain, name=entry.name, **turns))
+    return tuple(chambers)
+
+
+def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
+    """Return the numbers, from 1, of the joints on which an input acts: all if its entry states none."""
+    turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
+    if strange := [j for j in turned if not 1 <= j <= joints]:
+        what = "tendon" if isinstance(entry, TendonTable) else "chamber"
+        raise InputError(f"{what} {entry.name} acts on joint {strange[0]}, but the chain has joints 1 to {joints}")
+    return turned
+
+
+def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
+    """Return the tendon of a study's table, on a chain of `length` [m] with `joints` joints."""
+    if entry.azimuth_deg is None:
+        raise InputError(f"tendon {entry.name}: state azimuth_deg; it can only be estimated in a study with recordings")
+    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed_joints(entry, length, joints)
+    values = entry.model_dump(exclude={"joints", "azimuth_deg", "taper", "stop"})
+    if entry.driven_by == "tension":
+        values["line_stiffness"] = 0.0
+    return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)
+
+
+def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
+    """Return the chain of links placed on a measured shape, with the link tips as its observed points."""
+    turns: dict[str, Any] = {"rest_angle": links.rest_angle}
+    if len(links.base) == 3:
+        space = values.get("space")
+        turned = np.pad(links.rest_angle.reshape(links.n, 2), ((0, 0), (0, 1)))
+        turns = {"space": {**(space if isinstance(space, dict) else {}), "rest_turn": turned}}
+    for key in ("length", "links", "joint_placement"):
+        values.pop(key, None)
+    lengths, before = links.link_length, float(links.node_arc_length[0])  # the part before the first joint is rigid
+    values["source"] |= dict.fromkeys(("link_length", *turns), "chords of the recorded rest shape")
+    mass = values.pop("mass") * lengths / (lengths.sum() + before)
+    model = Model(**{**values, "link_length": lengths, "link_mass": mass, "base_length": before, **turns})  # fmt: skip
+    return model.with_(stations=model.points)
+
+
+def in_base_frame(gravity: Array, rotation: Array | None, sign: int, dimension: int = 2) -> Array:
+    """Return gravity (2,) or (3,) [m/s^2] in the base frame.
+
+    Three numbers are in the tracker's frame. Two numbers are in the base frame, with their x multiplied by `sign`. For
+    a body in space without an alignment, three numbers are in the base frame.
+    """
+    if dimension == 3:
+        if gravity.shape != (3,):
+            raise InputError(f"gravity of a body in space needs (x, y, z) of the tracker, got {gravity.size} numbers")
+        return gravity if rotation is None else rotation @ gravity
+    if gravity.shape == (2,):
+        return gravity * [sign, 1.0]
+    if gravity.shape != (3,):
+        raise InputError(f"gravity is (x, y) of the base frame or (x, y, z) of the tracker, got {gravity.size} numbers")
+    if rotation is None:
+        raise InputError("gravity (x, y, z) needs a recording in the tracker's frame; state (x, y) instead")
+    turned = rotation @ gravity
+    return np.asarray(turned[:2])
+
+
+def presets() -> list[str]:
+    """Return the names of the actuator presets in `pliant.actuators`."""
+    return [m.name for m in iter_modules(actuators.__path__)]
+
+
+def preset(name: str) -> Any:
+    """Return the module of an actuator preset; its BODY holds the arguments of `chain_model`."""
+    if name not in presets():
+        raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
+    return import_module(f"pliant.actuators.{name}")
+
+
+def slices(length: float, joints: int) -> tuple[Array, float]:
+    """Return the midpoints (joints, SLICES) [m] of thin slices of each joint's segment, and their thickness [m]."""
+    thin = length / (joints * SLICES)
+    return (thin * (np.arange(joints * SLICES) + 0.5)).reshape(joints, SLICES), thin
+
+
+def checked_radius(taper: TaperTable, length: float) -> None:
+    """Raise InputError if the radii are not given for increasing positions from the base to the tip."""
+    at = np.array(taper.at)
+    if at.size != len(taper.radius) or (np.diff(at) <= 0).any() or at[0] > 0 or at[-1] < length * (1 - 1e-9):
+        raise InputError(
+            "[actuator.taper] needs one radius for each position in at, increasing from 0 to the length of the body "
+            f"({length:g} m)"
+        )
+
+
+def tapered_springs(taper: TaperTable, length: float, joints: int) -> Array:
+    """Return the stiffness (joints,) [N m/rad] of joints in the middle of equal segments: 1 / integral of 1 / (E I)."""
+    checked_radius(taper, length)
+    s, thin = slices(length, joints)
+    bending = taper.modulus * np.pi / 4 * np.interp(s, taper.at, taper.radius) ** 4
+    return np.asarray(1.0 / np.sum(thin / bending, axis=1))
+
+
+def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Array:
+    """Return the mass (n,) of each link [kg], without the part before the first joint, which does not move."""
+    ends = length - np.append(np.cumsum(link_length[::-1])[::-1], 0.0)
+    s, thin = slices(length, link_length.size)
+    section = taper.density * np.pi * np.interp(s, taper.at, taper.radius).ravel() ** 2
+    return np.histogram(s.ravel(), ends, weights=thin * section)[0]
+
+
+def tapered_extensions(
+    taper: TaperTable, length: float, segments: Sequence[Extension], joints: int,
+) -> tuple[Extension, ...]:
+    """Return the extensible segments with the axial stiffness of the tapered body: length / integral of 1 / (E A)."""
+    s, thin = slices(length, joints)
+    axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
+    tapered = []
+    for e in segments:
+        inside = (s > e.start) & (s < e.end(length))
+        soft = float(np.sum(thin / axial[inside]))
+        tapered.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
+    return tuple(tapered)
+
+
+def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
+    """Return the distance (joints,) of a tendon from the axis at each joint, divided by its lever at the base.
+
+    The distance is averaged over the joint's segment, and is 0 beyond the end of the tendon.
+    """
+    s, _ = slices(length, joints)
+    stop = length if entry.stop is None else entry.stop
+    return np.where(s < stop, np.maximum(1.0 - entry.taper * s / entry.lever, 0.0), 0.0).mean(axis=1)
+
+
+def stations_of(entries: Sequence[StationTable], length: float, link_length: Array) -> tuple[Station, ...]:
+    """Return the observed points of a body, each on the link that contains its position along the body."""
+    joints = length - np.cumsum(link_length[::-1])[::-1]
+    stations = []
+    for entry in entries:
+        if not 0 <= entry.at <= length * (1 + 1e-9):
+            raise InputError(f"station {entry.name}: at must be between 0 and the length of the body ({length:g} m)")
+        link = int(np.searchsorted(joints, entry.at, side="right")) - 1
+        before = 0.0 if link < 0 else float(joints[link])
+        stations.append(Station(entry.name, link, entry.at + entry.along - before, entry.across, entry.aside))
+    return tuple(stations)
+
+
+def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
+    """Return the stiffness, mass and extensible segments of an actuator whose radius changes along it.
+
+    The masses of the single links are set later, by `with_masses_and_stations`.
+    """
+    taper, length, links = actuator.taper, actuator.length, actuator.links
+    if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
+        raise InputError("[actuator.taper] needs length and links, and replaces stiffness and mass: remove those")
+    springs = tapered_springs(taper, length, links)
+    mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
+    return {"stiffness": springs, "mass": mass,
+            "extensions": tapered_extensions(taper, length, segments, links)}  # fmt: skip
+
+
+def with_masses_and_stations(model: Model, actuator: ActuatorEntry) -> Model:
+    """Return the model with the link masses of a tapered body, and with the stations that its study states."""
+    changes: dict[str, Any] = {}
+    if actuator.taper:
+        changes["link_mass"] = tapered_masses(actuator.taper, model.length, model.link_length)
+    if actuator.stations:
+        changes["stations"] = stations_of(actuator.stations, model.length, model.link_length)
+    return model.with_(**changes) if changes else model
+
+
+def training(study: Study) -> list[str]:
+    """Return the names of the study's training recordings, without duplicates, in order."""
+    names = [name for entry in study.fits.values() for name in entry.train]
+    names += study.model_selection.train if study.model_selection else []
+    return list(dict.fromkeys(names))
+
+
+def with_azimuths(
+    study: Study, experiments: Mapping[str, Experiment], notify: Callable[[str], None],
+) -> ActuatorEntry:
+    """Return the study's actuator with every missing `azimuth_deg` estimated from the training recordings.
+
+    A tendon bends the body towards itself. The motion of the tip across the base tangent is modelled as a sum of one
+    motion for each tendon, proportional to its input, by least squares over the training recordings. The direction of
+    each motion is the azimuth of the tendon. Fits of gain_x and gain_y start from these azimuths.
+
+    Raises
+    ------
+    InputError
+        When the recordings do not determine the motion of each tendon, since some were always pulled together.
+    """
+    tendons = study.actuator.tendons
+    unknown = [t.name for t in tendons if t.azimuth_deg is None]
+    if not unknown:
+        return study.actuator
+    names = [t.name for t in tendons]
+    moves = tip_moves([experiments[n] for n in training(study) if n in experiments], names)
+    degrees = dict(zip(names, np.degrees(np.arctan2(moves[:, 1], moves[:, 0])) % 360.0, strict=True))
+    notify("estimated azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
+    stated = [
+        t.model_copy(update={"azimuth_deg": float(degrees[t.name])}) if t.name in unknown else t for t in tendons
+    ]
+    return study.actuator.model_copy(update={"tendons": stated})
+
+
+def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
+    """Return the motion of the last station across the base tangent for a unit of each input (C, 2) [m], by least
+    squares.
+    """
+    inputs, moves = [], []
+    for exp in experiments:
+        tip = exp.last_station[:, :2]
+        measured = np.isfinite(tip).all(axis=1)
+        drawn = np.stack([exp.drives[n](exp.time) if n in exp.drives else 0.0 * exp.time for n in names], axis=1)
+        inputs.append(drawn[measured] - drawn[measured].mean(axis=0))
+        moves.append(tip[measured] - tip[measured].mean(axis=0))
+    drawn = np.concatenate(inputs) if inputs else np.zeros((0, len(names)))
+    gains, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
+    if rank < len(names):
+        raise InputError(
+            f"the azimuths of the tendons {', '.join(names)} cannot be estimated, since no training recordings pull "
+            "each of them separately: state azimuth_deg of each"
+        )
+    return np.asarray(gains)

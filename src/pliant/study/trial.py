@@ -1,0 +1,361 @@
+"""Inspection of a user's files: what each contains, its alignment, and the excitation that it shows."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.identification import experiment
+from pliant.identification.edges import edges
+from pliant.identification.experiment import Excitation
+from pliant.numerics.ringdown import peak
+from pliant.preprocessing.align import DENSE_STATIONS, align
+from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.angles import from_rest
+from pliant.preprocessing.clusters import assemble
+from pliant.preprocessing.detectors import without_spikes
+from pliant.preprocessing.held import leave_out_frozen
+from pliant.preprocessing.quality import Quality, quality
+from pliant.recording import read
+from pliant.recording.inputs import RecordedInput, recorded_inputs
+from pliant.study.aligned import with_pressure
+from pliant.study.doubts import unit_warning_first
+from pliant.study.first_reading import read_or_guess, several
+from pliant.units import PASCAL, pascal_per
+
+LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
+NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
+RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigid part, relative and in metres
+LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
+OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
+DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
+RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The content of one file at first reading, with its trial alignment.
+
+    Attributes
+    ----------
+    path : Path
+    recording : xarray.Dataset
+    quality : Quality
+        Data quality of the recording.
+    mapping : dict or None
+        Mapping as the user gave it.
+    stations : dict
+        Marker clusters, name -> markers; empty if every marker is a station.
+    options : dict
+        Arguments of `align`.
+    aligned : xarray.Dataset or None
+        The recording in the base frame; None when the alignment failed.
+    problem : str
+        Why the alignment failed.
+    assumed : dict
+        Mapping entries that were assumed in order to read the file: a camera, or units.
+    log : Path or None
+        File of the pressure log, if it is separate. `recording` then holds its pressure, on the log's own clock.
+    """
+
+    path: Path
+    recording: xr.Dataset
+    quality: Quality
+    mapping: dict[str, Any] | None
+    stations: dict[str, list[str]] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    aligned: xr.Dataset | None = None
+    problem: str = ""
+    assumed: dict[str, Any] = field(default_factory=dict)
+    log: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of the recording in the study, made from the file name."""
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
+
+    @property
+    def grouped(self) -> xr.Dataset:
+        """Return the recording with one station for each cluster of markers."""
+        return assemble(self.recording, self.stations) if self.stations else self.recording
+
+    @property
+    def base(self) -> str:
+        """Return the name of the base station."""
+        report = json.loads(str(self.recording.attrs.get("alignment", "{}")))
+        return str(self.options.get("base") or report.get("base") or self.recording["station"].values[0])
+
+    @property
+    def has_scale(self) -> bool:
+        """Return whether the file was read without assumed scale or units."""
+        return not self.assumed
+
+    @property
+    def angles_only(self) -> bool:
+        """Return whether the file holds angles and no positions."""
+        return "position" not in self.recording
+
+    @property
+    def last_motion(self) -> np.ndarray:
+        """Return the last station's motion (T, axes): position [m], or angle [rad] if the file holds angles alone."""
+        recording = self.recording if self.aligned is None else self.aligned
+        last = recording["angle"].values[:, -1:, None] if self.angles_only else recording["position"].values[:, -1:]
+        return without_spikes(last)[:, 0]
+
+    @property
+    def out_of_plane(self) -> float:
+        """Return the fraction of the motion out of its best-fit plane; 0 if the file is planar or nothing moves."""
+        share, moves = self.quality.out_of_plane_share, len(self.quality.standing) < self.quality.stations
+        return float(share) if np.isfinite(share) and moves else 0.0
+
+    @property
+    def spatial(self) -> bool:
+        """Return whether the file shows a body that moves in space."""
+        frame = self.recording.attrs["frame"]
+        moves_in_space = self.out_of_plane > OUT_OF_PLANE or bool(self.tendon_inputs)
+        return frame == "spatial" or (frame == "tracker" and moves_in_space)
+
+    @property
+    def chambers(self) -> list[str]:
+        """Return the names of the pressures if there are several; for a body in a plane only those that vary."""
+        names, ranges = several(self.recording), self.pressure_ranges
+        widest = max(ranges.values(), default=0.0)
+        return names if self.spatial else [n for n in names if ranges.get(n, 0.0) > DRIVEN * widest]
+
+    @property
+    def pressure_ranges(self) -> dict[str, float]:
+        """Return the difference between highest and lowest value of each pressure [kPa]."""
+        return {name: high - low for name, (low, high) in self.quality.pressure_kpa.items()}
+
+    @property
+    def tendon_inputs(self) -> list[RecordedInput]:
+        """Return the inputs other than pressure, which drive tendons."""
+        return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
+
+    @property
+    def peak_motion(self) -> float:
+        """Return the largest peak displacement [m] of a station, or the largest rotation [degrees] for angles."""
+        return max((self.quality.travel_deg if self.angles_only else self.quality.travel_m).values())
+
+    @property
+    def dense(self) -> bool:
+        """Return whether the file has enough stations to describe the shape all along the body."""
+        count = len(self.stations) or int(self.recording.sizes["station"])
+        return not self.angles_only and count >= DENSE_STATIONS
+
+    @property
+    def capped(self) -> bool:
+        """Return whether the file states that a cap marks the tip."""
+        return "cap_curvature" in self.recording.attrs and "cap_length" in self.recording.attrs
+
+    @property
+    def highest_pa(self) -> float | None:
+        """Return the measured pressure farthest from 0 or the level in the file's name [Pa]; None if unknown."""
+        if "pressure" in self.recording:
+            return peak(self.recording["pressure"].values)
+        named = LEVEL.search(self.path.stem)
+        return float(named[1]) * pascal_per(named[2]) if named else None
+
+
+def inspect_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Trial:
+    """Read a file as `inspect_trial` does, and take its pressure from a separate log if one is given."""
+    trial = inspect_trial(path, mapping)
+    if log is None:
+        return trial
+    recording = with_pressure(trial.recording, read(log), trial.name, log.name)
+    joined = quality(recording)
+    checked = replace(trial.quality, pressure_kpa=joined.pressure_kpa, doubts=joined.doubts)
+    return replace(trial, recording=recording, log=log, quality=checked)
+
+
+def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial:
+    """Read a file, assess its quality, group its markers and try to align it in the plane.
+
+    Parameters
+    ----------
+    path : Path
+    mapping : dict, optional
+        See `pliant.read`.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or holds neither positions nor angles.
+    """
+    kept = dict(mapping) if mapping else None
+    recording, assumed = read_or_guess(path, kept)
+    if not {"position", "angle"} & set(recording):
+        held = (
+            "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
+            if "strain" in recording
+            else "pressure alone: a study needs the shape too"
+        )
+        raise InputError(f"{path.name} holds {held}")
+    assessed = quality(recording)
+    trial = Trial(path, recording := leave_out_frozen(recording), assessed, kept, assumed=assumed)
+    if trial.angles_only:
+        return replace(trial, aligned=from_rest(recording))
+    if recording.attrs["frame"] != "tracker":
+        return replace(trial, aligned=recording)
+    trial = replace(trial, stations=rigid_clusters(recording))
+    trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
+    if trial.capped:
+        return trial
+    try:
+        with unit_warning_first(assessed.doubts):
+            return replace(trial, aligned=align(trial.grouped, **trial.options))
+    except InputError as error:
+        return replace(trial, problem=str(error))
+
+
+def in_space(trial: Trial) -> Trial:
+    """Return the trial with its recording aligned in space.
+
+    Raises
+    ------
+    InputError
+        When the file holds angles alone, or positions that are planar already.
+    """
+    if trial.angles_only or trial.recording.attrs["frame"] == "planar":
+        content = "angles alone" if trial.angles_only else "a planar recording"
+        raise InputError(f"{trial.path.name} holds {content}: a study in space needs the three-dimensional positions "
+                         "of the tracker")
+    if trial.recording.attrs["frame"] == "spatial" or trial.capped:
+        return trial
+    try:
+        with unit_warning_first(trial.quality.doubts):
+            return replace(trial, aligned=align(trial.grouped, **trial.options, space=True), problem="")
+    except InputError as error:
+        return replace(trial, aligned=None, problem=str(error))
+
+
+def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials with all planar recordings aligned to the first one's plane normal, so that x is the same."""
+    done: list[Trial] = []
+    normal = None
+    for trial in trials:
+        one = trial
+        if trial.aligned is not None and "alignment" in trial.aligned.attrs:
+            if normal is None:
+                normal = np.array(alignment_of(trial.aligned).normal)
+            else:
+                one = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
+        done.append(one)
+    return done
+
+
+def clusters(names: Sequence[str]) -> dict[str, list[str]]:
+    """Group markers on one rigid part by their names: ``Tip - 1``, ``Tip - 2``, ... become ``tip``; base first.
+
+    The result is empty unless there are at least two groups, one of them with three markers or more.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        match = NUMBERED.fullmatch(name)
+        label = re.sub(r"[^a-z0-9]+", "_", (match[1] if match and match[1] else name).lower()).strip("_")
+        groups.setdefault(label or name, []).append(name)
+    if len(groups) < 2 or max(map(len, groups.values())) < 3:
+        return {}
+    return dict(sorted(groups.items(), key=lambda item: "base" not in item[0]))
+
+
+def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
+    """Return the marker groups suggested by names that can be rigid plates; other markers become stations of one.
+
+    The result is empty if no group has more than one marker.
+    """
+    groups = clusters([str(s) for s in recording["station"].values])
+    plates: dict[str, list[str]] = {}
+    for name, markers in groups.items():
+        plate = len(markers) < DENSE_STATIONS and rigid(recording, markers)
+        plates |= {name: markers} if plate else {m: [m] for m in markers}
+    return plates if any(len(markers) > 1 for markers in plates.values()) else {}
+
+
+def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
+    """Return whether markers can sit on one rigid plate: not on a line, and at nearly constant distances."""
+    position = recording["position"].sel(station=list(markers)).values
+    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    apart = apart[np.isfinite(apart).all(axis=(1, 2))]
+    if not len(apart):
+        return True  # never visible together: rigidity cannot be tested
+    low, high = np.percentile(apart, [5, 95], axis=0)
+    still = bool((high - low <= np.maximum(RIGID_M, RIGID_SHARE * high)).all())
+    shape = position[np.argmax(np.isfinite(position).all(axis=(1, 2)))]
+    size = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
+    return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
+
+
+def directions(
+    recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
+) -> dict[str, Any]:
+    """Return options of `align`, with the station named base, else one that does not move, else the first, as base."""
+    names = list(stations) or [str(s) for s in recording["station"].values]
+    named = [n for n in names if "base" in n.lower()]
+    standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
+    base = (named or ([] if dense else standing) or names)[0]
+    options: dict[str, Any] = {"base": base, "tangent": "clamp" if dense else "chord"}
+    if found.orientation_jumps:
+        options["undo_jumps"] = True
+    return options
+
+
+def body_length(trial: Trial) -> float | None:
+    """Return the length of the body [m], along the stations or from base to tip at rest; None if it is unknown."""
+    if trial.aligned is None or trial.capped or trial.angles_only or not trial.has_scale:
+        return None
+    if "arc_length" in trial.aligned.coords:
+        return float(trial.aligned["arc_length"].values[-1])
+    first = trial.last_motion[:10]
+    return float(np.linalg.norm(np.nanmedian(first, axis=0)))
+
+
+def excitation(trial: Trial) -> Excitation:
+    """Return the excitation that the file shows: "trace" (measured input), "pulse", "step" or "release"."""
+    if {"pressure", "actuation"} & set(trial.recording):
+        return "trace"
+    if trial.aligned is None:
+        return "pulse"
+    p = trial.last_motion
+    u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
+    end = np.nanmedian(u[-max(5, len(u) // 20):])
+    if end < RETURNED * np.nanmax(u):
+        return "pulse"
+    return "release" if trial.highest_pa is None else "step"
+
+
+def held_out(trials: Sequence[Trial]) -> str | None:
+    """Return the name of the recording to hold out; None if there is only one.
+
+    It is the recording with the middle pressure (of two, the lower), so that the test does not extrapolate. If some
+    pressure is unknown, the peak displacement decides instead. If only some recordings drive several chambers together,
+    one of these is held out, so that the fit has the effect of each chamber alone.
+    """
+    if len(trials) < 2:
+        return None
+    together = [trial for trial in trials if len(trial.chambers) > 1]
+    trials = together if len(together) < len(trials) and together else trials
+    known = all(trial.highest_pa is not None for trial in trials)
+    listed = sorted(trials, key=lambda trial: abs(trial.highest_pa or 0.0) if known else trial.peak_motion)
+    return listed[(len(trials) - 1) // 2].name
+
+
+def moved(trial: Trial) -> str:
+    """Return the begin and end of the motion as a comment, or "" if they are unknown."""
+    if trial.aligned is None or not trial.has_scale or excitation(trial) == "trace":
+        return ""
+    stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)
+    recording = trial.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
+    try:
+        edge_times = edges(experiment(trial.name, recording, stations=stations, excitation=excitation(trial)))
+    except InputError:
+        return ""
+    return ", ".join(f"{what} near {time:.2f} s" for what, time in edge_times.items())

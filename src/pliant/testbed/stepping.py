@@ -1,0 +1,298 @@
+"""Simulate the rod under a history of pressures and tip loads, or find its static equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError, SimulationError
+from pliant.testbed.rod import RodBody, RodParameters, build_body, node_position, prony_decay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+
+Array = np.ndarray
+STATIC_STEP = 1e6  # s: a step so long that inertia, viscosity and relaxation have died out
+CHUNK = 400  # steps between two calls of the progress callback
+
+
+class RodState(NamedTuple):
+    """State of the rod between two steps; the compiled loop changes it in place."""
+
+    x: Array  # (V, 2) m
+    x_before: Array
+    v: Array  # (V, 2) m/s
+    v_before: Array
+    curvature: Array  # (B,) 1/m
+    curvature_before: Array
+    length: Array  # (E,) m
+    length_before: Array
+    prony: Array  # (B, P) inner curvature changes, 1/m
+    slip: Array  # (B, J) N m
+    chamber: Array  # (C, 2) m3 and m3/s
+
+
+class StepClock(NamedTuple):
+    """Constants that depend on the length of a time step."""
+
+    dt: float  # s
+    h: float  # s, of the second-order backward difference
+    per_h2: float  # 1/s2, factor of the accelerations; 0 for quasi-static steps
+    decay: Array  # (P, 3) of the Prony branches, see `prony_decay`
+
+
+class Span(NamedTuple):
+    """Range of steps that the compiled loop takes, and the stride at which it records."""
+
+    first: int
+    stop: int
+    stride: int
+
+
+class Work(NamedTuple):
+    """Scratch arrays of the compiled loop."""
+
+    x: Array
+    drift: Array
+    force: Array
+    gradient: Array
+    step: Array
+    band: Array
+    torque: Array
+    curvature: Array
+    six: Array
+    load: Array
+
+
+class Out(NamedTuple):
+    """Output arrays of the compiled loop, with R records each."""
+
+    position: Array
+    velocity: Array
+    curvature: Array
+    force: Array
+    pressure: Array
+    volume: Array
+    energy: Array
+
+
+@dataclass(frozen=True)
+class RodMotion:
+    """True motion of the rod: R records, V nodes, B bending vertices, C chambers.
+
+    Attributes
+    ----------
+    time : (R,) s
+    arc_length : (V,) m, of the nodes at rest
+    position, velocity, force : (R, V, 2) m, m/s, N (force of the obstacles on the nodes)
+    curvature : (R, B) 1/m, at the first B nodes
+    pressure : (R,) Pa gauge, in the chamber; (R, C) for several chambers
+    volume : (R,) or (R, C) m3, chamber volume minus that of the straight shape
+    energy : (R, 5) J: kinetic, elastic, stored in Prony and slip elements, gravity, contact
+    iterations : float, Newton iterations per step
+    """
+
+    time: NDArray[np.float64]
+    arc_length: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    force: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+    volume: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    iterations: float
+
+
+def rest_state(body: RodBody) -> RodState:
+    """Return the rod at standstill in its stress-free shape."""
+    turn = body.weight * body.rest_curvature
+    angle = np.cumsum(turn)
+    edge = body.rest_length[:, None] * np.column_stack([-np.sin(angle), np.cos(angle)])[: body.rest_length.size]
+    x = np.vstack([np.zeros(2), np.cumsum(edge, axis=0)])
+    b = body.weight.size
+    now = [np.sum(gain * body.weight * body.rest_curvature * (1.0 + 0.5 * slope * body.rest_curvature))
+           for gain, slope in zip(body.gain, body.gain_slope, strict=True)]  # fmt: skip
+    return RodState(
+        x, x.copy(), np.zeros_like(x), np.zeros_like(x), body.rest_curvature.copy(), body.rest_curvature.copy(),
+        body.rest_length.copy(), body.rest_length.copy(), np.zeros((b, body.prony_share.size)),
+        np.zeros((b, body.slip_limit.shape[1])), np.column_stack([now, np.zeros(len(now))]),
+    )  # fmt: skip
+
+
+def _work(body: RodBody) -> Work:
+    edges, (chambers, vertices) = body.rest_length.size, body.gain.shape
+    sizes = (2 * edges, 6), edges, vertices, 6, chambers + 3
+    return Work(*np.zeros((3, edges + 1, 2)), *np.zeros((2, 2 * edges)), *map(np.zeros, sizes))
+
+
+def _out(records: int, nodes: int, body: RodBody) -> Out:
+    chambers, vertices = body.gain.shape
+    return Out(
+        np.zeros((records, nodes, 2)), np.zeros((records, nodes, 2)), np.zeros((records, vertices)),
+        np.zeros((records, nodes, 2)), np.zeros((records, chambers)), np.zeros((records, chambers)),
+        np.zeros((records, 5)),
+    )  # fmt: skip
+
+
+def _clock(body: RodBody, dt: float, *, static: bool) -> StepClock:
+    h = 2.0 * dt / 3.0
+    return StepClock(float(dt), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, dt))
+
+
+def settle(
+    p: RodParameters,
+    loads: ArrayLike | None = None,
+    *,
+    obstacles: ArrayLike | None = None,
+    increments: int = 40,
+) -> RodState:
+    """Compute the static equilibrium under constant loads, with all Prony branches relaxed.
+
+    Parameters
+    ----------
+    p : RodParameters
+    loads : (C + 3,) array, optional
+        Pressure of each chamber (Pa), force on the pushed node (x and y, N), couple on the last edge (N m).
+        Default: zero loads.
+    obstacles : (O, 7) array, optional
+        Rows of `pliant.testbed.contact.obstacle_rows`.
+    increments : int
+        Number of equal steps in which loads and gravity are applied.
+
+    Raises
+    ------
+    InputError
+        For loads that are not finite or not of length C + 3.
+    SimulationError
+        When an increment does not converge.
+    """
+    from pliant.compiler.choose import twin
+    from pliant.testbed.stepping_loops import march
+
+    body = build_body(p)
+    whole = _loads(p, np.zeros((1, len(p.chambers) + 3)) if loads is None else [loads])
+    state = rest_state(body)
+    ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
+    work = _work(body)
+    out = _out(1, state.x.shape[0], body)
+    clock = _clock(body, STATIC_STEP, static=True)
+    rows = _obstacles(obstacles)
+    for share in ramp:
+        part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
+        _halt(state)
+        status, _, update, _ = twin(march)(whole * share, Span(0, 1, 2), part, rows, state, clock, work, out)
+        if status != 0:
+            raise SimulationError(
+                f"no static equilibrium at {share:.0%} of the loads {whole[0].tolist()} "
+                f"(last update {update:.1e} m): use smaller loads or more increments than {increments}"
+            )
+    _halt(state)
+    return state
+
+
+def _halt(state: RodState) -> None:
+    state.x_before[:], state.v[:], state.v_before[:] = state.x, 0.0, 0.0
+    state.curvature_before[:], state.length_before[:] = state.curvature, state.length
+    state.chamber[:, 1] = 0.0
+
+
+def _loads(p: RodParameters, loads: Any) -> NDArray[np.float64]:
+    table = np.ascontiguousarray(loads, dtype=float)
+    columns = len(p.chambers) + 3
+    if table.ndim != 2 or table.shape[1] != columns or not np.all(np.isfinite(table)):
+        raise InputError(f"loads must be finite numbers in {columns} columns, got shape {table.shape}")
+    return table
+
+
+def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
+    table = np.zeros((0, 7)) if rows is None else np.atleast_2d(np.asarray(rows, dtype=float))
+    if table.ndim != 2 or table.shape[1] != 7:
+        raise InputError(f"obstacles must be rows of 7 numbers, got shape {table.shape}")
+    return np.ascontiguousarray(table)
+
+
+def simulate(
+    p: RodParameters,
+    loads: ArrayLike,
+    dt: float,
+    *,
+    stride: int = 4,
+    obstacles: ArrayLike | None = None,
+    start: RodState | None = None,
+    static: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> RodMotion:
+    """Simulate the motion of the rod under loads given at the end of every step.
+
+    Parameters
+    ----------
+    p : RodParameters
+    loads : (S, C + 3) array
+        For each step: regulated pressure of each chamber (Pa gauge), force on the pushed node (x and y, N), couple on
+        the last edge (N m).
+    dt : float, s
+    stride : int
+        Number of steps between two records.
+    obstacles : (O, 7) array, optional
+    start : RodState, optional
+        Initial state. Default: static equilibrium without pressure.
+    static : bool
+        Compute a sequence of equilibria, without inertia, viscosity and relaxation. Time has no meaning then.
+    progress : callable, optional
+        Called with the completed fraction.
+
+    Raises
+    ------
+    SimulationError
+        When a step does not converge or a value is no longer finite.
+    """
+    from pliant.compiler.choose import twin
+    from pliant.testbed.stepping_loops import march
+
+    table = _loads(p, loads)
+    if not (dt > 0 and stride >= 1):
+        raise InputError(f"the step must be > 0 and the stride >= 1, got {dt} and {stride}")
+    body, rows = build_body(p), _obstacles(obstacles)
+    state = settle(p, obstacles=obstacles) if start is None else RodState(*(array.copy() for array in start))
+    steps, chambers = table.shape[0], len(p.chambers)
+    out = _out(steps // stride + 1, state.x.shape[0], body)
+    out.position[0], out.velocity[0], out.curvature[0] = state.x, state.v, state.curvature
+    out.volume[0] = state.chamber[:, 0]
+    out.pressure[0] = table[0, :chambers] if steps else 0.0
+    work = _work(body)
+    clock = _clock(body, STATIC_STEP if static else dt, static=static)
+    _first_energy(body, rows, state, out)
+    total = 0
+    for first in range(0, steps, CHUNK):
+        span = Span(first, min(first + CHUNK, steps), stride)
+        status, at, update, count = twin(march)(table, span, body, rows, state, clock, work, out)
+        total += count
+        if status != 0:
+            why = "did not converge" if status == 1 else "left the range where the section law is defined"
+            pressure = " and ".join(f"{p:.0f}" for p in table[at, :chambers])
+            raise SimulationError(
+                f"the rod {why} at {at * dt:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
+                f"use a step shorter than {dt:g} s or gentler loads"
+            )
+        if progress is not None:
+            progress(span.stop / steps)
+    fields = out._asdict()
+    if chambers == 1:
+        fields |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
+    return RodMotion(
+        time=np.asarray(np.arange(out.energy.shape[0]) * (dt * stride), dtype=float), arc_length=node_position(p),
+        **fields, iterations=total / max(steps, 1),
+    )  # fmt: skip
+
+
+def _first_energy(body: RodBody, rows: NDArray[np.float64], state: RodState, out: Out) -> None:
+    from pliant.compiler.choose import twin
+    from pliant.testbed.stepping_loops import energies
+
+    twin(energies)(body, rows, state, out.energy[0])
