@@ -138,9 +138,9 @@ def main() -> None:
         criteria[name] = 100 * np.sqrt(quality.mean_square)
     for (name, rows), bic in zip(errors.items(), shared_bic(fits), strict=True):
         middle, worst = np.nanmedian(rows, axis=0), np.nanmax(rows, axis=0)
-        print(f"{name}: BIC {bic:.0f}, training residual {criteria[name]:.2f} %; predicted trials, median (worst): "
-              + ", ".join(f"{what} {m:.1f} ({w:.1f}) %" for what, m, w in
-                          zip(("rms of travel", "first swing", "tail"), middle, worst, strict=True)))  # fmt: skip
+        print(f"{name}: BIC {bic:.0f}, training error of a coordinate {criteria[name]:.2f} %")
+        for what, m, w in zip(("rms of travel", "first swing", "tail"), middle, worst, strict=True):
+            print(f"  predicted, {what}: median {m:.1f} %, worst {w:.1f} %")
 
 
 if __name__ == "__main__":
