@@ -2,7 +2,7 @@
 
     PLIANT_DATA=../shared/data python benchmarks/trunk_decays.py [viscous payne]
 
-Recordings, model and start values are in examples/spatial_trunk_decay.toml. Each trial comes to rest in another pose:
+Recordings, model and start values are in trunk_decays.toml. Each trial comes to rest in another pose:
 every trial has rest turns of its own, with a prior. The laws are compared by their BIC on the training trials alone. Of
 a predicted trial are used: its first frames (the pose from which it is released), its last half second (the rest
 turns), and the whole for the moment of release.
@@ -30,7 +30,7 @@ from pliant.study import load_study
 from pliant.study.run import prepare_all
 
 Array = np.ndarray
-STUDY = Path(__file__).parents[1] / "examples" / "spatial_trunk_decay.toml"
+STUDY = Path(__file__).with_suffix(".toml")
 AT_REST = 0.5  # s at the end of each trial that show where it rests
 FIRST = 0.8  # s after the release within which the first swing reaches the far side
 LEAST = 0.01  # of the first swing: smaller ones do not count
