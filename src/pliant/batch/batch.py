@@ -183,7 +183,7 @@ def check_steps(samples: Samples, step: float) -> None:
 
 
 def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rate: Array | None) -> Array:
-    """Return the initial angles [rad] and rates [rad/s] of N samples as one array (2, n, N), absolute per link."""
+    """Return the initial absolute link angles [rad] and rates [rad/s] of N samples as one array (2, n, N)."""
     n, size = samples.template.n, samples.size
 
     def given(value: Array) -> Array:

@@ -23,7 +23,9 @@ Array = np.ndarray
 
 
 class LaneGrid(NamedTuple):
-    """Time steps of a SIMD vector of samples, with the intervals into which inputs divide them, and the output rows."""
+    """Time steps of a SIMD vector of samples, the intervals into which pressure inputs divide them, and the output
+    rows.
+    """
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step

@@ -96,8 +96,8 @@ class FreeMotion:
         return np.asarray(torque - features @ self.weights)
 
     def scale(self, features: Array) -> Array:
-        """Return the factor (T,) by which the covariance of the torques grows in each frame with the speed of the
-        motion.
+        """Return the factor (T,) by which a frame's torque covariance exceeds that at rest.
+        It grows with the mean square joint rate.
         """
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
@@ -119,7 +119,8 @@ class FreeMotion:
 
 
 def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
-    """Return the regressors (T, F) that describe model error in free motion, from pressure and predicted motion.
+    """Return F regressors (T, F) that describe model error in free motion: chamber torques, and predicted angles and
+    rates.
 
     They are the torque of each chamber, its square, its lagged values, and the joint angles and rates that the model
     predicts under the pressure. None of them depends on a contact.
@@ -188,7 +189,7 @@ def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: li
 
 
 def blocks(values: Array, period: float) -> Array:
-    """Return the maximum of `values` in each block of `BLOCK` seconds. Blocks are nearly independent of each other."""
+    """Return the maximum of a time series `values` in each block of `BLOCK` seconds."""
     count = max(1, len(values) // frames_of(BLOCK, period))
     return np.array([part.max() for part in np.array_split(values, count)])
 

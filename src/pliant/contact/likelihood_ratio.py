@@ -62,7 +62,7 @@ class InnovationResponse:
 
 
 def frames_of(seconds: float, period: float) -> int:
-    """Return the number of frames that a time in seconds lasts, at least one."""
+    """Convert a time in seconds to a number of frames, at least one."""
     return max(1, round(seconds / period))
 
 

@@ -86,7 +86,9 @@ class Estimator(Protocol):
         """Take a frame of the measured shape at `time` [s]. A lost frame is pushed too, with NaN as values."""
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s]; an estimator that does not predict returns the state of the last frame."""
+        """Return the estimated state at `time` [s].
+        An estimator that does not predict returns the state of the last frame.
+        """
 
 
 class Setting(NamedTuple):

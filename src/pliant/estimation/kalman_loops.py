@@ -240,7 +240,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
 
 
 def chain_transition(F, N, n, J, W):
-    """Multiply the transition matrix F (N, N) from the left by the Jacobian of one more time step, in place."""
+    """Replace the transition matrix F (N, N) by the product of the next time step's Jacobian and F."""
     moved(J, F, N, n, W)
     for a in range(2 * n):
         for b in range(N):

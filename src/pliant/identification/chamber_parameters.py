@@ -46,7 +46,9 @@ class Named(Protocol):
 
 
 def owners(model: Model) -> tuple[str, ...]:
-    """Return the chamber names that prefix parameters of a single chamber; () for a model with one unnamed chamber."""
+    """Return the names of the chambers, as used before the dot of a parameter name; () for one
+    chamber without a name.
+    """
     names = tuple(c.name for c in model.chambers)
     return () if names == (Chamber.name,) else names
 

@@ -67,7 +67,7 @@ def discrepancy(
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
-    """Interpolate station positions `rows` (G, S, 2), known at G pressures of `grid`, to the pressures (T,)."""
+    """Interpolate station positions `rows` (G, S, 2), given at the first G pressures of `grid`, to T pressures."""
     columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
 

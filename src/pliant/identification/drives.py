@@ -25,7 +25,7 @@ ALIKE = 0.2  # sine as for TOGETHER, below which two pressures count as nearly e
 
 
 def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
-    """Return for each input name in `wanted` the recorded input, such as a pressure, that drives it.
+    """Return for each model input named in `wanted` the recorded input, such as a pressure, that drives it.
 
     `wanted` maps each input of the model to the name, or index from 0, of an input of the recording. Pressures are
     counted first, then inputs of other kinds.
@@ -54,13 +54,13 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
-    """Return for each input name in `wanted` the measured time series that drives it, as a `Trace`."""
+    """Return for each model input named in `wanted` the measured time series that drives it, as a `Trace`."""
     driven = driving(name, recording, wanted)
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """Return one array of samples (P,) for each chamber of a model: the recorded input that drives it, or zeros.
+    """Return one array (P,) for each chamber of a model: the samples of the recorded input that drives it, or zeros.
 
     `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
     """
@@ -128,7 +128,7 @@ def check_kinds(model: Model, exp: Experiment) -> None:
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """Return one input function per chamber: the measured pressure delayed by `start` [s], or a pulse of nominal
+    """Return one input function per chamber: the measured pressure delayed by `start` [s], or a pulse of constant
     pressure from `start` to `stop`.
 
     Chambers without a recorded input stay at 0.

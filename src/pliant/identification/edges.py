@@ -68,7 +68,9 @@ def advance(exp: Experiment) -> Array:
 
 
 def noise_of(exp: Experiment) -> float:
-    """Return the noise standard deviation [m; angles: rad] of the last station per axis, from second differences."""
+    """Return the noise standard deviation [m; angles: rad] of the last station along each axis, from second differences
+    in time.
+    """
     p = exp.steady
     p = p[np.isfinite(p).all(axis=1)]
     if len(p) < FIRST:

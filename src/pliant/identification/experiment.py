@@ -140,8 +140,7 @@ class Experiment(Shown):
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         if (self.excitation == "trace") != (self.pressure is not None):
             raise InputError(
-                f"experiment {self.name}: excitation 'trace' needs a measured pressure, and every other excitation "
-                "must have none: set excitation to 'trace', or leave the pressure out"
+                f"experiment {self.name}: set excitation to 'trace' if, and only if, you give a measured pressure"
             )
         if self.excitation in ("pulse", "step") and not self.level > 0:
             raise InputError(
@@ -335,7 +334,9 @@ def check_extras(exp: Experiment) -> None:
 
 
 def check_poses(exp: Experiment) -> None:
-    """Raise InputError if an experiment of settled poses is planar or has a nominal input, forces or own_places."""
+    """Raise InputError if an experiment of settled poses is planar, or has a nominal pressure, known forces or
+    own_places.
+    """
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
             f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "

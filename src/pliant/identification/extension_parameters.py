@@ -35,7 +35,8 @@ def segments(model: Model) -> tuple[str, ...]:
 
 
 def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the model changes that scale all stiffnesses so that the first joint gets `values["body_stiffness"]`.
+    """Return the changes of a model, as a dict, that scale all stiffnesses so that the first joint gets the value
+    "body_stiffness".
 
     The ratios between the joints' stiffnesses and the axial stiffnesses stay as they are. This fits one modulus of a
     body whose geometry is known.
@@ -50,7 +51,7 @@ def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, float]) -> tuple[Extension, ...]:
-    """Return the `extensions` with `values` put in; ``segment.name`` takes precedence over ``name``."""
+    """Return the extensible segments with the parameter `values` applied. ``segment.name`` overrides ``name``."""
     made = []
     for e in extensions:
         own: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}

@@ -17,7 +17,7 @@ FAR = 0.9  # of the peak displacement: frames beyond count as bent
 
 
 def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:
-    """Return start values of the extensible segments' parameters by name. Axial gains come from the measured strain.
+    """Return start values, by name, of the extensible segments' parameters. Axial gains come from the measured strain.
 
     Each axial gain makes the largest torque lengthen the body as measured. `torques` holds the start coefficients of
     the chambers' torque laws.

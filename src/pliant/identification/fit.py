@@ -62,7 +62,7 @@ def fit(
     progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> FitResult:
-    """Fit parameters of a model to one or several experiments by least squares on the simulated motion.
+    """Fit the parameters of a model to one or several recordings, by least squares on the simulated motion.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def finished(
 
 
 def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Return warnings about parameters that the integration step biases by half their standard error or more.
+    """Return warnings about parameters that the simulation's time step biases by at least half of their standard error.
 
     The change of the residuals at half the step is turned into a change of the parameters to first order. For a method
     of second order, the whole error of the step is 4/3 of that change.

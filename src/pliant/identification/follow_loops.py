@@ -65,15 +65,15 @@ class SpatialPlaces(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Observed points of the chain, and the array `rows` (rows, S, 3) to which a simulation writes them."""
+    """Observed points of the chain, with the array (rows, S, 3) to which a simulation writes their coordinates."""
 
     places: Places | SpatialPlaces
     rows: np.ndarray
 
 
 def follow(phi, w, course, before, body, joints, work, seen):
-    """Simulate the chain from angles phi and rates w (n,) over all steps of `course`, and write the observed points to
-    seen.rows.
+    """Simulate the chain from angles phi and rates w (n,) over all steps of `course`; the observed points go to
+    seen.rows. Angles and rates change in place.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
     keep[k] - 1 + before.rows where keep[k] >= 0.

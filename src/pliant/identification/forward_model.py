@@ -82,8 +82,8 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
-    """Return the output times [s] of a simulation on the pressure's clock.
-    With a sensor lag they are finer, and the frames' indices in them are returned too.
+    """Return the times [s] at which a simulation outputs rows: those of the frames or, with a sensor lag, finer ones.
+    For finer times the indices of the frames are returned too.
     """
     times = exp.time - params.get("latency", 0.0)
     between = between_frames(times) if lags_of(params, exp.stations).size else None
@@ -160,7 +160,7 @@ def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float],
 
 
 def no_drive(model: Model) -> Drive:
-    """Return time steps and torques of a simulation (`Drive`) that are empty."""
+    """Return an empty `Drive`, for a simulation without time steps."""
     C = model.actuation.count
     return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.columns, np.zeros(0, dtype=int), np.zeros((1, C)),
                  np.zeros(C))  # fmt: skip
@@ -211,7 +211,7 @@ def shift_of(params: Mapping[str, float], exp: Experiment) -> Array:
 
 
 def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
-    """Return simulation inputs whose markers sit where the first frames show them, for an experiment with own_places.
+    """Return simulation inputs in which the markers sit on the body where the first frames of the recording show them.
 
     Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
     pose may be taken from elsewhere, or `sensitivity` misses its derivative.

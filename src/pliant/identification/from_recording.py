@@ -33,7 +33,7 @@ def experiment(
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
     poses: Poses = False, inputs: Mapping[str, float] | None = None,
 ) -> Experiment:
-    """Return an `Experiment` for fitting from an aligned recording, planar or spatial.
+    """Return an `Experiment` for a fit from an aligned recording in the plane or in space.
 
     Parameters
     ----------
@@ -149,8 +149,8 @@ def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array 
 
 
 def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
-    """Return the times (P,) [s] and samples (P,) of the recording's only measured input; raise
-    InputError if not one.
+    """Return times (P,) [s] and samples (P,) of a recording's only measured input; raise InputError if there are
+    several.
     """
     if "pressure" in recording and "actuation" not in recording:
         return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
@@ -163,7 +163,7 @@ def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
 
 
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """Return the kind of excitation that a recording implies: "trace" if its input was measured, "pulse" if nominal."""
+    """Return the excitation that a recording implies: "trace" for a measured pressure, "pulse" for a nominal one."""
     if {"pressure", "actuation"} & set(recording):
         return "trace"
     if "nominal_pressure" in recording.attrs:

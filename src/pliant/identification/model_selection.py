@@ -21,7 +21,7 @@ DETERMINED = 0.5  # standard error over value, above which a parameter is not de
 
 
 class Follows(NamedTuple):
-    """Goodness of a fit on its training recordings, comparable between all fits to the same recordings."""
+    """How well a fit matches its training recordings, in units that are the same for all fits to these recordings."""
 
     mean_square: float  # of the residuals, weighted alike for every model
     numbers: float  # effective number of independent observed values, given the residuals' correlation
@@ -33,7 +33,7 @@ class Follows(NamedTuple):
 
 
 def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
-    """Return the goodness of the fit `result` on the training recordings, with the weights of a first fit."""
+    """Return how well the fit `result` matches the training recordings, as residuals weighted equally for all fits."""
     problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])

@@ -1,4 +1,4 @@
-"""Simulation of recordings whose rows are bodies at rest (settled poses), with derivatives by parameters."""
+"""Simulation of recordings in which the body rests in every row (settled poses), with derivatives by parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ Array = np.ndarray
 
 
 def pose_inputs(model: Model, exp: Experiment) -> Drive:
-    """Return the model inputs of an experiment whose rows are settled poses: pressures and torques of each row."""
+    """Return the pressures and chamber torques under which the body rests in each row of a
+    recording of settled poses.
+    """
     check_driven(model, [exp])
     if model.space is None:
         raise InputError(
@@ -47,7 +49,8 @@ COMPLEX = NumberKind(as_complex, np.real, twin)
 
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:
-    """Return the equilibrium of each settled pose, computed from the one before, the first from no input.
+    """Return the equilibrium shape for each row of a recording of settled poses.
+    The search starts from the row before, for the first from no input.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Prediction of an experiment by a fitted model: positions, angles, and the values that are compared in a fit."""
+"""Prediction of a recording by a model: positions, angles, and the values that a fit compares."""
 
 from __future__ import annotations
 

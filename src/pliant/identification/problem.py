@@ -28,8 +28,8 @@ FIRST_GUESS = 0.01  # of a peak displacement: assumed size of the residuals befo
 
 
 def root_mean_square(modelled: Array, measured: Array) -> float:
-    """Return the root-mean-square distance between two motions over stations and time [m; angles: rad].
-    Missing points are ignored.
+    """Return the root-mean-square distance [m; angles: rad] between modelled and measured values.
+    Missing values are ignored.
     """
     return float(np.sqrt(np.nanmean(np.sum((modelled - measured) ** 2, axis=-1))))
 

@@ -1,4 +1,4 @@
-"""Observed values of an experiment with their weights, and the residuals of a model against them."""
+"""Residuals of a model against the observed values of an experiment, with their weights."""
 
 from __future__ import annotations
 
@@ -80,7 +80,8 @@ class Observations:
         return off * self.flat_weight
 
     def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
-        """Return the derivatives (P, N) of the residuals by P parameters, from those (P, T, S, 3) of the modelled rows.
+        """Return derivatives (P, N) of N weighted residuals by P parameters, from those (P, T, S, 3) of positions and
+        angles.
 
         With observed orientations, `rows` (T, S, 3) themselves are needed too.
         """
@@ -149,7 +150,7 @@ def length_weights(exp: Experiment) -> Array:
 
 
 def noise_levels(exp: Experiment, data: Array) -> Array:
-    """Return the noise standard deviation (S, 3) [m or rad] of x, y and angle at each station: given or estimated.
+    """Return the noise standard deviation (S, 3) of x, y [m] and angle [rad] at S stations: given, or estimated.
 
     The quantisation of a coarse sensor counts as noise too, uniform over one step.
     """

@@ -127,7 +127,9 @@ def slopes_of(
 
 
 def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardProblem) -> tuple[Any, ...]:
-    """Return the cache key of recordings whose input derivatives are equal except for torques; () if not shareable."""
+    """Return a cache key that is equal for recordings with equal derivatives of their inputs, torques aside; () if
+    none.
+    """
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not forward.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
@@ -136,7 +138,9 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
 
 
 def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
-    """Complete the derivatives of a simulation's inputs by those of the torques, from steps and chamber constants."""
+    """Return derivatives of a simulation's inputs in which those of the torques are filled in.
+    They follow from the derivatives of time steps and chambers.
+    """
     done = {k: s if s.torque is not None else s._replace(torque=0.0, chambers=0.0) for k, s in slopes}
     left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
     if not (left and forward.drive and forward.drive.layout):
@@ -263,7 +267,7 @@ def rest_stiffness(forward: ForwardProblem) -> Array:
 
 
 def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Slope:
-    """Return `slope` completed by the derivative of the equilibrium and of all inputs that depend on it.
+    """Return the derivative `slope` of a simulation's inputs, completed by that of the initial equilibrium shape.
 
     `slope` was taken at constant equilibrium; `stiffness` is the `rest_stiffness` of the forward problem.
     """

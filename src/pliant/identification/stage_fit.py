@@ -101,7 +101,7 @@ class StageFitter:
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """Fit a stage that adds its parameters to those that are `free` on the stage below; return result and free
+        """Fit the parameters that a stage adds to those `free` on the stage below; return the stage's result and free
         parameters.
         """
         began = clock.perf_counter()
@@ -124,8 +124,8 @@ class StageFitter:
     def prune(
         self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
     ) -> tuple[Step, dict[str, Entry]]:
-        """Fit the parameters `taken`.
-        Those that the recordings do not determine are then held at the given model's values.
+        """Fit the parameters `taken`, then again with those that the recordings do not determine held at the given
+        model's values.
 
         Parameters are held one after another, the least certain first, while one of the stage's `choice` remains free.
         If some are still not determined then, the fit of all parameters is returned, with these listed in `open`.
@@ -156,7 +156,8 @@ class StageFitter:
         return result, undetermined(result, added)
 
     def has_given(self, p: Parameter) -> bool:
-        """Return whether the given model has a positive value for parameter `p`, at which it could be held.
+        """Return whether the model passed to the selection has a positive value for `p`, at which the parameter could
+        be held.
 
         It does not for the parameters of hysteresis or single joints. Coefficients of a torque law are left to the
         alternatives of a stage.

@@ -1,4 +1,4 @@
-"""Definitions of the stages of a model selection, each of which frees some parameters more than the stage below."""
+"""Definitions of the stages of a model selection. Each stage frees some parameters more than the stage below."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 def searched(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> tuple[Model, list[Parameter]]:
-    """Return the model with its stations, and the fit parameters with start values, by trying several stiffnesses.
+    """Return the model and parameters with start values for a fit, the best of several joint stiffnesses.
 
     For a planar chain, or one whose stiffness is given or fixed, the estimate of `prepare` is returned.
     """

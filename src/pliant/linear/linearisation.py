@@ -80,7 +80,7 @@ class LinearModel:
 
     @property
     def n(self) -> int:
-        """Return the number of links; in space, of joint coordinates."""
+        """Return the number of links; in space the number of joint coordinates."""
         return self.angle.size
 
     @property

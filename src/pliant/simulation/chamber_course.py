@@ -81,7 +81,8 @@ def valve_constants(row: Array) -> ValveConstants:
 
 
 def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any, p: Any) -> None:
-    """Replace the commanded pressures p (m, 4) [Pa] by the pressures behind a valve, in place.
+    """Replace commanded pressures p (m, 4) [Pa] by those behind a valve, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
     ``run(kernel)`` returns the compiled form of a kernel. `constants` are the constants of the `valve`.

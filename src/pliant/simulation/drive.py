@@ -97,8 +97,8 @@ class Layout:
         self._driven: dict[tuple[Any, ...], Driven] = {}
 
     def behind(self, c: int, valve: Valve) -> Array:
-        """Return the pressure (m, 4) [Pa] of chamber `c` behind its valve: start, middle, end and
-        mean of m intervals.
+        """Return the pressure (m, 4) [Pa] of chamber `c` behind its valve in m time intervals.
+        The four columns are start, middle, end and mean.
         """
         if (c, valve) not in self._behind:
             self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], self.resting(c, valve))
@@ -159,7 +159,8 @@ class Layout:
 
 
 def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
-    """Return one pressure input per chamber as a tuple. A model with one chamber takes a single input too.
+    """Return the pressure inputs of a model as a tuple, one per chamber.
+    A single input is accepted for a single chamber.
 
     Raises
     ------
@@ -228,8 +229,8 @@ def driven(model: Model, layout: Layout) -> Drive:
 
 
 def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
-    """Return the time steps, at most `step` [s] long, that end at all output times and delayed input jumps.
-    A valve delays its input by a dead time [s].
+    """Return time steps of at most `step` [s] that end at all output times and at the inputs' jumps.
+    Each jump is delayed by the dead time [s] of its valve.
     """
     same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
@@ -269,7 +270,8 @@ def subdivide(corners: Array, step: float) -> Array:
 
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
-    """Return the pressure (m, 4) [Pa] behind a valve: start, middle, end and mean of the m intervals of `nodes` [s].
+    """Return the pressure (m, 4) [Pa] behind a valve in the m intervals between times `nodes` [s].
+    The four columns are start, middle, end and mean.
 
     `nodes` (m + 1,) [s] are the ends of the intervals.
 
@@ -279,7 +281,8 @@ def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) ->
 
 
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
-    """Return the commanded pressure (m, 4) [Pa]: start, middle, end and mean of the m intervals of `nodes` [s].
+    """Return the pressure command (m, 4) [Pa], delayed by `dead_time` [s], in the m intervals between times `nodes`
+    [s]. The four columns are start, middle, end and mean.
 
     The command within an interval is the straight line through two inner points, so that a jump at a node counts on the
     right side.

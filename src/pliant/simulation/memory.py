@@ -70,8 +70,8 @@ def laws_of(model: Model) -> list[MemoryLaw]:
 
 
 def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
-    """Return hysteresis states, torque, stored and dissipated energy as dataset variables by name; {} without
-    hysteresis.
+    """Return dataset variables, by name, for hysteresis states, torque and energies; {} for a chain
+    without hysteresis.
     """
     if not model.memory:
         return {}

@@ -21,6 +21,7 @@ LEAST = 1.0  # Pa, smallest absolute command
 
 def through_opening(h, time, before, p):
     """Replace pressures p (m, 4) [Pa gauge] upstream of an opening by those in the chamber behind it, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. Only the mean
     of the pressure before the opening is used, so that the result is exact where it is constant in each interval. The

@@ -14,7 +14,8 @@ UNLIMITED = 1e30  # Pa/s; not infinite, whose product with a lag of 0 is NaN
 
 
 def past_dead_band(band, p):
-    """Apply the dead band [Pa] of a pressure regulator to the commands p (m, 4) [Pa], in place.
+    """Replace commands p (m, 4) [Pa] by those that a pressure regulator with a dead band [Pa] follows, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the command at the start, middle and end of each interval, and its mean. The result is exact except
     for intervals in which the command crosses the band.
@@ -161,7 +162,8 @@ def second_order_valve(h, omega, zeta, before, p):
 
 
 def settle(h, share, time, before, p):
-    """Delay a fraction `share` of the pressures p (m, 4) [Pa] in place by a first-order lag of `time` [s].
+    """Replace pressures p (m, 4) [Pa] by ones whose fraction `share` lags with the time constant `time` [s], in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval, and the mean. The lag starts in
     equilibrium at `before`. The result is exact for a pressure that is linear in each interval.

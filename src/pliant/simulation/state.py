@@ -1,4 +1,4 @@
-"""States of a chain: equilibrium, modes of vibration, equilibrium of the hysteresis, and typical pressure."""
+"""States of a chain: equilibrium shape, modes of vibration, hysteresis states, and typical pressure."""
 
 from __future__ import annotations
 

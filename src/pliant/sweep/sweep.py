@@ -55,7 +55,7 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """Keyword options of `run_sweep` for the processes or cluster that compute the samples; documented there."""
+    """Keyword options of `run_sweep` that select processes or a cluster; documented there."""
 
     scheduler: str
     workers: int | None

@@ -94,7 +94,7 @@ def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment],
 
 
 def stacked(rows: Sequence[Arrays]) -> Arrays:
-    """Stack the arrays of single samples along a new first axis."""
+    """Combine the result arrays of several samples into one array per name, with the samples along a new first axis."""
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
