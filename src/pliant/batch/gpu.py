@@ -35,7 +35,9 @@ def check_gpu(samples: Samples) -> None:
 
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
-    """Simulate all samples on the GPU; return the variables (N, T, ...) and failed_at (N,) [s]."""
+    """Simulate N samples on the GPU; return arrays (N, T, ...) by variable name, and the failure times failed_at (N,)
+    [s].
+    """
     results = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
     grids: dict[int, list[int]] = {}
     for i in range(samples.size):

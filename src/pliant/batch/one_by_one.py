@@ -148,7 +148,9 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
 def run_alone(
     models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, step: float, how: Mapping[str, Any],
 ) -> Made:
-    """Simulate each of N samples alone; return arrays (N, T, ...) by variable name, and failed_at (N,) [s]."""
+    """Simulate N samples one by one; return arrays (N, T, ...) by variable name, and failure times
+    failed_at (N,) [s].
+    """
     for model in models:
         check_step(model, step, "midpoint")
     model, size = models[0], len(models)

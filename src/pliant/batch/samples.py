@@ -26,7 +26,7 @@ VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time"
 
 @dataclass(frozen=True)
 class Samples:
-    """Parameters of N chains of n links, as arrays with the samples last.
+    """Model parameters of N chains of n links each, as arrays with the samples along the last axis.
 
     Attributes
     ----------

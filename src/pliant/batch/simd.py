@@ -21,8 +21,8 @@ Array = np.ndarray
 
 
 def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:
-    """Return empty result arrays (N, rows, ...) of N samples by variable name, and failed_at (N,)
-    [s] filled with NaN.
+    """Return result arrays (N, rows, ...) of N samples by variable name, and failure times failed_at (N,) [s].
+    They are filled with NaN until a sample is simulated or fails.
     """
     n, size = samples.template.n, samples.size
     shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
@@ -151,7 +151,9 @@ class ScalarGroups(Groups):
 def run_lanes(
     samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
 ) -> dict[str, Array]:
-    """Simulate all N samples on the processor; return arrays (N, T, ...) by variable name, and failed_at (N,) [s]."""
+    """Simulate N samples on the processor; return arrays (N, T, ...) by variable name, and failure times failed_at (N,)
+    [s].
+    """
     results = outputs(samples, schedule.times.size, variables)
     groups = (ScalarGroups if samples.template.memory else Groups)(samples, schedule, start, results)
     threads = min(threads, groups.count)

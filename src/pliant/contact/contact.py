@@ -127,7 +127,8 @@ def free_motion(
     recordings: Sequence[xr.Dataset], model: Model, *, false_alarms_per_hour: float = 1.0, noise: Noise | None = None,
     **options: Any,
 ) -> FreeMotion:
-    """Estimate noise and bias of the external torques from recordings in which nothing touches the body.
+    """Return noise, bias and thresholds of the external joint torques, from recordings in which nothing touches the
+    body.
 
     The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques. The
     arguments are those of `find_contact`.
@@ -214,7 +215,7 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
 
 
 class ContactEvent(NamedTuple):
-    """One contact: its frames of onset, alarm and end, and the torques [N m] before it, which are subtracted."""
+    """One contact: its frames of onset, alarm and end, and the earlier joint torques [N m] to subtract from its own."""
 
     onset: int
     alarm: int

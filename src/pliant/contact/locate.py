@@ -21,7 +21,7 @@ ROUND = 2.0  # friction coefficient at the round end, where almost any direction
 
 @dataclass(frozen=True)
 class Push:
-    """One contact force on the body: position, components, covariance and goodness of fit.
+    """A contact force on the body: position, components, covariance and goodness of fit.
 
     Attributes
     ----------

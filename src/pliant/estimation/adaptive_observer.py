@@ -52,7 +52,7 @@ OBSERVER_NOISE: ObserverNoise = {
 
 
 class AdaptiveObserver:
-    """State observer: the simulated model, corrected by each frame with a constant (stationary Kalman) gain.
+    """State observer: a simulated model whose state each measured frame corrects by a constant Kalman gain.
 
     The state holds angles, rates and a shift of every joint's rest angle, modelled as a random walk. Creep, friction,
     contact and errors of torque law or stiffness appear as this shift; K times the shift is the torque that the model

@@ -1,4 +1,6 @@
-"""Extended Kalman filter for use during an experiment; frames that arrive late are inserted at their time."""
+"""Extended Kalman filter for use during an experiment.
+Frames that arrive late are applied at the time they were taken.
+"""
 
 from __future__ import annotations
 
@@ -291,7 +293,7 @@ class KalmanFilter:
 
 
 def make(setting: Setting) -> KalmanFilter:
-    """Return a Kalman filter for a `Setting`, which starts at the first event."""
+    """Return a Kalman filter, created from the arguments in `setting`. It starts at the first pressure or frame."""
     return KalmanFilter(setting.model, time=-math.inf)
 
 

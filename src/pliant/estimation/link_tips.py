@@ -20,7 +20,7 @@ TURNS = 12  # iterations: the rotation of joints by weight depends on the rest a
 
 
 class LinkTips:
-    """Positions of the link tips, interpolated between material points of the body such as markers.
+    """Computes the positions of the link tips from material points along the body, such as markers.
 
     A tip lies between its two neighbouring points, divided in the same ratio as on the unstretched body.
 
@@ -54,7 +54,9 @@ class LinkTips:
         self._variance = np.full(len(self.rows), noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Return the link tips (..., n, 2) [m] for points (..., S, 2) [m]; in space (..., n, 3) for (..., S, 3)."""
+        """Return the tips (..., n, 2) [m] of n links from positions (..., S, 2) [m] of S points along the body; in
+        space (..., 3).
+        """
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
         return np.asarray((1.0 - self._share) * near + self._share * far)
 

@@ -192,7 +192,7 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
-    """Return the recorded angles of the stations as absolute link angles (T, S), rad."""
+    """Return the recorded angles (T, S) [rad] of S stations, converted to absolute link angles."""
     angle = recording["angle"].sel(station=[s.name for s in stations])
     turned = angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
@@ -201,7 +201,7 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
 
 
 def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
-    """Return the recorded orientations as rotation vectors (T, 3) [rad] of the links' frames, by station index.
+    """Return recorded orientations as rotation vectors (T, 3) [rad] of the stations' links, by station index.
 
     A recording holds rotations since its rest, in the axes of the base frame. Stations without an orientation are
     omitted.

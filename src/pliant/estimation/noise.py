@@ -103,7 +103,8 @@ def scales(model: Model) -> Array:
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
-    """Return default noise levels in proportion to the model's stiffness, with or without a disturbance torque.
+    """Return default noise levels in proportion to the model's stiffness.
+    With `disturbance` they include a disturbance torque.
 
     Without a disturbance, model errors are described by white torque noise, which fits them less well.
     """

@@ -225,7 +225,7 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
 
 
 def standard_deviations(T: Array, P: Array) -> Array:
-    """Return the standard deviations (T, n) of T x for covariances P (T, N, N) of x."""
+    """Return the standard deviations (T, n) of the linear combinations T x, for covariances P (T, N, N) of x."""
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 

@@ -207,7 +207,7 @@ def information_gain(
 
 
 def sampled(candidate: Candidate) -> Trace:
-    """Return a candidate's pressure as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
+    """Return the pressure input of a candidate as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
     if isinstance(candidate.pressure, Pulse):
         start, stop = candidate.pressure.jumps
         return Trace(np.array([start, start, stop, stop]), candidate.level * np.array([0.0, 1.0, 1.0, 0.0]))

@@ -73,7 +73,9 @@ def between(pressure: Array, grid: Array, rows: Array) -> Array:
 
 
 def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
-    """Return the pressure levels (L,) [Pa], with 0, that training recordings held for a period of the first mode."""
+    """Return the constant pressures (L,) [Pa], and 0, that training recordings kept for at least one period of the
+    first mode.
+    """
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
     found = {0.0}

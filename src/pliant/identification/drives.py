@@ -79,7 +79,7 @@ def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str,
 
 
 def one_chamber(name: str, pressure: xr.DataArray) -> Array:
-    """Return the samples (P,) [Pa] of the recording's only pressure; raise InputError if it has several chambers."""
+    """Return the pressure samples (P,) [Pa] of a recording with one chamber; raise InputError for several chambers."""
     if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
         chambers = ", ".join(str(c) for c in pressure["chamber"].values)
         raise InputError(
@@ -172,7 +172,7 @@ def shared(a: Array, b: Array) -> float:
 
 
 def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
-    """Return the indices of the chambers that have one of the parameters `names`."""
+    """Return the indices of the chambers to which any of the parameters `names` belongs."""
     return [k for k, c in enumerate(model.chambers) if any(n.startswith(f"{c.name}.") for n in names)]
 
 

@@ -79,7 +79,7 @@ def noise_of(exp: Experiment) -> float:
 
 
 def smoothed(u: Array) -> Array:
-    """Return the running mean (T,) of five samples of `u` (T,)."""
+    """Return a signal u (T,) after a running mean over five samples."""
     return np.convolve(np.pad(u, 2, mode="edge"), np.full(5, 0.2), mode="valid")
 
 

@@ -1,4 +1,4 @@
-"""Parameters of extensible segments: ``name`` for all segments, ``segment.name`` for one."""
+"""Fit parameters of extensible segments: ``name`` applies to all segments, ``segment.name`` to one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OWN = ALWAYS | {f"axial_{name}": name for name in (*SPRING_TERMS, SPRING_BOUND)}
 
 
 def segments(model: Model) -> tuple[str, ...]:
-    """Return the names of the model's extensible segments, which prefix the parameters of one segment."""
+    """Return the names of the model's extensible segments, as used before the dot of a parameter name."""
     return tuple(e.name for e in model.extensions)
 
 

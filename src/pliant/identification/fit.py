@@ -320,7 +320,7 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
-    """Return parameters from a mapping of names to a start value, "free", or a table of `Parameter` attributes."""
+    """Return fit parameters from a dict of name to a start value, "free", or a table of `Parameter` attributes."""
     parsed = []
     for name, entry in entries.items():
         if entry == "free" or entry is None:

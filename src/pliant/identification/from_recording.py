@@ -117,7 +117,9 @@ def one_pose(recording: xr.Dataset) -> xr.Dataset:
 
 
 def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
-    """Return the positions (T, S, 2) [m] of the stations, (T, S, 3) in space; NaN throughout for angles only."""
+    """Return the positions (T, S, 2), in space (T, S, 3), [m] of S stations.
+    They are NaN for a recording of angles only.
+    """
     if "position" not in recording:
         return np.full((recording.sizes["time"], len(stations), 2), np.nan)
     return np.asarray(recording["position"].sel(station=list(stations)).values, dtype=float)

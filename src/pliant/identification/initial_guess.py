@@ -1,4 +1,6 @@
-"""Start values of a fit: stiffness and damping from free decays, torque laws from plateaus, others from the model."""
+"""Start values of a fit: stiffness and damping from free decays, torque laws from constant pressures, others from the
+model.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +121,9 @@ def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) 
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:
-    """Return the joint stiffness [N m/rad] at which the loaded first mode rings at `frequency` [Hz]."""
+    """Return the joint stiffness [N m/rad] at which the model's first mode, under gravity, has this
+    `frequency` [Hz].
+    """
 
     def gap(log_k: float) -> float:
         m = apply(model, {**exp.known, "stiffness": float(np.exp(log_k))})

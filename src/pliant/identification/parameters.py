@@ -299,7 +299,7 @@ def moved_joints(model: Model, share: float) -> Model:
 
 
 def turned_gravity(model: Model, angle: float) -> np.ndarray:
-    """Return gravity (2,) [m/s^2] with the model's magnitude, turned by `angle` [rad] from the base tangent +y."""
+    """Return a gravity vector (2,) [m/s^2] of the model's magnitude, at `angle` [rad] from the base tangent +y."""
     strength = float(np.hypot(*model.gravity))
     if strength == 0:
         raise InputError("the parameter gravity_angle turns gravity, but the model's gravity is zero: give the model "

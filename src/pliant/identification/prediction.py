@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """Predict an experiment with a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
+    """Predict S stations of an experiment by a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
 
     Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a

@@ -35,7 +35,8 @@ def root_mean_square(modelled: Array, measured: Array) -> float:
 
 
 class Problem:
-    """The residuals of all experiments as a function of the scaled free parameters x (P,), with their exact Jacobian.
+    """The least-squares problem of a fit: residuals of all experiments at scaled free parameters x (P,), and their
+    Jacobian.
 
     Each parameter is in units of its own scale. A residual is a distance over the peak displacement of its experiment,
     in metres, or in standard deviations of the noise; in the first two cases an experiment with many samples counts no

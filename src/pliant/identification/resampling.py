@@ -1,4 +1,6 @@
-"""Block bootstrap of a fit: refits to residuals resampled in blocks, which preserve their correlation in time."""
+"""Block bootstrap of a fit: refits to data whose residuals are resampled in blocks, which keep their correlation in
+time.
+"""
 
 from __future__ import annotations
 

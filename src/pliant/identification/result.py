@@ -115,7 +115,7 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
 
 
 def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:
-    """Return a sentence on training recordings whose error exceeds 30 % of their peak displacement, or ''."""
+    """Return a sentence on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
     missed = {e.name: rmse[e.name] / e.travel for e in experiments if rmse[e.name] > USELESS * e.travel}
     if not missed:
         return ""

@@ -33,7 +33,7 @@ class ModelSelection(Shown):
 
     @property
     def step(self) -> Step:
-        """Return the chosen stage."""
+        """Return the result of the chosen stage."""
         (step,) = (s for s in self.steps if s.stage.name == self.chosen)
         return step
 
@@ -44,7 +44,7 @@ class ModelSelection(Shown):
         return self.step.result
 
     def card(self) -> Card:
-        """Return a table of the error, BIC and cost of every stage for display."""
+        """Return a display card: table of the error, BIC and cost of every stage."""
         rows = [[
             s.stage.title + " *" * (s.stage.name == self.chosen), str(len(s.freed)), shown(s.train), shown(s.held_out),
             f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
@@ -73,7 +73,8 @@ def select_model(
     stages: Sequence[Stage] = STAGES, late: bool = True, progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> ModelSelection:
-    """Fit models of increasing complexity and choose the simplest that is as good as the best on held-out recordings.
+    """Fit models of increasing complexity, and choose the simplest that predicts held-out recordings as well as the
+    best.
 
     Each stage frees further parameters and starts where a lower stage ended. A stage is passed over, and the next one
     does not build on it, if its BIC is higher than that of the stage on which it builds, or if the recordings do not
@@ -167,7 +168,7 @@ def pays(step: Step, below: Step) -> bool:
 
 
 def chosen(steps: Sequence[Step]) -> ModelSelection:
-    """Choose the lowest stage that is as good as the best on held-out recordings, or of lowest BIC if none is held out.
+    """Choose the lowest stage as good as the best on held-out recordings or, without any, the stage of lowest BIC.
 
     "As good" means that its error exceeds the best by less than 5 % of it (`MATERIAL`), or by less than one standard
     error of the difference. Stages with undetermined parameters, and stages that cannot predict a held-out recording

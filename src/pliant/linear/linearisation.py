@@ -110,7 +110,9 @@ class LinearModel:
         return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
     def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
-        """Return the frequency response y/u (W,) at angular frequencies `omega` (W,) [rad/s], dead time included."""
+        """Return the frequency response (W,) of an output to a commanded pressure at `omega` (W,) [rad/s], dead time
+        included.
+        """
         late = np.exp(-1j * omega * self.dead_times[chamber])
         return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
 
@@ -120,7 +122,7 @@ class LinearModel:
 
 
 def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
-    """Linearise a model about its equilibrium under constant pressures, valves included.
+    """Linearise a model, valves included, about its equilibrium under constant pressures.
 
     Parameters
     ----------
@@ -253,7 +255,7 @@ def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
 
 
 def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
-    """Return c (i omega - A)^{-1} B (W,) at the angular frequencies `omega` (W,), rad/s."""
+    """Return the frequency response c (i omega - A)^{-1} B (W,) at W angular frequencies `omega` [rad/s]."""
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
     eye = np.eye(A.shape[0])
     return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])

@@ -27,7 +27,7 @@ class Sampled(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Stability margins of a feedback loop, opened at the commanded pressure."""
+    """Stability margins of a feedback loop that is opened at the commanded pressure."""
 
     gain_db: float  # dB, smallest factor above 1 that makes the loop unstable
     phase_deg: float  # degrees
@@ -59,7 +59,8 @@ class LoopCurve:
 
 
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
-    """Return the linear model sampled every `period` [s] with zero-order hold; dead time and `latency` [s] are exact.
+    """Return the discrete-time model for samples every `period` [s] with zero-order hold.
+    Dead time and `latency` [s] are treated exactly.
 
     Raises
     ------

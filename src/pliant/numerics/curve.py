@@ -125,7 +125,8 @@ def tangents(angle: Array) -> Array:
 
 
 def arc_lengths(position: Array) -> Array:
-    """Return the lengths (T,) [m] of curves of circular arcs from the origin through the points (T, S, d), d = 2 or 3.
+    """Return the length (T,) [m] of each of T curves of circular arcs, from the origin through S points (T, S, 2 or 3)
+    [m].
 
     Each arc is tangent to the one before. The first begins at the origin along +y, in space along +z. The result is
     exact where the curvature between the points is constant.

@@ -79,7 +79,9 @@ def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64
 
 
 def polynomial_slope_weights(x: ArrayLike, degree: int) -> NDArray[np.float64]:
-    """Return weights (S,) whose dot product with values at `x` is the slope at ``x[0]`` of their polynomial fit."""
+    """Return weights (S,) whose dot product with values at S points `x` is the slope at ``x[0]`` of a fitted
+    polynomial.
+    """
     points = np.asarray(x, dtype=np.float64)
     span = points[-1] - points[0]
     vandermonde = np.vander((points - points[0]) / span, degree + 1, increasing=True)

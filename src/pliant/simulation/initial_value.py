@@ -43,7 +43,9 @@ class InitialValueProblem(NamedTuple):
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
-        """Return the problem with an initial state: joint angles, rates and hysteresis states, as in `simulate`."""
+        """Return the problem with its initial state set: joint angles, rates and hysteresis states,
+        as in `simulate`.
+        """
         model, load = self.model, loads_before(self.model, self.forces, self.times)
         rest = angle is None
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)

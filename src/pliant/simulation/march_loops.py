@@ -55,7 +55,8 @@ class Rows(NamedTuple):
 
 
 def rows_for(rows, size, states, energies):
-    """Return a `Rows` of zeros for `rows` output rows, `size` coordinates and 2 or 3 `energies`.
+    """Return zeroed output arrays (`Rows`) of a simulation for a number of rows, coordinates, hysteresis states and
+    energies.
 
     `states` is the shape (n, branches) of the hysteresis states.
     """

@@ -95,7 +95,7 @@ def trajectory(
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:
-    """Return a variable with its unit and long name.
+    """Return values as an xarray variable with its dimensions, unit and long name.
 
     The fast path avoids xarray's import of Dask.
     """

@@ -1,4 +1,4 @@
-"""The function `simulate`: from a model and pressure inputs to a labelled trajectory."""
+"""The function `simulate`, which computes the motion of a model under pressure inputs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def simulate(
     tolerance: float = 1e-4,
     check: bool = True,
 ) -> xr.Dataset:
-    """Simulate a model under pressure inputs, and return its motion. Paper: Eq. (5) [eq:eom], solver D14.
+    """Simulate a model under pressure inputs and return its motion as a dataset. Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def output_times(duration: float | None, times: Array | None, step: float | None
 
 
 def check_step(model: Model, step: float | None, method: str) -> None:
-    """Raise InputError for a step that is not positive or too long for the first mode, and for an unknown method."""
+    """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the first mode."""
     if step is not None and not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if method in METHODS:

@@ -119,7 +119,8 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
 
 
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
-    """Return undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about a shape `q`.
+    """Return undamped natural frequencies (n,) [Hz], ascending, and damping ratios (n,) of small motions about the
+    shape `q`.
 
     The default shape is the equilibrium without pressure.
 
@@ -174,7 +175,7 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 
 def typical_pressure(model: Model, which: int = 0) -> float:
-    """Return the pressure [Pa] that bends the chain by half a radian, or 0.8 of its largest static pressure if less.
+    """Return the pressure [Pa] that bends the chain by half a radian, at most 0.8 of the largest that it can balance.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
     pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],

@@ -32,7 +32,8 @@ class Snapshot(NamedTuple):
 
 
 class Stepper:
-    """A simulation that advances by one step of fixed length at each call. Paper: Eq. (5) [eq:eom], solver D14.
+    """A simulation that advances by one or more steps of fixed length at each call.
+    Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------

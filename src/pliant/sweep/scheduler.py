@@ -40,7 +40,7 @@ class Chunked(Protocol):
 
     @property
     def chunks(self) -> int:
-        """Return the number of chunks."""
+        """Return the number of chunks into which the samples are divided."""
 
     def bounds(self, chunk: int) -> tuple[int, int]:
         """Return the index of the first sample of a chunk, and the index after its last sample."""
@@ -82,7 +82,7 @@ class Local(Executor):
     in_flight = 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run a job at once and return its finished future."""
+        """Run a job immediately in this process and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))

@@ -45,7 +45,7 @@ class Range(BaseModel):
         return self
 
     def grid(self) -> Array | None:
-        """Return the values of a list or a grid; None for a distribution or a single number."""
+        """Return the values of a parameter given as a list or a grid; None for a distribution or a single number."""
         if self.values is not None:
             return np.array(self.values, dtype=float)
         return np.linspace(self.low or 0.0, self.high or 0.0, self.count) if self.count else None

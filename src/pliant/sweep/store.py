@@ -30,7 +30,7 @@ class DiskError(PliantError):
 
 
 def write_dataset(recording: xr.Dataset, path: Path) -> None:
-    """Write a dataset to `path` as netCDF, completely or not at all, and flush it to the disk.
+    """Write a dataset to `path` as netCDF so that the file is complete or absent, and flush it to the disk.
 
     Raises
     ------
@@ -97,7 +97,7 @@ class Store:
         write_text(self.folder / "campaign.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
 
     def path(self, chunk: int) -> Path:
-        """Return the path of a chunk's file."""
+        """Return the path of the file of a chunk."""
         return self.chunks / f"chunk_{chunk:06d}.npz"
 
     def save(self, chunk: int, first: int, arrays: Arrays) -> None:

@@ -29,7 +29,7 @@ UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Result of a sweep: the samples as a dataset, the counts of chunks, and the folder."""
+    """Result of a sweep: dataset of all samples, counts of chunks, and the folder that holds them."""
 
     samples: xr.Dataset
     account: Account
@@ -77,7 +77,7 @@ def run_sweep(
     progress: Notify | None = None,
     **who: Unpack[Workers],
 ) -> SweepResult:
-    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue an interrupted one.
+    """Run a parameter sweep (design, Monte Carlo, bootstrap or multi-start fit), or continue an interrupted one.
 
     Parameters
     ----------

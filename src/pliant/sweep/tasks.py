@@ -39,7 +39,7 @@ class Campaign:
 
     @property
     def chunks(self) -> int:
-        """Return the number of chunks."""
+        """Return the number of chunks into which the samples of the sweep are divided."""
         return -(-self.sweep.size // self.sweep.together)
 
     def work(self, chunk: int) -> Arrays:
