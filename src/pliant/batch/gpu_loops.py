@@ -37,7 +37,7 @@ def within(x, limit):
 
 
 def device(function: Callable[..., Any]) -> Any:
-    """Compile a function that kernels on the GPU can call."""
+    """Compile a Python function so that GPU kernels can call it."""
     return cuda.jit(device=True)(function)
 
 

@@ -91,7 +91,7 @@ def samples_alone(
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
-            raise InputError(f"batch parameter {wrong[0]!r} must be an array of one number per sample")
+            raise InputError(f"batch parameter {wrong[0]!r} must be an array with one number for each sample")
         check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):

@@ -1,4 +1,4 @@
-"""The function `find_contact`: when and where something touches the body, and how hard."""
+"""The function `find_contact`, which finds when and where something touches the body, and how hard."""
 
 from __future__ import annotations
 

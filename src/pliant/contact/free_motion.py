@@ -111,8 +111,8 @@ class FreeMotion:
         return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
 
     def statistic(self, left: Array, features: Array) -> Array:
-        """Return the cumulative sum (T,) of the normalised squares of the torques `left` (T, n) [N m], minus a constant
-        slack.
+        """Return Page's cumulative sum (T,) of the squared torques `left` (T, n) [N m], normalised by their scatter
+        without contact.
         """
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
         return cumulative(gain, CAP * self.threshold)

@@ -38,7 +38,7 @@ class ObserverModel(NamedTuple):
 
 
 class ObserverGains(NamedTuple):
-    """Constant gain of the adaptive observer, with the linear model by which it learns a factor on the actuation
+    """Constant gain of the adaptive observer, and the linear model from which it learns a factor on the actuation
     torque.
     """
 
@@ -50,7 +50,9 @@ class ObserverGains(NamedTuple):
 
 
 class ObserverState(NamedTuple):
-    """State of the adaptive observer, changed in place: angles, rates, rest shifts, torque factor and slow states."""
+    """State of the adaptive observer, changed in place: angles, rates, shifts of the rest angles, and a factor on the
+    torque.
+    """
 
     angle: np.ndarray  # (n,) rad, absolute
     rate: np.ndarray  # (n,) rad/s

@@ -240,8 +240,8 @@ def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:
 
 
 def carriers(model_at: ModelAt, exp: Experiment) -> Array:
-    """Return the index (S + 2 m,) of the link that carries each of S observed points and of 2 axis points per
-    orientation.
+    """Return the index (S + 2 m,) of the link that carries each observed point.
+    The last 2 m points lie on axes of the m links whose orientation is observed.
     """
     return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
 

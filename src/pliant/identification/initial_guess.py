@@ -47,7 +47,7 @@ def free_decay(exp: Experiment) -> RingDown | None:
 
 
 def last_edge(exp: Experiment) -> float:
-    """Return the last time [s] at which the measured input still changed, or at which a held body was let go."""
+    """Return the last time [s] at which the measured pressure changed or a held body was let go."""
     found = edges(exp)
     return max(found.values()) if found else last_jump(exp)
 

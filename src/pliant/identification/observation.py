@@ -38,7 +38,7 @@ def copied(a: Any) -> Any:
 
 
 def in_kind(record: Any, kind: NumberKind) -> Any:
-    """Return a named tuple with all floats and arrays converted to a number type: float, complex or dual."""
+    """Return a named tuple with all floats and arrays converted to the number type `kind`: float, complex or dual."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
@@ -104,20 +104,24 @@ def lagged(rows: Array, times: Array, lags: Array) -> Array:
 
 
 def with_axes(places: Array, oriented: Array) -> Array:
-    """Return the link coordinates (3, S + 2 m) of all S points, with two axis points for each of m orientations."""
+    """Return link coordinates (3, S + 2 m) of S observed points and 2 m auxiliary points.
+    The latter lie on two axes of each of m links whose orientation is observed.
+    """
     ends = places[:, oriented]
     ahead, aside = np.array([[1.0], [0.0], [0.0]]), np.array([[0.0], [0.0], [1.0]])
     return np.concatenate([places, ends + ahead, ends + aside], axis=1)
 
 
 def repeated(values: Array, oriented: Array) -> Array:
-    """Append to S per-point values those of the m stations `oriented`, twice each, for their two axis points."""
+    """Return values (S + 2 m,) for S observed points, and for 2 m auxiliary points the values of their m stations.
+    The auxiliary points lie on two axes of each link whose orientation is observed.
+    """
     return np.concatenate([values, values[oriented], values[oriented]])
 
 
 def frames_of(rows: Array, oriented: Array) -> Array:
-    """Return rotation matrices (..., T, m, 3, 3) of links from positions (..., T, S + 2 m, 3) of points and axis
-    points.
+    """Return the rotation matrices (..., T, m, 3, 3) of m links from positions (..., T, S + 2 m, 3).
+    The last 2 m points lie on two axes of each link.
     """
     m = len(oriented)
     start, ahead, aside = rows[..., oriented, :], rows[..., -2 * m : -m, :], rows[..., -m:, :]

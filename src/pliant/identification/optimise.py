@@ -57,7 +57,7 @@ def solve_all(
 def solve(
     problem: Problem, x0: Array, loss: str, max_evaluations: int, found: OptimizeResult | None = None,
 ) -> OptimizeResult:
-    """Minimise the residuals of a problem from scaled start parameters x0 (P,), with exact derivatives.
+    """Minimise the residuals of a least-squares problem from scaled start parameters x0 (P,), with exact derivatives.
 
     The unknowns are the changes from x0 in units of the parameters' typical sizes, so that the first step is at most of
     that size. A step scaled by the derivatives would be far too long for a parameter to which a start is insensitive.

@@ -282,7 +282,7 @@ def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 def moved_joints(model: Model, share: float) -> Model:
     """Return the chain with each joint at the fraction `share` of its body segment.
-    Stations keep their rest positions.
+    Stations keep their positions at rest.
     """
     segment = model.length / model.n
     length = np.full(model.n, segment)

@@ -71,7 +71,9 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
 
 
 def commands(numbers: Numbers) -> Array:
-    """Return the torques and tendon commands (T + 1, N + R) of T settled poses, after a first row of zeros."""
+    """Return the torques and tendon commands (T + 1, N + R) of T settled poses: N coordinates, R tendons.
+    The first row is zero.
+    """
     rows = numbers.torque @ numbers.gain
     return np.concatenate([0.0 * rows[:1], rows])
 

@@ -165,7 +165,7 @@ class StageFitter:
         return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
     def multistart(self, entries: Sequence[Entry], stage: Stage, ended: dict[str, Parameter]) -> FitResult:
-        """Fit parameters of a stage from the best of several starts, which short fits select.
+        """Fit parameters of a stage from the best of several start values, which short fits determine.
 
         The starts are the end of the stage below and fresh estimates, since parameters of the stage below may have
         compensated for those that this stage adds. Both are tried with each value of the stage's scan.
@@ -242,7 +242,7 @@ def doubt(p: Parameter) -> float:
 
 
 def entry_name(entry: Entry) -> str:
-    """Return the parameter name of an entry, which is a `Parameter` or only a name."""
+    """Return the name of an entry of a stage, which is a `Parameter` or only the name of one."""
     return entry if isinstance(entry, str) else entry.name
 
 

@@ -186,7 +186,9 @@ def short_fit(
 
 
 def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
-    """Return the free parameters without start value that scale the torques: law coefficients or, if none, gains."""
+    """Return the names of free parameters without start value that scale the torques: law coefficients or, if none,
+    gains.
+    """
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
     laws = {name for name in names if re.fullmatch(LAWS, last_part(name))}

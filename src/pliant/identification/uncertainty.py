@@ -83,8 +83,8 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
 
 
 def along_channels(observed: Any, J: Array, residual: Array) -> Array:
-    """Return the covariance (P, P) of the score: the sum over frame pairs of J_t' R_ts J_s.
-    The autocovariance R of the residuals is pooled over channels.
+    """Return the sum (P, P) over frame pairs t, s of J_t' R_ts J_s, for the standard errors of a fit.
+    J is the Jacobian and R the autocovariance of the residuals, pooled over channels.
     """
     dense = np.zeros((*observed.seen.shape, J.shape[1]))
     dense[observed.rows, observed.station, observed.channel] = J
@@ -96,7 +96,9 @@ def along_channels(observed: Any, J: Array, residual: Array) -> Array:
 
 
 def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
-    """Return the covariance (P, P) of the score, from products of frames up to two correlation lengths apart."""
+    """Return the sum (P, P) of products of the cost's gradients in any two frames up to two
+    correlation lengths apart.
+    """
     score = np.zeros((observed.seen.shape[0], J.shape[1]))
     np.add.at(score, observed.rows, J * residual[:, None])
     width = int(min(np.ceil(2 * frames), observed.seen.shape[0] // 4))

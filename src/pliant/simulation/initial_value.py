@@ -22,7 +22,7 @@ Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, hysteresis s
 
 
 class Solution(NamedTuple):
-    """A computed motion with its pressures, longest time step and estimated error."""
+    """A simulated motion with its pressures, longest time step and estimated error."""
 
     pressure: Array  # (T, C) Pa, behind the valves
     marched: Marched

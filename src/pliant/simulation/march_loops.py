@@ -35,7 +35,7 @@ from pliant.simulation.pressure_loops import held_interval
 
 
 class Steps(NamedTuple):
-    """Input of a time-stepping loop: length, mean chamber torques, loads and output row of every step."""
+    """Time steps as input of a compiled simulation: length, mean chamber torques, loads and output row of each step."""
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
