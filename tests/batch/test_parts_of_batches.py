@@ -295,7 +295,7 @@ def test_who_is_marched_alone(paper):
             {"stiffness": [1.0, 2.0]},
             "2 samples need one set of pressures, or one for each sample, got 3",
         ),
-        (two, [(PULSE,)], {"stiffness": [1.0]}, "2 chamber"),
+        (two, [(PULSE,)], {"stiffness": [1.0]}, "needs 2 pressure input"),
         (two, [(PULSE, PULSE)], {"c.torque_1": [1.0]}, "has no effect on this model, whose chambers are a, b"),
         (two, [(PULSE, PULSE)], {"swing": [1.0]}, "swing"),
     ):
