@@ -1,4 +1,4 @@
-"""Align a recording: from tracker coordinates to the base frame of the models.
+"""Transform the positions and orientations of a recording from tracker coordinates to the base frame of the models.
 
 The base is at the origin. The base tangent points along +y in a planar recording and along +z in a spatial one. Both
 are the same frame with renamed axes: (x, y, z) in space is (z, x, y) of the plane. A body that bends about +x in space

@@ -1,4 +1,4 @@
-"""Determine the base frame of an alignment: the tangent at the base and the plane of bending."""
+"""Determine the base frame of an alignment: the tangent of the body at its base and the plane of bending."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tan
 
 
 def unit_vector(value: ArrayLike, what: str) -> NDArray:
-    """Return the unit vector of three finite numbers; raise InputError that names `what` for anything else."""
+    """Return three numbers divided by their norm, as a unit vector (3,). Raise InputError, which names the option
+    `what`, where they are not finite or all zero.
+    """
     try:
         vector = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -69,7 +71,8 @@ def base_tangent(
 
 
 def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
-    """Return the unit vector of an axis of the tracker ("+x") or of the base at rest ("base:+x"), else None.
+    """Return the unit vector (3,), in tracker coordinates, of an axis that is named as a text: "+x" of the tracker, or
+    "base:+x" of the base station at rest. Return None for any other text.
 
     Parameters
     ----------
@@ -150,7 +153,8 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
 def bending_normal(
     option: Any, tangent: NDArray, position: NDArray, about: dict[str, NDArray], noise: float
 ) -> tuple[NDArray, float]:
-    """Return the unit normal of the plane of bending, perpendicular to the tangent, and the flatness of the data.
+    """Return the unit normal (3,) of the plane of bending, perpendicular to the base tangent, and the flatness of the
+    motion (0 planar, 1 without a preferred plane).
 
     Parameters
     ----------
@@ -198,7 +202,9 @@ def bending_normal(
 
 
 def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
-    """Return the mean orientation (3, 3) of the base over the frames of the rest window; None without one."""
+    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest; None where its orientation
+    is unknown.
+    """
     if quaternion is None:
         return None
     matrix = mean_rotation(to_matrix(quaternion[window, base]))
@@ -206,7 +212,7 @@ def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray
 
 
 def still_noise(position: NDArray) -> float:
-    """Return the noise [m] of the station with median noise; 0 where it is unknown."""
+    """Return the median over the stations of the position noise [m]; 0 where it cannot be determined."""
     noise = detectors.by_blocks(detectors.noise_level, position)
     noise = noise[np.isfinite(noise)]
     return float(np.median(noise)) if noise.size else 0.0

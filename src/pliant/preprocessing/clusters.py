@@ -1,4 +1,4 @@
-"""Assemble marker clusters to stations: the markers on one rigid part become one station with a pose."""
+"""Replace each cluster of markers on one rigid part by one station with a position and an orientation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ PASSES = 4  # of averaging the shape; it settles to rounding in two
 
 
 class Cluster(FileMapping):
-    """Markers of one station, with the point that is its position.
+    """Definition of a station by the markers on one rigid part: their names and the point that is the station's
+    position.
 
     Attributes
     ----------
@@ -46,7 +47,8 @@ class Cluster(FileMapping):
 def assemble(
     recording: xr.Dataset, mapping: Mapping[str, Any], *, tolerance_mm: float = 1.0
 ) -> xr.Dataset:
-    """Return a recording in which each cluster of markers is replaced by one station.
+    """Return a recording in which each cluster of markers on a rigid part is replaced by one station with position and
+    orientation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Resample a recording in time or along the body; samples too far from a measurement become NaN."""
+"""Resample a recording in time or along the body. New samples too far from a measured one become NaN."""
 
 from __future__ import annotations
 
@@ -85,7 +85,8 @@ def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
 def resample_arc_length(
     recording: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
 ) -> xr.Dataset:
-    """Return a dense shape interpolated to stations of equal arc length, by cubic splines in each frame.
+    """Return the recording with its positions interpolated, frame by frame, to stations of equal spacing along the
+    body, by cubic splines.
 
     Parameters
     ----------

@@ -20,18 +20,20 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def point(p: Any) -> list[float]:
-    """Return x, y, z of a point and four NaN in place of a quaternion."""
+    """Return a ROS 2 point as a row of seven numbers: x, y, z and four NaN for the missing quaternion."""
     return [p.x, p.y, p.z, *[float("nan")] * 4]
 
 
 def pose(p: Any) -> list[float]:
-    """Return the position x, y, z and the quaternion x, y, z, w of a pose."""
+    """Return a ROS 2 pose as a row of seven numbers: position x, y, z and quaternion x, y, z, w."""
     q = p.orientation
     return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
 
 
 def cloud(m: Any) -> list[list[float]]:
-    """Return one row (x, y, z and four NaN) for each point of a PointCloud2; points that were not seen are NaN."""
+    """Return the points of a ROS 2 PointCloud2 message as rows of seven numbers: x, y, z and four NaN for the missing
+    quaternion.
+    """
     places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
     if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
         raise Refused("has a PointCloud2 without x, y and z as floating-point numbers")
@@ -66,7 +68,7 @@ def stamp_of(message: Any, received: int) -> int:
 
 
 def check_definition(connection: Any) -> None:
-    """Check that the bag defines a message type as ROS 2 does, in .msg text; raise `Refused` otherwise."""
+    """Check that the message type of a topic is defined in the bag as in ROS 2; raise `Refused` otherwise."""
     definition, name = connection.msgdef, connection.msgtype
     if definition.format == MessageDefinitionFormat.NONE:
         return
@@ -79,7 +81,9 @@ def check_definition(connection: Any) -> None:
 
 
 def read(path: str) -> Content:
-    """Return stamps (M,) [ns] and rows (M, R, 7 or 1) of each topic of a known type, and the names of other topics."""
+    """Read a ROS 2 bag: for each topic with poses, points or numbers, the times (M,) [ns] of M messages and their R
+    rows of 7 numbers (pose) or 1 number each. Also return the names of all other topics.
+    """
     arrays: dict[str, np.ndarray] = {}
     topics = []
     with Reader(Path(path)) as bag:

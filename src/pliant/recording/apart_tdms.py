@@ -9,7 +9,9 @@ from pliant.recording.apart_worker import Content, Refused, content_bound
 
 
 def read(path: str) -> Content:
-    """Return the numeric channels with their times, and the names of the others; an oversized file is refused."""
+    """Return the numeric channels of a TDMS file with their sample times, and the names of the other channels. A file
+    that states more values than it can hold is refused.
+    """
     from pathlib import Path
 
     arrays: dict[str, np.ndarray] = {}

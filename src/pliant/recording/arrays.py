@@ -31,7 +31,7 @@ PRESSURE_NAMES = {"pressure": "pa"} | {f"{start}_{unit}": unit for start in ("p"
 
 
 class ArrayMapping(FileMapping):
-    """Mapping that names the arrays of a file (time, position, pressure, ...) and gives their units.
+    """Options that name the arrays of a .npz or .mat file (time, position, pressure, ...) and state their units.
 
     Attributes
     ----------
@@ -71,7 +71,8 @@ class ArrayMapping(FileMapping):
 def recording_from_arrays(
     arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str, *, others: Sequence[str] = ()
 ) -> xr.Dataset:
-    """Build a recording from the named `arrays` of a file; `mapping` holds options of `ArrayMapping`.
+    """Build a recording from the named arrays of a .npz or .mat file; `mapping` states which array is which, and the
+    units.
 
     `others` are names of entries of the file that are not numeric. They and all unused arrays are listed in the
     history.

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 
 class C3dContent(NamedTuple):
-    """Content of a C3D file: points (T, N, 3), analog channels (T * samples, C), rates [Hz] and parameters.
+    """Content of a C3D file: coordinates (T, N, 3) of N points over T frames, values of C analog channels, rates [Hz]
+    and parameters.
 
     `doubts` are sentences about contradictions, `remarks` about oddities that may be harmless.
     """
@@ -49,7 +50,8 @@ class C3dContent(NamedTuple):
 
 
 class C3dMapping(FileMapping):
-    """Options of the C3D reader: unit of length, handling of contradictions, and pressure channels.
+    """Options of the C3D reader: unit of length, whether to read a file that contradicts itself, and channels of
+    pressure.
 
     Attributes
     ----------
@@ -68,7 +70,9 @@ class C3dMapping(FileMapping):
 
 
 def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the markers and, where mapped, the analog pressure of a C3D file; options are those of `C3dMapping`."""
+    """Read the markers of a C3D file as stations, and pressure from its analog channels where the mapping names them;
+    return a recording.
+    """
     options = C3dMapping.load(mapping, path.name)
     content = _content(path)
     if content.doubts and not options.trust_header:

@@ -1,4 +1,4 @@
-"""Read any table of numbers by a mapping that names the columns of time, pressure, position and orientation.
+"""Reader of plain tables of numbers, for which a mapping names the columns of time, pressure, position and orientation.
 
 The mapping is a plain dict, so that a study file can hold it. Columns are given by index (from 0) or, when
 the first row holds names, by name. Example::
@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 
 
 class ColumnHeader:
-    """Header of the table `file`: the names (empty where the first row holds numbers) and number of its columns."""
+    """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
+    columns.
+    """
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
         self.names, self.width, self.file = names, width, file
@@ -63,7 +65,7 @@ class ColumnHeader:
 
 
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the table `path` as a recording; `mapping` holds the options of `ColumnMapping`."""
+    """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
         raise InputError(
             f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, length_unit, "
@@ -213,7 +215,9 @@ ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more;
 
 
 def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
-    """Return angles (T, S) [rad] with the 360-degree jumps of wrapping sensors removed, and a line that counts them."""
+    """Remove the jumps of 360 degrees from the angles (T, S) [rad] of S sensors over T frames, and return them with a
+    history line that counts the jumps.
+    """
     seen = np.isfinite(angle)
     result, jumps = angle.copy(), 0
     for s in range(angle.shape[1]):
@@ -264,7 +268,8 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
 
 
 def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
-    """Return quaternions (T, 4) normalised to unit length, and the number that became NaN.
+    """Return the T quaternions (T, 4) normalised to length 1, and the number of those that became NaN because their
+    length is far from 1.
 
     Quaternions whose length differs from 1 by less than 0.05 are normalised. Others become NaN, and those of them that
     are not wholly NaN are counted.

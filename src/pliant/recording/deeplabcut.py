@@ -29,7 +29,7 @@ LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 
 
 def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the tracked points of one individual from a DeepLabCut file; options are those of `TrackerMapping`."""
+    """Read the points that DeepLabCut tracked on one individual, from CSV or HDF5, and return them as a recording."""
     options = TrackerMapping.load(mapping, path.name)
     hdf = path.suffix.lower() in (".h5", ".hdf5")
     columns, frame, table, findings = from_hdf(path) if hdf else from_csv(path)
@@ -53,7 +53,8 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
 
 
 def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut CSV file.
+    """Read a DeepLabCut CSV file: return its column names, frame numbers (T,) of T rows, values (T, C) of C columns,
+    and history lines.
 
     Each column name is the tuple (scorer, individual, point, coordinate).
     """
@@ -72,7 +73,9 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 
 
 def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut HDF5 file."""
+    """Read a DeepLabCut HDF5 file: return its column names, frame numbers (T,) of T rows, values (T, C) of C columns,
+    and history lines.
+    """
     frame = read_frame(*read_apart("hdf5", path, "DeepLabCut"), path.name)
     known = [name.lower() for name in frame.levels]
     if not {"bodyparts", "coords"} <= set(known):
@@ -84,7 +87,9 @@ def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
-    """Return points and likelihoods on every frame from first to last; absent frames become NaN and are counted."""
+    """Insert the frames that the file lacks between its first and last: return points with NaN and likelihoods 0 there,
+    and a history line that counts them.
+    """
     if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
         raise InputError(f"the first column of {file} must hold whole frame numbers that increase from row to row")
     number = frame.astype(int)

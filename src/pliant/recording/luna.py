@@ -30,13 +30,15 @@ STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6
 
 
 class LunaMapping(FileMapping):
-    """Options of the Luna reader: the name of the `core` that this file measured."""
+    """Option of the Luna reader: the name of the fibre core whose strain the file holds."""
 
     core: str = "core000"
 
 
 def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the strain of one fibre core from a Luna table; gaps become NaN. Options: `LunaMapping`."""
+    """Read the strain of one fibre core from a Luna ODiSI table and return it as a recording; missing values become
+    NaN.
+    """
     options = LunaMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     header, at = _header(lines, path.name)
@@ -71,7 +73,8 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join strain recordings of single cores with equal times and gauges into one recording of all cores.
+    """Join recordings of the strain of one fibre core each, with equal times and gauge positions, into one recording of
+    all cores.
 
     Raises
     ------

@@ -33,7 +33,9 @@ TYPES = ("Rigid Body", "Bone", "Marker")
 
 
 class MotiveMapping(FileMapping):
-    """Options of the Motive reader: `length_unit` where the file states none, and the `types` of assets to read."""
+    """Options of the Motive reader: the unit of length where the file states none, and the types of tracked assets to
+    read.
+    """
 
     length_unit: str | None = None
     types: tuple[str, ...] = TYPES
@@ -86,7 +88,7 @@ class _Header:
 
 
 def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the markers and rigid bodies of a Motive export as stations; options are those of `MotiveMapping`."""
+    """Read the markers and rigid bodies of an OptiTrack Motive CSV export as stations and return a recording."""
     options = MotiveMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     if not lines[0].startswith("Format Version"):

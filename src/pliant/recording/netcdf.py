@@ -44,7 +44,8 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a netCDF file by path (the root is ``/``), in memory, with times as numbers.
+    """Return the groups of a netCDF file as datasets in memory, by path (the root is ``/``), without conversion of
+    times to dates.
 
     The file is opened in a separate process, as it may come from an untrusted source.
 

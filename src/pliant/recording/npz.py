@@ -30,7 +30,7 @@ LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with i
 
 
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the arrays of a .npz file as a recording; options: `pliant.recording.arrays.ArrayMapping`."""
+    """Read the arrays of a NumPy .npz file and return them as a recording."""
     try:
         with path.open("rb") as stream:
             arrays = read_arrays(stream, path.stat().st_size, path.name)
@@ -57,7 +57,9 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
 
 
 def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
-    """Raise InputError where an archive of `size` bytes states entries or arrays larger than it can hold."""
+    """Raise InputError where an .npz archive of `size` bytes states more content than such a file can hold, as damaged
+    files do.
+    """
     most, entries = content_bound(size), archive.infolist()
     if (announced := sum(entry.file_size for entry in entries)) > most:
         raise InputError(f"{name} has {size} bytes, but states {announced} bytes of content, more than the {most} "
@@ -75,7 +77,7 @@ def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
 
 
 def announced_entries(stream: BinaryIO) -> int:
-    """Return the number of entries that the end record of a zip archive states.
+    """Return the number of files in a zip archive that its end record states.
 
     `zipfile` lists the entries in the index instead, which may be fewer in a damaged file.
 

@@ -1,4 +1,4 @@
-"""Rebuild a pandas table of numbers (HDF5 layouts "table" and "fixed") from plain arrays, without pandas.
+"""Read a table that pandas stored in HDF5 (layouts "table" and "fixed") from plain arrays, without pandas.
 
 pandas and PyTables store column names as pickles, which are programs that rebuild Python objects. This module never
 runs a pickle: `plain_value` parses texts, numbers, tuples, lists and dicts from a pickle of protocol 0, which PyTables
@@ -23,7 +23,9 @@ MARK = object()
 
 
 class StoredFrame(NamedTuple):
-    """Table of numbers: level names, column names (one text per level), row numbers (T,) and values (T, C)."""
+    """Table that pandas stored in HDF5: names of its columns (one text per level), row numbers (T,) of T rows, and
+    values (T, C) of C columns.
+    """
 
     levels: tuple[str, ...]
     columns: list[tuple[str, ...]]
@@ -32,7 +34,7 @@ class StoredFrame(NamedTuple):
 
 
 def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> StoredFrame:
-    """Return the single pandas table in the content that `pliant.recording.apart_hdf5.read` returned.
+    """Return the only pandas table among the arrays of an HDF5 file.
 
     Raises
     ------
@@ -131,7 +133,8 @@ def _text(value: Any) -> str:
 
 
 def plain_value(text: str) -> Any:
-    """Parse the texts, numbers, tuples, lists and dicts in a pickle of protocol 0, without running it.
+    """Decode a pickle of protocol 0 that holds only text, numbers, tuples, lists and dicts, without running any code in
+    it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Access to recordings that other laboratories published, by ``data:NAME/FILE``, in a local folder.
+"""Access to published recordings of other laboratories: the path ``data:NAME/FILE`` names a file in a local folder.
 
 `published.toml` lists the repository, commit, path and checksum of each file. The environment variable PLIANT_DATA
 names the folder; its default is ``pliant/data`` in the user's cache folder. PLIANT_DATA_MIRROR may hold an address
@@ -25,7 +25,7 @@ SCHEMES = ("https", "http", "file")
 
 @dataclass(frozen=True)
 class Published:
-    """A published file: its checksum and its address, or how to get it by hand.
+    """A published file: its checksum and its address on the web, or how to download it by hand.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def data_set(name: str) -> DataSet:
 
 
 def data_folder() -> Path:
-    """Return the folder of this user's public recordings; it may not exist yet."""
+    """Return the local folder into which published recordings are downloaded; it may not exist yet."""
     if named := os.environ.get(FOLDER):
         return Path(named)
     import pooch
@@ -86,7 +86,8 @@ def data_folder() -> Path:
 
 
 def published_path(text: str) -> Path:
-    """Return the path of the local file that ``data:NAME/FILE`` denotes.
+    """Return the path of the local file that a text ``data:NAME/FILE`` names; raise InputError where it has not been
+    downloaded.
 
     Raises
     ------
@@ -108,7 +109,7 @@ def published_path(text: str) -> Path:
 
 
 def how(known: DataSet, file: str, folder: Path) -> str:
-    """Return the sentence that says how to get a file into its folder."""
+    """Return the end of a sentence that says how to download a published file into its local folder."""
     f = known.files[file]
     if not f.address:
         return f"download it by hand ({f.by_hand}) and put it into {folder}"
@@ -116,13 +117,14 @@ def how(known: DataSet, file: str, folder: Path) -> str:
 
 
 def is_published(path: Path, published: Published) -> bool:
-    """Return whether the file at `path` has the checksum of the published one."""
+    """Return whether the file at `path` has the checksum of the published file: complete and unchanged."""
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest() == published.sha256
 
 
 def fetch(name: str, *, mirror: str | None = None) -> list[Path]:
-    """Download the files of a data set that are not on this machine yet, and return the paths of all its files.
+    """Download the files of a published data set that are missing in the local folder, and return the paths of all its
+    files.
 
     Parameters
     ----------
@@ -149,7 +151,9 @@ def fetch(name: str, *, mirror: str | None = None) -> list[Path]:
 
 
 def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path:
-    """Return the path of one file, which is downloaded from `mirror` or its address unless it is here already."""
+    """Download one published file, from `mirror` or from its address, unless the local folder has it, and return its
+    path.
+    """
     import pooch
 
     published, path = known.files[file], folder / file
@@ -171,5 +175,5 @@ def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path
 
 
 def copied(address: str, output: str, _pooch: object) -> None:
-    """Copy the file that a ``file://`` address names to `output`."""
+    """Copy the local file with the address ``file://...`` to the path `output`."""
     shutil.copyfile(unquote(urlparse(address).path), output)

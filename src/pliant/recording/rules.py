@@ -1,4 +1,4 @@
-"""Rules that every recording must follow, and the function that checks them."""
+"""Rules that the variables, units and attributes of every recording must follow, and the function that checks them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
 
 
 def check_recording(recording: xr.Dataset) -> xr.Dataset:
-    """Check that `recording` follows the rules of the schema and return it unchanged.
+    """Check that a recording follows the rules for its variables, units and attributes, and return it unchanged; raise
+    InputError otherwise.
 
     Refused are:
 

@@ -1,4 +1,4 @@
-"""Reader of SLEAP analysis HDF5 files: tracks (tracks, 2, nodes, frames) with scores and names.
+"""Reader of SLEAP analysis files (HDF5), which hold the tracked points of one or several animals.
 
 Layout as SLEAP's exporter documents it: ``tracks`` (tracks, 2, nodes, frames), ``point_scores`` (tracks, nodes,
 frames), ``node_names``, ``track_names``, ``track_occupancy`` (frames, tracks), stored column-major.
@@ -62,7 +62,7 @@ def _numbers(values: NDArray, name: str, path: Path) -> NDArray:
 
 
 def texts(values: NDArray) -> list[str]:
-    """Return the texts in a data set as a list of str."""
+    """Return the texts in an HDF5 data set, such as point names, as a list of str."""
     return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 

@@ -1,4 +1,4 @@
-"""Parse text tables of numbers, with messages that name the line and cell that is not a number."""
+"""Functions that parse text tables of numbers. Their messages name the line and the cell that is not a number."""
 
 from __future__ import annotations
 
@@ -54,13 +54,15 @@ def find_delimiter(line: str, name: str) -> str:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Split a line into cells without surrounding blanks and quotes; `delimiter` None splits at white space."""
+    """Split a line of a table into cells, without blanks and quotes around them. Where `delimiter` is None, cells are
+    separated by white space.
+    """
     cells = line.split() if delimiter is None else line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
 def repeated_names(names: Sequence[str]) -> list[str]:
-    """Return the names that occur more than once, sorted."""
+    """Return, sorted, each name that occurs more than once in a list of names."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
@@ -70,7 +72,8 @@ def whole_number(text: str) -> int | None:
 
 
 def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:
-    """Drop an incomplete last row of a text table and return the rows and a sentence about it.
+    """Drop the last row of a text table where it is incomplete; return the rows and a list with one sentence about it,
+    empty for a complete table.
 
     A file that was cut has no line end after its last row, and may hold `0.27` of `0.27944`.
 
@@ -105,7 +108,9 @@ def _digits(cell: str) -> int:
 
 
 def holds_number(cell: str) -> bool:
-    """Return whether a cell holds a number, with a decimal point or comma, or a marker of a missing one."""
+    """Return whether a cell of a table holds a number (with decimal point or comma) or a marker of a missing number,
+    such as NaN.
+    """
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 

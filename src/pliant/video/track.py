@@ -1,4 +1,4 @@
-"""Track the shape of a soft body in a video and return it as a recording; lost and repeated frames are counted."""
+"""Track the shape of a soft body in a video and return it as a recording. Lost and repeated frames are counted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated
 
 @dataclass(frozen=True)
 class Tracking:
-    """Settings of video tracking: method, base, dots, region and overlays.
+    """Options of video tracking: the method (silhouette, dots or markers), the position of the base, the colour of
+    dots, the part of the picture, and overlay files.
 
     Attributes
     ----------
@@ -265,14 +266,17 @@ def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]
 
 
 def lost_in_times(time: Array) -> tuple[int, int]:
-    """Return the number of missing frames in the times (T,) [s] and the number of gaps that they form."""
+    """Return the number of frames that are missing in the frame times (T,) [s] of a video, and the number of gaps that
+    they form.
+    """
     step = np.diff(time)
     missing = np.rint(step / np.median(step)).astype(int) - 1
     return int(missing[missing > 0].sum()), int((missing > 0).sum())
 
 
 def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array, Array]:
-    """Return masks (T,) of frames that repeat the previous one, and of steps twice as long as their neighbours.
+    """Return two masks (T,) of the T frames of a video: those that repeat the previous frame, and those in which the
+    body moves twice as far as in the neighbouring frames.
 
     A step that is twice as long suggests a missing frame.
 

@@ -18,7 +18,7 @@ ACROSS = 0.1  # fraction of gravity across the plane beyond which the plane or g
 
 
 def length(case: Case) -> str:
-    """Return a sentence where the stated length is implausible, such as in another unit than metres; else ""."""
+    """Return a sentence where the stated length of the body is implausible, such as in millimetres; else ""."""
     if case.length is None:
         return ""
     if not LEAST_BODY < case.length < MOST_BODY:
@@ -31,7 +31,9 @@ def length(case: Case) -> str:
 
 
 def reach(case: Case) -> float | None:
-    """Return the arc length of a dense shape, else the largest distance of a point from the base [m], or None."""
+    """Return the length [m] of the recorded body: the arc length of its last station or, without arc length, the
+    largest distance of a point from the base. Return None without positions.
+    """
     recording = case.aligned
     if recording is None or "position" not in recording:
         return None
@@ -42,7 +44,7 @@ def reach(case: Case) -> float | None:
 
 
 def mass(case: Case) -> str:
-    """Return a sentence where the stated mass is implausible, such as in grams; else ""."""
+    """Return a sentence where the stated mass of the body is implausible, such as in grams; else ""."""
     if case.mass is None or case.length is None or not LEAST_BODY < case.length < MOST_BODY:
         return ""
     if case.diameter is not None:
@@ -62,7 +64,9 @@ def mass(case: Case) -> str:
 
 
 def gravity(case: Case) -> str:
-    """Return a sentence where gravity is not the earth's or points across the plane of bending; else ""."""
+    """Return a sentence where the stated gravity is not about 9.81 m/s^2, or has a large component perpendicular to the
+    plane of bending; else "".
+    """
     if case.gravity is None or not any(case.gravity):
         return ""
     size = float(np.linalg.norm(case.gravity))

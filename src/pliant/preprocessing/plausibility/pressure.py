@@ -22,7 +22,7 @@ SCATTER = 0.25  # of the steps between other readings that reverse direction: tw
 
 
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
-    """Yield the name and the finite values (P,) [Pa] of each measured pressure."""
+    """Yield the name and the measured values (P,) [Pa], without NaN, of each recorded pressure."""
     if case.recording is None or "pressure" not in case.recording:
         return
     recording = case.recording
@@ -38,14 +38,18 @@ def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
-    """Return the initial pressure and the smallest and largest magnitude of a pressure, Pa."""
+    """Return three pressures [Pa] of a measured pressure (P,): its initial value, and its smallest and largest
+    magnitude without outliers.
+    """
     low, high = np.percentile(np.abs(values), [1, 99])
     passes_zero = np.prod(np.percentile(values, [1, 99])) < 0
     return float(np.median(values[:5])), 0.0 if passes_zero else float(low), float(high)
 
 
 def whole_counts(values: NDArray) -> bool:
-    """Return whether all values are whole multiples of a unit that a file may state, or of a few of them."""
+    """Return whether all values (P,) [Pa] of a pressure are whole multiples of a step that itself is a small whole
+    number of a unit of pressure, such as 1 mbar.
+    """
     levels = np.unique(np.round(values, 6))
     if len(levels) < FEWEST_LEVELS:
         return False
@@ -57,13 +61,15 @@ def whole_counts(values: NDArray) -> bool:
 
 
 def is_absolute(values: NDArray) -> bool:
-    """Return whether a pressure (P,) [Pa] starts or has its minimum at the atmosphere and never comes near 0."""
+    """Return whether a pressure (P,) [Pa] of P samples seems absolute: it starts or has its minimum near atmospheric
+    pressure and never comes near 0.
+    """
     start, low, _ = ends(values)
     return low > VENTED and any(ATMOSPHERE[0] <= p <= ATMOSPHERE[1] for p in (start, low))
 
 
 def never_vented(values: NDArray) -> bool:
-    """Return whether a pressure (P,) [Pa] never comes near 0."""
+    """Return whether a pressure (P,) [Pa] of P samples never comes near 0."""
     _, low, high = ends(values)
     return low > OFFSET * high
 

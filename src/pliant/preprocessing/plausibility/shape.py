@@ -19,7 +19,9 @@ DENSE = 8  # stations: from here on the direction near the base is measured
 
 
 def length_unit(case: Case) -> str:
-    """Return a sentence where the extent of the positions suggests a wrong unit of length; else ""."""
+    """Return a sentence where the extent of the recorded positions is implausible, which suggests a wrong unit of
+    length; else "".
+    """
     recording = case.recording
     if (
         recording is None
@@ -35,7 +37,7 @@ def length_unit(case: Case) -> str:
 
 
 def extent(position: np.ndarray) -> float:
-    """Return the diagonal [m] of the box that contains every measured point."""
+    """Return the diagonal [m] of the smallest box, parallel to the axes, that contains every recorded position."""
     parts = [p for p in detectors.seen_points(position, np.zeros(position.shape[-1])) if p.size]
     low, high = (np.array([f(p, axis=0) for p in parts]) for f in (np.min, np.max))
     return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) if parts else 0.0
@@ -71,7 +73,9 @@ def swapped(case: Case) -> str:
 
 
 def tangent(case: Case) -> str:
-    """Return a sentence where the base tangent points away from the body at rest; else ""."""
+    """Return a sentence where the base tangent of the alignment differs much from the direction of the body at rest;
+    else "".
+    """
     angle = tilt(case)
     if angle is None or angle < MOST_TILT:
         return ""
@@ -80,7 +84,9 @@ def tangent(case: Case) -> str:
 
 
 def moving_base(case: Case) -> str:
-    """Return a sentence where the base station moves more than another one, as in reverse order; else ""."""
+    """Return a sentence where the base station moves more than another station, as if the stations were in reverse
+    order; else "".
+    """
     report = report_of(case)
     if case.recording is None or report is None or "position" not in case.recording:
         return ""
@@ -97,7 +103,9 @@ def moving_base(case: Case) -> str:
 
 
 def plane(case: Case) -> str:
-    """Return a sentence where much of the motion is out of a stated plane or the first recording's plane; else ""."""
+    """Return a sentence where much of the motion is out of the plane of bending, when that plane was stated or taken
+    from the first recording; else "".
+    """
     report = report_of(case)
     if report is None or report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
         return ""
@@ -107,7 +115,9 @@ def plane(case: Case) -> str:
 
 
 def report_of(case: Case) -> Alignment | None:
-    """Return the `Alignment` report of the case's aligned recording; None where there is none."""
+    """Return the report of the alignment (base frame, flatness, options) of the aligned recording under examination;
+    None where there is none.
+    """
     try:
         return None if case.aligned is None else alignment_of(case.aligned)
     except InputError:
@@ -115,7 +125,8 @@ def report_of(case: Case) -> Alignment | None:
 
 
 def tilt(case: Case) -> float | None:
-    """Return the angle [degrees] between the base tangent and the body at rest; None where it is unknown.
+    """Return the angle [degrees] between the base tangent and the direction of the body at rest; None where it is
+    unknown.
 
     The direction of the body is that of the last station or, for a dense shape, of the station at a third of its
     length.
