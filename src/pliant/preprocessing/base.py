@@ -60,7 +60,8 @@ def base_tangent(
         return unit_vector(option, "tangent")
     if option == "chord":
         if base == len(rest) - 1:
-            raise InputError("the last station is the base, so there is no chord: set tangent to another option")
+            raise InputError("the last station is the base, so there is no chord: set base to the first station, or "
+                             "tangent to an axis such as '+y'")
         return unit_vector(rest[-1] - rest[base], "the chord from the base to the last station")
     if option == "clamp":
         return _clamp_tangent(rest[base:], clamp_length)
@@ -178,7 +179,8 @@ def bending_normal(
         normal = unit_vector(option, "plane, a normal,")
         normal = normal - (normal @ tangent) * tangent
         if np.linalg.norm(normal) < PARALLEL:
-            raise InputError("plane, given as a normal, must not be parallel to the base tangent")
+            raise InputError("plane, given as a normal, must not be parallel to the base tangent: give a direction "
+                             "across the body")
         return normal / np.linalg.norm(normal), 0.0
     if option not in ("motion", "body"):
         raise InputError(f"plane must be 'motion', 'body', 'input', an axis such as '+x', or a normal of three "

@@ -128,12 +128,13 @@ def _template(
     if cap_length < 2 * width:
         raise InputError(
             f"a cap of {cap_length * 1e3:g} mm cannot be resolved by a gauge of {width * 1e3:g} mm: "
-            "the cap must be at least twice as long"
+            "the cap must be at least twice as long; use a longer cap or a shorter gauge_length"
         )
     template = CapTemplate(spacing, cap_curvature, cap_length, width, tail)
     if kappa.shape[1] < template.samples:
         raise InputError(
-            f"the fibre is too short: {kappa.shape[1]} samples, but body, cap and tail need {template.samples}"
+            f"the fibre is too short: {kappa.shape[1]} samples, but body, cap and tail need {template.samples}: "
+            "record more of the fibre on both sides of the cap"
         )
     return template
 

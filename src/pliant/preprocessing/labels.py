@@ -80,7 +80,7 @@ def exclude_swaps(recording: xr.Dataset) -> xr.Dataset:
 def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("detecting exchanged labels needs positions, but the recording holds none")
+        raise InputError("detecting exchanged labels needs positions, but the recording holds none: leave swaps out")
     names = [str(n) for n in recording["station"].values]
     order = label_order(recording["position"].values, recording["time"].values)
     listed = ", ".join(

@@ -62,7 +62,8 @@ def body_course(recording: xr.Dataset) -> TimeSeries:
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, seen = first_component(columns)
     if np.ptp(course[seen]) == 0:
-        raise InputError("the motion is constant: its clock cannot be compared with the pressure's")
+        raise InputError("the motion is constant, so its clock cannot be compared with the pressure's: set clock to "
+                         "the offset in seconds")
     time = recording["time"].values
     return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
 
@@ -72,14 +73,16 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
     samples without NaN.
     """
     if values.shape[1] == 0:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion: set clock to the offset in "
+                         "seconds")
     seen = np.isfinite(values).all(1)
     if seen.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
         often = np.isfinite(values).sum(0)
         values = values[:, often >= np.quantile(often, 0.5)]
         seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is seen")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is "
+                         "seen: fill gaps, or set clock to the offset in seconds")
     centred = values - values[seen].mean(0)
     weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
     return centred @ weights, seen
@@ -93,10 +96,12 @@ def pressure_course(recording: xr.Dataset) -> TimeSeries:
     clock = recording["pressure_time"].values
     seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure: set clock to the offset in "
+                         "seconds")
     values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
     if not (np.ptp(values, axis=0) > 0).any():
-        raise InputError("the pressure is constant: its clock cannot be compared with the shape's")
+        raise InputError("the pressure is constant, so its clock cannot be compared with the shape's: set clock to "
+                         "the offset in seconds")
     values = values[:, np.ptp(values, axis=0) > 0]
     values = (values - values.min(0)) / np.ptp(values)
     main, _ = first_component(values)

@@ -61,7 +61,7 @@ def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("drop_repeated_frames needs a recording with positions")
+        raise InputError("drop_repeated_frames needs positions, but the recording holds none: leave this step out")
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(recording["position"].values, quaternion)
     line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
@@ -83,7 +83,7 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     """
     check_recording(recording)
     if "quaternion" not in recording:
-        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none")
+        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none: leave this step out")
     quaternion = recording["quaternion"].values.copy()
     changed = {}
     for s, name in enumerate(recording["station"].values):

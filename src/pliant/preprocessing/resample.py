@@ -40,9 +40,9 @@ def resample_time(
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("resample_time needs a recording with positions")
+        raise InputError("resample_time needs positions, but the recording holds none: leave this step out")
     if (rate_hz is None) == (time is None):
-        raise InputError("resample_time needs either rate_hz or time, not both")
+        raise InputError("resample_time needs exactly one of rate_hz and time: set one of them")
     if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
         raise InputError("rate_hz and longest_gap_s must be positive, and rate_hz finite")
     old = recording["time"].values
@@ -68,7 +68,8 @@ def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording with its pressure interpolated to the times of the shape; NaN beyond its ends."""
     check_recording(recording)
     if "pressure" not in recording or "time" not in recording.coords:
-        raise InputError("pressure_on_shape_clock needs a recording with a shape and a pressure")
+        raise InputError("pressure_on_shape_clock needs a shape and a pressure, but the recording lacks one of them: "
+                         "leave this step out")
     clock, time = recording["pressure_time"].values, recording["time"].values
     values = recording["pressure"].values.reshape(len(clock), -1)
     new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
@@ -115,7 +116,8 @@ def resample_arc_length(
         raise InputError("no frame has all stations, so their arc length is unknown: give the recording an arc_length")
     arc, findings = station_arc_length(recording, position[whole])
     if arc[-1] < spacing_mm * 1e-3:
-        raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
+        raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm: choose "
+                         "a smaller spacing_mm")
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
     gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
     place = _along(arc, position, new, gap)

@@ -100,7 +100,8 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     """
     check_recording(recording)
     if not ({"position", "angle"} & set(recording)) or "pressure" not in recording:
-        raise InputError("sync compares motion with pressure, but the recording lacks one of them")
+        raise InputError("sync compares motion with pressure, but the recording lacks one of them: add the missing "
+                         "one, or skip the synchronisation")
     body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)

@@ -58,7 +58,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     """
     size = path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
-    damaged = f"{path.name} cannot be read as {what}; it may be damaged"
+    damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
     try:
         code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
     except subprocess.TimeoutExpired:

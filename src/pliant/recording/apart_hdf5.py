@@ -52,7 +52,7 @@ def read(path: str) -> Content:
             left -= announced_bytes(item, name)
             if left < 0:
                 raise Refused(f"states more data, up to {name!r}, than a file of {size} bytes can hold: it may be "
-                              "damaged")
+                              "damaged, so copy it again")
             keep(arrays, facts, name, item, attributes_of(item, name, size))
     return arrays, facts
 
@@ -71,7 +71,8 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
         if address in seen or name.count("/") >= DEEPEST:
-            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply")
+            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply: "
+                          "copy its data sets into a new file")
         seen.add(address)
         yield name, item
         for key in item:
@@ -99,7 +100,8 @@ def announced_bytes(item: Any, name: str) -> int:
     announced = int(item.id.get_space().get_simple_extent_npoints()) * int(item.id.get_type().get_size())
     stored = int(item.id.get_storage_size())
     if announced > stored * (DEFLATE_RATIO if filters else 1):
-        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete")
+        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete, so "
+                      "copy it again")
     return announced
 
 

@@ -101,7 +101,8 @@ def chosen(
     """
     for topic in (named or {}).values():
         if topic not in held:
-            raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type; it has {shorten(list(held))}")
+            raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type: choose in its mapping among "
+                             f"{shorten(list(held))}")
     return {name: held[topic] for name, topic in (named or default).items()}
 
 

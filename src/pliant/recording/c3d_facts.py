@@ -54,10 +54,11 @@ class C3dHeader(NamedTuple):
 def read_header(data: bytes, name: str) -> C3dHeader:
     """Read the header of a C3D file from its bytes `data`; `name` is the file name for messages."""
     if len(data) < 2 * BLOCK or data[1] != 0x50:
-        raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes")
+        raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes; "
+                         "export it again")
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or start + 4 > len(data) or data[start + 3] not in (INTEL, DEC, MIPS):
-        raise InputError(f"{name} has no readable parameter section: the file is damaged")
+        raise InputError(f"{name} has no readable parameter section: the file is damaged, so export it again")
     processor = data[start + 3]
     if processor == MIPS:
         raise InputError(f"{name} is in the number format of MIPS processors, which ezc3d does not read: export it "
@@ -66,11 +67,13 @@ def read_header(data: bytes, name: str) -> C3dHeader:
     scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
     samples = samples if analog else 1
     if points < 1 or block < 2:
-        raise InputError(f"{name} states {points} points from block {block} on: it holds no points, or is damaged")
+        raise InputError(f"{name} states {points} points from block {block} on: it holds no points or is damaged, so "
+                         "export it again")
     if samples < 1 or analog % samples:
-        raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged")
+        raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged, "
+                         "so export it again")
     if not 0 < rate < np.inf:
-        raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged")
+        raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged, so export it again")
     return C3dHeader(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
 
 

@@ -238,7 +238,8 @@ def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
     path = Path(board.picture) if Path(board.picture).is_absolute() else folder / board.picture
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
-        raise InputError(f"the picture of the board, {path}, does not exist or is not a picture")
+        raise InputError(f"the picture of the board, {path}, does not exist or is not a picture: correct picture in "
+                         "camera.board")
     if board.kind == "chessboard":
         found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
         if not found:

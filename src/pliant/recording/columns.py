@@ -53,7 +53,8 @@ class ColumnHeader:
             held = self.where.get(column, [])
             if not held:
                 available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
-                raise InputError(f"{self.file} has no column {clipped(column)!r}; available: {available}")
+                raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
+                                 f"{available}")
             if len(held) > 1:
                 raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
                                  "one in the mapping")
@@ -165,7 +166,8 @@ def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
     if options.rows is not None:
         first, last = options.rows
         if not 0 <= first < last <= len(table):
-            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of {file}")
+            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of "
+                             f"{file}: correct rows")
         history.append(f"kept rows {first} to {last - 1} of {len(table)}")
         table = table[first:last]
     return table, history

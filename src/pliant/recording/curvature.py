@@ -73,7 +73,8 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     options = CurvatureMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")[options.skip_lines :]
     if not lines or not lines[0].strip():
-        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s)")
+        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s): "
+                         "reduce skip_lines in its mapping")
     delimiter = find_delimiter(lines[0], path.name)
     names = split_cells(lines[0], delimiter)
     rows, history = judge_end(lines[1:], delimiter, path.name)
@@ -140,7 +141,8 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             continue
         arc = metre_per(match[2] or unit) * float(match[1])
         if not np.isfinite(arc) or arc in found:
-            raise InputError(f"{file} states an arc length that is not finite or repeats in column {clipped(name)!r}")
+            raise InputError(f"{file} states an arc length that is not finite or repeats in column "
+                             f"{clipped(name)!r}: rename the column")
         found[arc] = k
     return found
 

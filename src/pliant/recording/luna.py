@@ -47,11 +47,12 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     body, findings = judge_end(lines[first:], "\t", path.name)
     rows = [(i, line) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
-        raise InputError(f"{path.name} holds no measurement after its x-axis row")
+        raise InputError(f"{path.name} holds no measurement after its x-axis row: export it again")
     kept, dropped = [], 0
     for number, line in rows:
         if len(line.split("\t", LABEL_CELLS)) <= LABEL_CELLS:
-            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated")
+            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated, so copy "
+                             "or export it again")
         if _label(line, 2) not in ("strain", ""):
             dropped += 1
             continue
@@ -116,7 +117,8 @@ def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
         key, found, value = line.partition(":")
         if found:
             header[key.strip().lower()] = value.strip()
-    raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes")
+    raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes; export it again "
+                     "from the Luna software")
 
 
 def _strain_scale(header: Mapping[str, str], name: str) -> float:
@@ -136,9 +138,9 @@ def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
             gauges = parse_numbers(["\t".join(text)], name=name, first_line=i + 1, delimiter="\t",
                                    columns=len(text))[0]  # fmt: skip
             if not np.isfinite(gauges).all() or (np.diff(gauges) <= 0).any():
-                raise InputError(f"the x-axis of {name} must increase from gauge to gauge")
+                raise InputError(f"the x-axis of {name} must increase from gauge to gauge: export the file again")
             return gauges, i + 1
-    raise InputError(f"{name} has no x-axis row with the positions of its gauges")
+    raise InputError(f"{name} has no x-axis row with the positions of its gauges: export it again")
 
 
 def _pitch(header: Mapping[str, str], gauges: np.ndarray) -> list[str]:
@@ -157,7 +159,8 @@ def _time_stamp(text: str, number: int, name: str) -> datetime:
     try:
         return datetime.fromisoformat(text.strip())
     except ValueError:
-        raise InputError(f"line {number + 1} of {name} does not begin with a time stamp: {text[:40]!r}") from None
+        raise InputError(f"line {number + 1} of {name} does not begin with a time stamp: {text[:40]!r}; export the "
+                         "file again") from None
 
 
 def _values(rows: list[str], gauges: int, first: int, name: str) -> np.ndarray:

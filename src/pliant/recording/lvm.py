@@ -34,7 +34,8 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     lines = read_text(path).split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
-        raise InputError(f"{path.name} has {len(ends)} headers, but a LabVIEW measurement has two: it may be truncated")
+        raise InputError(f"{path.name} has {len(ends)} headers, but a LabVIEW measurement has two: it may be "
+                         "truncated, so copy or export it again")
     if len(ends) > 2:
         raise InputError(f"{path.name} has {len(ends) - 1} segments: export one file per segment")
     separator = separator_of(lines, path.name)
@@ -73,7 +74,8 @@ def table_of(
     """
     columns = len(names) - (names[-1:] == ["Comment"])
     if columns < 1:
-        raise InputError(f"{file} has no column names after its second header: it may be truncated")
+        raise InputError(f"{file} has no column names after its second header: it may be truncated, so copy or "
+                         "export it again")
     rows, comments = [], 0
     for line in body:
         cells = line.split(separator)

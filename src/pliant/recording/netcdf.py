@@ -77,7 +77,8 @@ def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
         }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged: {reason}") from None
+        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged, so copy it again: "
+                         f"{reason}") from None
 
 
 def _attributes(stored: dict[str, Any]) -> dict[str, Any]:

@@ -50,9 +50,10 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
         raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{name} cannot be read as .npz; it may be damaged: {reason}") from None
+        raise InputError(f"{name} cannot be read as .npz; it may be damaged, so copy it again: {reason}") from None
     if announced != len(arrays):
-        raise InputError(f"{name} is damaged: its index lists {len(arrays)} arrays, its end record states {announced}")
+        raise InputError(f"{name} is damaged: its index lists {len(arrays)} arrays, its end record states "
+                         f"{announced}; copy it again")
     return arrays
 
 
@@ -73,7 +74,7 @@ def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
             shape, _, dtype = read(file)
         if math.prod(shape) * dtype.itemsize > entry.file_size:
             raise InputError(f"{name} is damaged: its array {entry.filename[:-4]!r:.60} states the shape "
-                             f"{clipped(str(shape))}, but has {entry.file_size} bytes")  # fmt: skip
+                             f"{clipped(str(shape))}, but has {entry.file_size} bytes; copy it again")  # fmt: skip
 
 
 def announced_entries(stream: BinaryIO) -> int:

@@ -45,7 +45,8 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
     kinds = {path: attributes.get("pandas_type") for path, attributes in facts["groups"].items()}
     tables = [path for path, kind in kinds.items() if kind in ("frame", "frame_table")]
     if len(tables) != 1:
-        raise InputError(f"{file} is not a DeepLabCut file: it holds {len(tables)} pandas tables instead of one")
+        raise InputError(f"{file} is not a DeepLabCut file: it holds {len(tables)} pandas tables instead of one; "
+                         "export one table per file")
     arrays = {path: stored[key] for path, (key, _, _) in facts["variables"].items()}
     attributes = {path: attributes for path, (_, _, attributes) in facts["variables"].items()} | facts["groups"]
     build = _table if kinds[tables[0]] == "frame_table" else _fixed
@@ -55,7 +56,8 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
         raise InputError(f"{file} cannot be read as a DeepLabCut file: {error}; export CSV instead") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else clipped(str(error), 200)
-        raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}") from None
+        raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}; export CSV "
+                         "instead") from None
     if frame.values.shape != (len(frame.rows), len(frame.columns)):
         raise InputError(f"{file} is damaged: it has {len(frame.columns)} column names, but values of shape "
                          f"{frame.values.shape}")

@@ -49,7 +49,8 @@ def one_track(path: Path) -> tuple[str, Track, list[str]]:
     lines = read_text(path).split("\n")
     at = next((k for k, line in enumerate(lines[:4]) if header_of(line)), None)
     if at is None:
-        raise InputError(f"{path.name} is not a data table of Tracker: a row t, x, y is missing in its header")
+        raise InputError(f"{path.name} is not a data table of Tracker: a row t, x, y is missing in its header; "
+                         "export the track again with t, x and y")
     delimiter, cells = header_of(lines[at]) or ("", [])
     rows, findings = judge_end(lines[at + 1 :], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=at + 2, delimiter=delimiter, columns=len(cells))

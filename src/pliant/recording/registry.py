@@ -145,7 +145,7 @@ def read_recording(
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
-        raise InputError(f"{path.name} is empty")
+        raise InputError(f"{path.name} is empty: copy or export it again")
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:

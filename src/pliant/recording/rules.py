@@ -142,7 +142,7 @@ def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ..
 
 def _check_clock(recording: xr.Dataset, name: str) -> None:
     if name not in recording.coords:
-        raise InputError(f"the recording has no coordinate {name}")
+        raise InputError(f"the recording has no coordinate {name}: build recordings with make_recording")
     clock = recording[name].values
     if clock.size == 0:
         raise InputError(f"the recording is empty: {name} has no sample")

@@ -33,7 +33,8 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
     arrays = {name: stored[key] for name, (key, _, _) in facts["variables"].items()}
     lacking = [name for name in ("tracks", "node_names", "track_names") if name not in arrays]
     if lacking:
-        raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}")
+        raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}; export the "
+                         "analysis file again from SLEAP")
     tracks, names = _numbers(arrays["tracks"], "tracks", path), texts(arrays["node_names"])
     if tracks.ndim != 4:
         raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame), not {tracks.shape}")

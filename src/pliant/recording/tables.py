@@ -29,7 +29,7 @@ def read_text(path: Path) -> str:
     """Read a UTF-8 file and return its text without a byte-order mark and with newlines as line ends."""
     data = path.read_bytes()
     if not data.strip():
-        raise InputError(f"{path.name} is empty")
+        raise InputError(f"{path.name} is empty: copy or export it again")
     if b"\0" in data:
         raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16; save it "
                          "as UTF-8 text")
@@ -46,7 +46,8 @@ def read_text(path: Path) -> str:
 def find_delimiter(line: str, name: str) -> str:
     """Return the delimiter of a header line: semicolon, tab or comma."""
     if len(line) > LONGEST_LINE:
-        raise InputError(f"the header of {name} is {len(line)} characters long: this is not a text table")
+        raise InputError(f"the header of {name} is {len(line)} characters long, so this is not a text table: export "
+                         "a table, or correct format in the mapping")
     for delimiter in (";", "\t", ","):
         if delimiter in line:
             return delimiter
@@ -145,7 +146,7 @@ def parse_numbers(
 
     rows = [(first_line + i, line) for i, line in enumerate(lines) if line.strip()]
     if not rows:
-        raise InputError(f"{name} holds no rows of numbers")
+        raise InputError(f"{name} holds no rows of numbers: copy or export it again")
     for number, line in rows:
         count = len(line.split()) if delimiter is None else line.count(delimiter) + 1
         if count != columns:

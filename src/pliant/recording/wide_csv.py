@@ -91,7 +91,8 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
-            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be truncated"
+            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be "
+            "truncated, so copy it again"
         )
     columns = dict(zip(names, table.T, strict=True))
     return _recording(columns, metadata, path.name, findings)
@@ -154,7 +155,7 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     """Return the metadata and the index of the header line."""
     start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
     if start is None:
-        raise InputError(f"{path.name} holds only comments, no header and no rows")
+        raise InputError(f"{path.name} holds only comments, no header and no rows: copy or export it again")
     text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
     origin = "its comment line"
     sidecar = path.with_suffix(".json")
@@ -165,9 +166,10 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     try:
         metadata = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {clipped(str(error))}") from None
+        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {clipped(str(error))}; correct or "
+                         "remove them") from None
     if not isinstance(metadata, dict):
-        raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object")
+        raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object: correct or remove them")
     return metadata, start
 
 
@@ -243,7 +245,8 @@ def _stations(
     for variable, kinds in wanted.items():
         missing = [f"{k}_{s}" for s in labels for k in kinds if f"{k}_{s}" not in columns]
         if missing:
-            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}, which other stations have")
+            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}, which other stations have: add "
+                             "them, or give a mapping that names the columns")
         stack = [np.stack([columns[f"{k}_{s}"] for k in kinds], -1) for s in labels]
         arrays[variable] = np.stack(stack, 1)
     arrays["position"] = arrays["position"] * scale

@@ -78,7 +78,8 @@ class Tracking:
         if self.region is not None and not _is_region(self.region):
             raise InputError(f"region must be [left, top, right, bottom] in pixels, not {self.region!r:.60}")
         if (self.method == "dots") != (self.colour is not None):
-            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour")
+            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour: add "
+                             "colour, or set method to dots")
 
     @property
     def blue_green_red(self) -> tuple[float, float, float]:
