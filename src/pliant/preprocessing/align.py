@@ -60,7 +60,8 @@ def align(
     arc_length: Sequence[float] | None = None,
     space: bool = False,
 ) -> xr.Dataset:
-    """Transform a tracked recording to the base frame of the models, planar or spatial.
+    """Transform the positions and orientations of a tracked recording to the base frame of the models: origin at the
+    base, base tangent along +y (planar) or +z (spatial).
 
     Parameters
     ----------

@@ -62,12 +62,12 @@ class Alignment:
 
     @property
     def normal(self) -> tuple[float, ...]:
-        """Unit normal of the plane of bending, in tracker coordinates."""
+        """Unit normal (3,) of the plane of bending, in tracker coordinates."""
         return self.rotation[0 if self.frame == "spatial" else 2]
 
     @property
     def base_tangent(self) -> tuple[float, ...]:
-        """Unit tangent of the body at the base, in tracker coordinates."""
+        """Unit tangent (3,) of the body at the base, in tracker coordinates."""
         return self.rotation[2 if self.frame == "spatial" else 1]
 
 

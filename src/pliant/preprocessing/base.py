@@ -39,7 +39,8 @@ def unit_vector(value: ArrayLike, what: str) -> NDArray:
 def base_tangent(
     option: Any, rest: NDArray, base: int, rotation: NDArray | None, clamp_length: float | None
 ) -> NDArray:
-    """Return the unit tangent of the body at the base, in tracker axes.
+    """Return the unit tangent (3,) of the body at the base, in tracker coordinates, from the positions of the stations
+    at rest or a stated direction.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
 
 
 def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
-    """Return the unit normal of the plane in which the first input bends the body.
+    """Return the unit normal (3,) of the plane in which the first actuation input of a recording bends the body.
 
     The displacement of the station that moves most is fitted as linear in all inputs. The direction of the bending is
     that of the first input's coefficients, perpendicular to the tangent. A positive input bends the body about the

@@ -32,7 +32,7 @@ def curvature_of(
     smoothing: float | None = None,
     window: int = 51,
 ) -> xr.DataArray:
-    """Compute the curvature of a body over time and arc length from its positions.
+    """Compute the curvature [1/m] of a body over time and arc length from the positions in a recording.
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""Fit planar curvature to positions by least squares: Gauss-Newton on a few coefficients, all frames at once."""
+"""Fit the curvature of a planar body to measured positions by least squares, with a few polynomial coefficients per
+frame.
+"""
 
 from __future__ import annotations
 

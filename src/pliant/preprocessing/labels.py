@@ -68,7 +68,9 @@ def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, i
 
 
 def undo_swaps(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with exchanged labels undone, so that each station continues its own motion."""
+    """Return the recording in which labels of stations that a tracker exchanged are exchanged back, so that each
+    station continues its own motion.
+    """
     return _repaired(recording, undo=True)
 
 

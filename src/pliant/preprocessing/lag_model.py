@@ -37,7 +37,9 @@ class TimeSeries(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Result of `fit_lag`: a clock offset with its uncertainty and the response of the body."""
+    """Result of `fit_lag`: a clock offset [s] with its uncertainty, and natural frequency and damping ratio of the
+    body's response.
+    """
 
     delay: float  # s
     uncertainty: float  # s

@@ -1,4 +1,4 @@
-"""Sampling of a pressure with its own times: sample count, rate, and missing samples."""
+"""Determine the sampling of a pressure that has its own times: number of samples, rate [Hz] and missing samples."""
 
 from __future__ import annotations
 

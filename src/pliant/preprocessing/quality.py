@@ -1,4 +1,4 @@
-"""Summarise the contents of a recording and count its faults, without changing it."""
+"""Summarise the contents of a recording and count its faults; the recording is not changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repair faults of a recording on request; each function reports in the history what it changed."""
+"""Functions that repair faults of a recording, such as gaps, and note each change in its history."""
 
 from __future__ import annotations
 

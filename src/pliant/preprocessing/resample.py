@@ -23,7 +23,7 @@ TOUCH = 1e-12  # m: a new station that is this close to an old one coincides wit
 def resample_time(
     recording: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
 ) -> xr.Dataset:
-    """Return the recording with its shape interpolated linearly to a regular frame rate or given times.
+    """Return the recording with its shape linearly interpolated to a regular frame rate [Hz] or to given times [s].
 
     Orientations are interpolated by component and normalised. No low-pass filter is applied, so a rate below that of
     the recording causes aliasing. The pressure keeps its own times.
@@ -65,7 +65,9 @@ def resample_time(
 
 
 def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with its pressure interpolated to the times of the shape; NaN beyond its ends."""
+    """Return the recording with its pressure interpolated to the times of the shape. It is NaN before the first and
+    after the last pressure sample.
+    """
     check_recording(recording)
     if "pressure" not in recording or "time" not in recording.coords:
         raise InputError("pressure_on_shape_clock needs a shape and a pressure, but the recording lacks one of them: "

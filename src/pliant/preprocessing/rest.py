@@ -25,7 +25,7 @@ STILL_FRAMES = 0.95
 
 
 def rest_window(recording: xr.Dataset) -> tuple[float, float]:
-    """Return the start and end [s] of the interval before the first motion in which the body is at rest.
+    """Return the start and end [s] of the interval in which the body is at rest before its first motion.
 
     Where inputs were measured, it is the time before an input first departs from its initial value by 5 % of its range,
     if that time holds three frames and the body is still during it. (The condition matters where the pressure has

@@ -1,4 +1,4 @@
-"""Rotations as matrices and as quaternions x, y, z, w, and the best rotation between two sets of points."""
+"""Convert rotations between matrices and quaternions x, y, z, w; fit a rotation to two sets of points."""
 
 from __future__ import annotations
 

@@ -223,7 +223,7 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
 
 
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
-    """Return the recording with the pressure's times t replaced by ``t * (1 + drift) + delay_s``."""
+    """Return the recording with the pressure's sample times t [s] replaced by ``t * (1 + drift) + delay_s``."""
     check_recording(recording)
     if "pressure" not in recording or not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")

@@ -63,7 +63,7 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
 
 
 def stamp_of(message: Any, received: int) -> int:
-    """Return the time [ns] of the message header, or the time of reception where the message has no header."""
+    """Return the time [ns] in the header of a ROS 2 message; without a header, the time of reception."""
     header = getattr(message, "header", None)
     stamp = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
     return int(stamp or received)

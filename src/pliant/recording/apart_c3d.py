@@ -11,7 +11,7 @@ from pliant.recording.apart_worker import Content
 
 
 def read(path: str) -> Content:
-    """Read the markers, analog channels and parameters of a C3D file.
+    """Return the marker coordinates and analog values of a C3D file as arrays, and its parameters as a dict.
 
     Returns
     -------

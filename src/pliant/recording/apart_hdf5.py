@@ -145,7 +145,7 @@ def keep(
 
 
 def dimensions_of(item: Any, name: str) -> list[str]:
-    """Return the dimension names of a netCDF variable; empty where the file does not name them."""
+    """Return the names of the dimensions of a netCDF variable in an HDF5 file; [] where it has none."""
     if item.is_scale and item.ndim == 1:
         return [name.rpartition("/")[2]]
     if "DIMENSION_LIST" not in item.attrs:

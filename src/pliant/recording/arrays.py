@@ -1,4 +1,4 @@
-"""Build recordings from named arrays (NumPy, MATLAB), with a mapping of their names and units."""
+"""Build recordings from the named arrays of NumPy and MATLAB files, with options that state names and units."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ def _content(path: Path) -> C3dContent:
     short = len(points) < frames or (header.analog and len(analog) < frames * header.samples)
     if points.shape[1] != header.points or short:
         raise InputError(f"{path.name} is damaged: it holds {len(points)} frames of {points.shape[1]} points, but its "
-                         f"header states {frames} of {header.points}")  # fmt: skip
+                         f"header states {frames} of {header.points}; export it again")  # fmt: skip
     doubts, remarks = judge_layout(data, header, frames)
     doubts = [*compare_facts(header, frames, parameters), *doubts, *judge_residuals(data, header, frames)]
     return C3dContent(parameters, points[:frames], analog[: frames * header.samples], header.rate,
@@ -173,7 +173,8 @@ def _analog_pressure(content: C3dContent, options: C3dMapping, name: str) -> dic
     unknown = [c for c in options.pressure.channels if c not in labels]
     if unknown:
         available = ", ".join(labels) or "none"
-        raise InputError(f"{name} has no analog channel {', '.join(unknown)}; available: {available}")
+        raise InputError(f"{name} has no analog channel {', '.join(unknown)}: correct pressure.channels in its "
+                         f"mapping; available: {available}")
     channels = [labels.index(c) for c in options.pressure.channels]
     values = content.analog[:, channels] * pascal_per(options.pressure.unit)
     clock = np.arange(len(values)) / content.analog_rate

@@ -52,7 +52,9 @@ class C3dHeader(NamedTuple):
 
 
 def read_header(data: bytes, name: str) -> C3dHeader:
-    """Read the header of a C3D file from its bytes `data`; `name` is the file name for messages."""
+    """Return the numbers in the header of a C3D file from its bytes `data`; raise InputError where the header is
+    damaged.
+    """
     if len(data) < 2 * BLOCK or data[1] != 0x50:
         raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes; "
                          "export it again")

@@ -64,7 +64,7 @@ class Board(FileMapping):
 
 
 class Camera(FileMapping):
-    """Frame rate, scale, lens and orientation of a camera that films the plane of bending.
+    """Calibration of a camera that films the plane of bending: frame rate, scale, lens distortion and orientation.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ def projective(pixels: Array, places: Array) -> Array:
             return fitted_homography(pixels, places)
         except np.linalg.LinAlgError:  # numbers so large or small that their squares are none
             raise InputError("the points of camera.plane do not determine the plane: their numbers are too large "
-                             "or too small") from None
+                             "or too small; give pixels and millimetres") from None
 
 
 def fitted_homography(pixels: Array, places: Array) -> Array:

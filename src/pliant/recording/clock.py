@@ -1,4 +1,4 @@
-"""Repair the times of small loggers: counters that wrap around and time stamps that repeat."""
+"""Repair the sample times of small data loggers: counters that wrap around, and time stamps that repeat."""
 
 from __future__ import annotations
 

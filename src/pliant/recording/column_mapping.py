@@ -47,7 +47,7 @@ class InputColumns(FileMapping):
 
 
 class Select(FileMapping):
-    """Row filter that keeps the rows where `column` equals `value`, such as one trial of several."""
+    """Filter that keeps the table rows in which `column` equals `value`, such as one trial of several."""
 
     column: Column
     value: float

@@ -35,7 +35,8 @@ class Renamed(NamedTuple):
 
 
 def standard_names(names: list[str], file: str) -> Renamed:
-    """Return the standard names of wide CSV columns such as ``time_ms``, ``Pressure (mbar)`` or ``tip_x_mm``.
+    """Translate column names such as ``time_ms``, ``Pressure (mbar)`` or ``tip_x_mm`` to the standard names of a wide
+    CSV.
 
     A name that matches no rule is kept. Names that would get the same standard name are kept too.
 

@@ -48,7 +48,9 @@ class ColumnHeader:
             self.where[name].append(k)
 
     def index(self, column: Column) -> int:
-        """Return the index of a column given by index or name; raise InputError where none or several match."""
+        """Return the index of a table column that is given by index or name; raise InputError where none or several
+        match.
+        """
         if isinstance(column, str):
             held = self.where.get(column, [])
             if not held:

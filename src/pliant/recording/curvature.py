@@ -115,7 +115,8 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
 def integrated(
     kappa: NDArray[np.float64], other: NDArray[np.float64] | None, arc: NDArray[np.float64], options: CurvatureMapping
 ) -> NDArray[np.float64]:
-    """Return positions (T, S, 3) [m] by integrating curvature (T, S) [1/m] over the arc lengths `arc` (S,) [m].
+    """Integrate the curvature (T, S) [1/m] at S arc lengths `arc` [m] over T frames, and return the positions (T, S, 3)
+    [m] of the curve.
 
     `other` (T, S) is None for a planar body, else the second component of curvature or the direction of bending, as the
     options say.

@@ -111,7 +111,7 @@ def whole_clock(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` is the header of a DeepLabCut CSV file or of its HDF5 file."""
+    """Return whether the first bytes of a file, `head`, are those of a DeepLabCut CSV or HDF5 file."""
     start = head[:20000].lower().lstrip(b"\xef\xbb\xbf")
     if start.startswith(b"\x89hdf"):
         return b"df_with_missing" in head

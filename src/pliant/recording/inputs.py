@@ -24,7 +24,7 @@ class RecordedInput(NamedTuple):
 
 
 def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
-    """Return all measured inputs of a recording, pressures first, each with its own sample times."""
+    """Return all measured actuation inputs of a recording, pressures first, each with its own sample times."""
     found = []
     if "pressure" in recording:
         values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)

@@ -1,4 +1,4 @@
-"""Apply a scale and an offset to recorded channels: raw counts, absolute pressures, unknown gains.
+"""Apply a scale and an offset to channels of a recording, such as raw counts or absolute pressures.
 
 A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
 by the name of one chamber, input, station or core::
@@ -84,7 +84,8 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
         ):
             return variable, {dimension: [str(n) for n in recording[dimension].values].index(name)}
     held = ", ".join(v for v in CHANNELS if v in recording)
-    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel; its "
+    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel: correct "
+                     "the name; its "
                      f"variables are {held}")
 
 

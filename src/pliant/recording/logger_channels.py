@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Channel(NamedTuple):
-    """One channel of a data logger: times (T,) [s], values (T,), and the unit in the file ("" for none)."""
+    """One channel of a data logger: T sample times (T,) [s], values (T,), and the unit in the file ("" for none)."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]

@@ -125,7 +125,7 @@ def _strain_scale(header: Mapping[str, str], name: str) -> float:
     unit = header.get("units", "").lower()
     if unit not in STRAIN_UNITS:
         raise InputError(f"{name} must hold strain in microstrain, but its header line Units is "
-                         f"{unit or 'not stated'!r}")
+                         f"{unit or 'not stated'!r}: export strain from the Luna software")
     return STRAIN_UNITS[unit]
 
 

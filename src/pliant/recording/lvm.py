@@ -115,7 +115,7 @@ def channels_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` begins like a LabVIEW measurement file."""
+    """Return whether the first bytes of a file, `head`, are those of a LabVIEW measurement file."""
     return head.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
 
 

@@ -28,7 +28,7 @@ BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, Attrib
 
 
 def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
+    """Read a recording from a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
     if mapping:
         raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
     with path.open("rb") as file:

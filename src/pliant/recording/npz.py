@@ -40,7 +40,7 @@ def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
-    """Return the arrays of an .npz file of `size` bytes; raise InputError where it is damaged or not .npz."""
+    """Return the arrays of an .npz file by name; raise InputError where it is damaged or no .npz file."""
     try:
         with np.load(stream, allow_pickle=False) as file:
             check_announced(file.zip, size, name)

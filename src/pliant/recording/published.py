@@ -70,7 +70,9 @@ def data_sets() -> dict[str, DataSet]:
 
 
 def data_set(name: str) -> DataSet:
-    """Return the data set `name`; InputError lists the known names where there is none."""
+    """Return the published data set with the name `name`; raise InputError, which lists the known names, where there is
+    none.
+    """
     if name not in data_sets():
         raise InputError(f"there is no public data set {clipped(name, 60)!r}: use one of {', '.join(data_sets())}")
     return data_sets()[name]
@@ -98,7 +100,7 @@ def published_path(text: str) -> Path:
     name, _, file = text.removeprefix(PREFIX).partition("/")
     known = data_set(name)
     if file not in known.files:
-        raise InputError(f"{name} has no file {clipped(file, 60)!r}: it has {', '.join(known.files)}")
+        raise InputError(f"{name} has no file {clipped(file, 60)!r}: choose one of {', '.join(known.files)}")
     path = data_folder() / name / file
     if not path.is_file():
         raise InputError(f"{text} is not on this machine: {how(known, file, path.parent)}")

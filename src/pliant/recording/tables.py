@@ -44,7 +44,7 @@ def read_text(path: Path) -> str:
 
 
 def find_delimiter(line: str, name: str) -> str:
-    """Return the delimiter of a header line: semicolon, tab or comma."""
+    """Return the delimiter of the cells in a header line: semicolon, tab or comma."""
     if len(line) > LONGEST_LINE:
         raise InputError(f"the header of {name} is {len(line)} characters long, so this is not a text table: export "
                          "a table, or correct format in the mapping")
@@ -193,6 +193,7 @@ def _parse_slowly(
                 continue
             text = cell.replace(",", ".") if decimal == "," else cell
             if not NUMBER.fullmatch(text):
-                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}")
+                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}; correct "
+                                 "it, or leave the cell empty")
             values.append(float(text))
     return np.array(values).reshape(len(rows), -1)

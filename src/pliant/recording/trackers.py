@@ -115,7 +115,7 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
-    """Return the times (T,) [s] of `count` frames at the camera's frame rate."""
+    """Return the times (T,) [s] of the `count` frames of a video, 0 for the first one, from the camera's frame rate."""
     rate = options.camera.rate_hz if options.camera is not None else None
     if rate is None:
         raise InputError(f"{file} has no times: set rate_hz in [camera] to the frame rate of the video")

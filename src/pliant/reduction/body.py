@@ -64,7 +64,7 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     stations = recording.sizes.get("station", fewest_stations)
     if stations < fewest_stations:
         raise InputError(f"at least {fewest_stations} stations along the body are needed, but the recording has "
-                         f"{stations}")
+                         f"{stations}: track more points")
     position, time, dropped = whole_frames(recording)
     notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
     chords = chord_lengths(position)

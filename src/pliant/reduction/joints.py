@@ -99,7 +99,7 @@ def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angle wrapped to (-pi, pi]."""
+    """Return angles [rad] wrapped to the interval (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 

@@ -1,4 +1,4 @@
-"""Compute links and joint angles of a shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
+"""Fit a chain of rigid links to the shape of a body: each link is the chord between two nodes on the curve."""
 
 from __future__ import annotations
 
@@ -211,7 +211,8 @@ def _chosen_nodes(
         names = [str(name) for name in recording["station"].values]
         unknown = [name for name in stations if name not in names]
         if unknown:
-            raise InputError(f"the recording has no station {', '.join(unknown)}; its stations are {', '.join(names)}")
+            raise InputError(f"the recording has no station {', '.join(unknown)}: choose stations among "
+                             f"{', '.join(names)}")
         knots = s[[names.index(name) for name in stations]]
     else:
         knots = np.array(node_arc_length, dtype=np.float64)

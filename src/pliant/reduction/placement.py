@@ -114,8 +114,8 @@ class _Search:
         return self.seen[key]
 
     def descend(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], float]:
-        """Move nodes from station to station, starting from the stations `index`, while this reduces the largest error.
-        Return the indices of the last stations and their largest error [m].
+        """Move nodes between stations, starting from the station indices `index`, while this reduces the largest error
+        of the spline through them. Return the last indices and that error [m].
         """
         cost = self.cost(index)
         n = index.size - 1

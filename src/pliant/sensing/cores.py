@@ -57,7 +57,7 @@ class Cores(FileMapping):
 
 
 def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, format: str | None = None) -> xr.Dataset:  # noqa: A002
-    """Read a recording as `pliant.read` does, and turn the strain of a multicore fibre into its shape.
+    """Read a recording from a file, as `pliant.read` does. The strain of a multicore fibre is converted to its shape.
 
     Parameters
     ----------

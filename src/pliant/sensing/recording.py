@@ -58,7 +58,8 @@ def shape_from_strain(
     """
     check_recording(recording)
     if "strain" not in recording:
-        raise InputError("shape_from_strain needs strain, but the recording holds none")
+        raise InputError("shape_from_strain needs strain, but the recording holds none: read a file with the strain "
+                         "of the cores")
     if bridge < 0:
         raise InputError(f"bridge must be 0 or a positive number of gauges, not {bridge}")
     s = recording["gauge_position"].values

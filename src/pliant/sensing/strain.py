@@ -23,7 +23,7 @@ COMMON_MODES = ("centre", "least-squares")
 
 @dataclass(frozen=True)
 class CoreLayout:
-    """Positions of the cores in the cross-section of a fibre.
+    """Positions of the cores in the cross-section of a multicore fibre: distance from the axis [m] and angle [rad].
 
     Attributes
     ----------

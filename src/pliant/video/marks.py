@@ -1,4 +1,4 @@
-"""Track marks on the body in every frame: dots of one colour, or ArUco markers."""
+"""Track marks on the body in every frame of a video: dots of one colour, or ArUco markers."""
 
 from __future__ import annotations
 

@@ -57,7 +57,8 @@ class Surroundings:
 
 
 def surroundings(reel: Reel) -> Surroundings:
-    """Determine the colour of the body and the background of a video.
+    """Determine the colour of the body and the background picture of a video, by which the pixels of the body are
+    recognised.
 
     Raises
     ------

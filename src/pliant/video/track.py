@@ -83,7 +83,7 @@ class Tracking:
 
     @property
     def blue_green_red(self) -> tuple[float, float, float]:
-        """Colour of the dots as blue, green, red from 0 to 255."""
+        """Colour of the dots as (blue, green, red), each from 0 to 255."""
         text = (self.colour or "").removeprefix("#")
         try:
             r, g, b = bytes.fromhex(text)

@@ -1,4 +1,6 @@
-"""Checks of the stated length, mass and gravity of a body against its recording and usual soft bodies."""
+"""Checks of the stated length, mass and gravity of a body against its recording and against values usual for soft
+bodies.
+"""
 
 from __future__ import annotations
 

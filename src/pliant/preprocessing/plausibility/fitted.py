@@ -15,7 +15,7 @@ USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is state
 
 
 def stiffness(case: Case) -> str:
-    """Return a sentence where the fitted bending stiffness is implausible for the size of the body; else ""."""
+    """Return a sentence where the fitted bending stiffness is implausible for the size of the body, else ""."""
     if case.model is None:
         return ""
     section, length = float(np.max(bending_stiffness(case.model))), case.model.length
@@ -33,7 +33,8 @@ def stiffness(case: Case) -> str:
 
 
 def torque(case: Case) -> str:
-    """Return a sentence where no chamber within the body could produce the fitted torque per pascal; else "".
+    """Return a sentence where the fitted torque per pascal is larger than a pressure chamber within the body could
+    produce, else an empty text.
 
     The torque per pascal is an area times a lever arm.
     """

@@ -75,7 +75,9 @@ def never_vented(values: NDArray) -> bool:
 
 
 def unit(case: Case) -> str:
-    """Return a sentence where the pressure is too low or too high for a soft actuator; else ""."""
+    """Return a sentence where the pressure is too low or too high for a soft actuator, which suggests a wrong unit;
+    else "".
+    """
     highest = max((float(np.abs(v).max()) for _, v in chambers(case)), default=0.0)
     if 0 < highest < LEAST_PRESSURE:
         return (f"the pressure never exceeds {highest:.3g} Pa: was a pressure in kPa, mbar or psi read as Pa? "
@@ -86,7 +88,7 @@ def unit(case: Case) -> str:
 
 
 def absolute(case: Case) -> str:
-    """Return a sentence where a pressure seems absolute, not gauge; else ""."""
+    """Return a sentence where a pressure seems to be absolute instead of gauge pressure; else ""."""
     for name, values in chambers(case):
         if is_absolute(values):
             start, low, _ = ends(values)

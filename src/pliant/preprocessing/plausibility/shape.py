@@ -44,7 +44,9 @@ def extent(position: np.ndarray) -> float:
 
 
 def angle_unit(case: Case) -> str:
-    """Return a sentence where angles suggest degrees read as radians, or the reverse; else ""."""
+    """Return a sentence where the range of the recorded angles suggests degrees read as radians, or the reverse; else
+    "".
+    """
     recording = case.recording
     if recording is None or "angle" not in recording:
         return ""
@@ -64,7 +66,7 @@ def angle_unit(case: Case) -> str:
 
 
 def swapped(case: Case) -> str:
-    """Return a sentence where stations exchange their labels in some frames; else ""."""
+    """Return a sentence where the tracker exchanged the labels of stations in some frames; else ""."""
     if not case.swapped:
         return ""
     listed = ", ".join(f"{names} in {count} frames" for names, count in case.swapped.items())
