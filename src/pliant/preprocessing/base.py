@@ -139,7 +139,7 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     inputs = inputs_at(recording, recording["time"].values)
     if not inputs.shape[1]:
         raise InputError("plane = 'input' needs a measured input, but the recording holds none: set plane to "
-                         "another option")
+                         "'motion', 'body' or a normal")
     across = (position - pose) @ (np.eye(3) - np.outer(tangent, tangent))
     moved = across[:, int(np.argmax(np.nan_to_num(detectors.rms_deviation(across))))]
     known = np.isfinite(moved).all(-1) & np.isfinite(inputs).all(-1)
@@ -148,7 +148,7 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     gain = np.linalg.lstsq(design, moved[known], rcond=None)[0][1]
     if np.linalg.norm(gain) < max(6.0 * still_noise(position), 1e-6):
         raise InputError("the first input causes no motion across the base tangent beyond the noise: set plane to "
-                         "another option")
+                         "'motion', 'body' or a normal")
     return np.cross(tangent, gain / np.linalg.norm(gain))
 
 

@@ -26,8 +26,8 @@ Span = tuple[float, float, int]  # first and last time [s] and number of repeate
 
 
 def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) that is True where the tracker repeats the last position of one of S stations in one of T
-    frames although the body moves.
+    """Return a mask (T, S) of S stations over T frames that is True where a tracker repeats a station's last position
+    although the body moves.
 
     Such a station repeats every number for at least three frames, then steps by more than its resolution, while another
     station moved. Or all stations repeat their numbers, then leap. The first frame of the repeated values is not

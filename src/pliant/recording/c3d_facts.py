@@ -24,7 +24,7 @@ LARGEST_RESIDUAL = 1e4  # of a reconstructed point, in the unit of the file
 
 
 class C3dHeader(NamedTuple):
-    """Numbers in the header of a C3D file: points and analog values per frame, first and last frame, frame rate [Hz],
+    """Numbers in the header of a C3D file: points and analog values per frame, range of frames, frame rate [Hz],
     position of the data.
     """
 

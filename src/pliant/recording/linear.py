@@ -71,8 +71,8 @@ def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dat
 
 
 def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
-    """Return the variable of the recording that holds the channel `name` and the channel's index in it. The index is
-    empty where `name` is the whole variable.
+    """Return the name of the recording's variable that contains the channel `name`, and the channel's index in it. The
+    index is empty where `name` is that of the variable itself.
     """
     if name in CHANNELS and name in recording:
         return name, {}

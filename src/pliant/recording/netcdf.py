@@ -1,4 +1,4 @@
-"""Read and write recordings as netCDF: HDF5 (netCDF 4) is read and written, classic netCDF is only read.
+"""Read and write recordings as netCDF 4 (HDF5), and read classic netCDF files.
 
 A file that pliant writes ends in a checksum of its bytes. The checksum detects damage and proves no origin, so every
 file is read in a separate process.

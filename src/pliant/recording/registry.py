@@ -166,8 +166,8 @@ def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> di
 
 
 def looks_like(head: bytes, but: str = "") -> str:
-    """Return a hint that the bytes `head`, the start of a file, look like those of a tracking program other than `but`;
-    "" where they do not.
+    """Return a hint for a message where the first bytes of a file, `head`, look like those of a known tracking program
+    other than `but`; else "".
 
     The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
     `head` holds the first bytes of the file.

@@ -40,8 +40,8 @@ def joints_in_plane(
 def joints_in_space(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the rest angles (2 n,) [rad] of a spatial chain of n links with two swing angles per joint, its joint
-    angles (T, 2 n) [rad] over T frames, and its link tips (T, n, 3) [m].
+    """Return the swing angles, two per joint, of a spatial chain of n links at rest (2 n,) [rad] and their changes over
+    T frames (T, 2 n) [rad], and the link tips (T, n, 3) [m].
     """
     rest_swing = swings_along(np.diff(rest_nodes, axis=0))
     rest = swing_matrices(rest_swing)

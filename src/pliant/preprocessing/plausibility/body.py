@@ -33,8 +33,8 @@ def length(case: Case) -> str:
 
 
 def reach(case: Case) -> float | None:
-    """Return the length [m] of the recorded body: the arc length of its last station or, without arc length, the
-    largest distance of a point from the base. Return None without positions.
+    """Return how far the recorded body extends [m]: the arc length of its last station or, without arc length, the
+    largest distance from the base. Return None without positions.
     """
     recording = case.aligned
     if recording is None or "position" not in recording:
@@ -90,13 +90,12 @@ def gravity(case: Case) -> str:
 
 CHECKS = (
     Check("length", "body", "stated length and the largest measured distance of a point from the base",
-          f"below {SHORTER:g} or above {LONGER:g} times that distance, or outside {1e3 * LEAST_BODY:g} mm to "
-          f"{MOST_BODY:g} m",
-          length),
+          f"the stated length is below {SHORTER:g} or above {LONGER:g} times that distance, or outside "
+          f"{1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length),
     Check("mass", "body", "stated mass over length, and diameter where it is stated",
-          f"density outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m3 (foam, steel); without a diameter, a silicone body "
-          f"wider than {WIDEST:g} of its length", mass),
+          f"the density is outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m3 (foam, steel) or, without a diameter, a "
+          f"silicone body of this mass would be wider than {WIDEST:g} of its length", mass),
     Check("gravity", "body", "stated gravity and the plane of bending",
-          f"more than {100 * ACROSS:g} % of it across the plane (6 degrees, more than the error of a tracker's axes), "
-          f"or a magnitude other than {EARTH[0]:g} to {EARTH[1]:g} m/s^2", gravity),
+          f"more than {100 * ACROSS:g} % of gravity is across the plane (6 degrees, more than the error of a tracker's "
+          f"axes), or its magnitude is not within {EARTH[0]:g} to {EARTH[1]:g} m/s^2", gravity),
 )  # fmt: skip

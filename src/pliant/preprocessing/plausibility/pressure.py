@@ -38,8 +38,8 @@ def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
-    """Return three pressures [Pa] of a measured pressure (P,): its initial value, and its smallest and largest
-    magnitude without outliers.
+    """Return three numbers [Pa] of a measured pressure (P,): its initial value, and its smallest and largest magnitude
+    without outliers.
     """
     low, high = np.percentile(np.abs(values), [1, 99])
     passes_zero = np.prod(np.percentile(values, [1, 99])) < 0
@@ -151,17 +151,17 @@ def clipped(case: Case) -> str:
 
 CHECKS = (
     Check("unit of pressure", "recording", "the highest measured pressure",
-          f"outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual range of soft actuators",
-          unit),
+          f"it is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual range of soft "
+          "actuators", unit),
     Check("absolute pressure", "recording", "the measured pressure at its start and where it is lowest",
-          f"{ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} kPa, the atmosphere up to 2000 m, and never below "
-          f"{VENTED / 1e3:g} kPa", absolute),
+          f"one of the two is within {ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} kPa, the atmosphere up to "
+          f"2000 m, and the pressure is never below {VENTED / 1e3:g} kPa", absolute),
     Check("raw counts", "recording", "steps and lowest value of the measured pressure",
-          f"only whole numbers of a unit, and never below {100 * OFFSET:g} % of the highest value, which is the "
-          "zero of a sensor of 0.5 to 4.5 V", raw_counts),
+          f"all values are whole numbers of a unit and never below {100 * OFFSET:g} % of the highest value, which is "
+          "the zero of a sensor of 0.5 to 4.5 V", raw_counts),
     Check("offset of pressure", "recording", "the lowest pressure, where one chamber was measured",
-          f"above {100 * OFFSET:g} % of the highest, where a vented body has 0; not above {100 * HELD:g} %, where a "
-          "chamber is held", offset),
+          f"it is above {100 * OFFSET:g} % of the highest pressure, where a vented body has 0, but not above "
+          f"{100 * HELD:g} %, where a chamber is held under pressure", offset),
     Check("clipped pressure", "recording", "readings at the highest value, and the scatter of the others",
           f"{CLIPPED} samples or more in a row equal the highest value exactly, and more than {100 * SCATTER:g} % of "
           "the other steps reverse direction", clipped),

@@ -153,20 +153,19 @@ def tilt(case: Case) -> float | None:
 
 CHECKS = (
     Check("unit of length", "recording", "the box that holds all points",
-          f"outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
+          f"its diagonal is outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
     Check("unit of angle", "recording", "the range of each measured angle",
-          f"above {MOST_TURN:g} degrees, more than a body that curls up once; without positions also below "
+          f"it is above {MOST_TURN:g} degrees, more than for a body that curls up once, or, without positions, below "
           f"{LEAST_TURN:.3g} degrees, the value of half a turn in rad", angle_unit),
     Check("exchanged labels", "recording", "which point continues which from frame to frame",
           "exchanging the labels of two or more points shortens their steps to a quarter, beyond the noise", swapped),
     Check("moving base", "body", "peak displacement of the base station and of the others",
-          f"above {BASE_SHARE:g} of the largest, where another station moves by less than {STILL_SHARE:g} of the "
-          "base's",
-          moving_base),
+          f"the base moves by more than {BASE_SHARE:g} of the largest peak displacement, and another station by less "
+          f"than {STILL_SHARE:g} of the base's", moving_base),
     Check("plane", "body", "fraction of the motion out of a stated plane or the plane of the first recording",
-          f"above {MOST_OUT:g}: a body that bends in one plane shows up to 0.12", plane),
+          f"it is above {MOST_OUT:g}; for a body that bends in one plane it is up to 0.12", plane),
     Check("base tangent", "body", "angle between the base tangent and the direction to the last station at rest "
           "(with eight stations or more: to the station at a third of the body)",
-          f"above {MOST_TILT:g} degrees, the angle of a body that is bent by "
+          f"it is above {MOST_TILT:g} degrees, the angle of a body that is bent by "
           f"{2 * MOST_TILT:g} degrees at rest", tangent),
 )  # fmt: skip
