@@ -60,7 +60,9 @@ def export(
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
-    """Write the results of a run in the target's format; the values of `options` are text."""
+    """Write the measured and modelled motion of a run as an MCAP file or a LeRobot data set. The values in `options`
+    are text.
+    """
     from pliant.cli.figures import split
     from pliant.validation.export_results import export_results
 

@@ -1,4 +1,6 @@
-"""Parsing of pressures on the command line: a level for each chamber, and which recorded pressure drives which."""
+"""Parsing of pressures in command-line options: the pressure of each chamber, and the recorded pressure that drives
+each chamber.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ DRIVE = "For several chambers: which recorded pressure drives which, as left=p1,
 
 
 def levels(model: Model, text: str) -> list[float]:
-    """Return the pressure [Pa] of each chamber from text in kPa, in the order of the chambers or by name."""
+    """Return the pressure [Pa] of each chamber from a text in kPa: "30,20" in the order of the chambers, or "left=30"
+    by name with 0 for the others.
+    """
     names = [c.name for c in model.chambers]
     if "=" in text:
         given = pairs("--level-kpa", text)
@@ -31,7 +35,7 @@ def levels(model: Model, text: str) -> list[float]:
 
 
 def number(text: str) -> float:
-    """Return the number [kPa] that a text holds."""
+    """Return the number in a text such as "30", a pressure in kPa. A text that is no number raises InputError."""
     try:
         return float(text)
     except ValueError:
@@ -39,7 +43,7 @@ def number(text: str) -> float:
 
 
 def pairs(option: str, text: str) -> dict[str, str]:
-    """Return the pairs of ``name=word,name=word`` as a dictionary."""
+    """Parse a text such as "left=p1,right=p2" and return its pairs as a dictionary."""
     parts = [part.partition("=") for part in text.split(",")]
     entries = {name.strip(): word.strip() for name, _, word in parts}
     if not all(entries) or not all(entries.values()) or len(entries) != len(parts):

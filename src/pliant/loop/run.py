@@ -52,7 +52,8 @@ def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = (), unit
 
 
 def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
-    """Return a state's angles [rad], disturbance torques and their standard deviations [N m], (n,) each.
+    """Return three arrays (n,) for the n links of an estimated state: angles [rad], disturbance torques [N m] and their
+    standard deviations [N m].
 
     Without a state, or with an estimator that does not compute disturbances, the missing values are NaN.
     """
@@ -161,7 +162,7 @@ class ControlLoop:
         return self.watchdog.summary[0]
 
     def period(self, now: int, deadline: int) -> None:
-        """Run one period that starts at `now` [ns] and was due at `deadline` [ns]."""
+        """Run one period of the control loop, which starts at `now` [ns] and was due at `deadline` [ns]."""
         try:
             self._read()
             self.watchdog.readings(now, self.shapes.reference_time, self.pressures.reference_time, self.pressure)

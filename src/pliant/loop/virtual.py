@@ -128,7 +128,9 @@ class VirtualActuator:
         return self._queue.popleft() if self._queue else None
 
     def write(self, sample: Sample) -> None:
-        """Hold the command of the sample from now on, for its hold time if it has one."""
+        """Apply the command in the sample to the plant from now on. If the sample has a hold time, the plant is vented
+        when this time is over.
+        """
         if sample.name == COMMAND:
             self._command = sample.array
             self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None

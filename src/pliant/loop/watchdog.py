@@ -16,7 +16,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a healthy control loop; beyond them the watchdog vents.
+    """Limits of pressures, angles, rates and ages of readings, beyond which the watchdog vents the actuator.
 
     Parameters
     ----------
@@ -92,19 +92,21 @@ class Watchdog:
 
     @property
     def summary(self) -> tuple[str, int]:
-        """Description of the fault, or of the controller's faults, and its time [ns]."""
+        """Description of the fault, or of the faults that the controller reported, and its time [ns]."""
         if self.fault or not self.controller_faults:
             return self.fault, self.fault_time
         periods = "period" if self.controller_faults == 1 else "periods"
         return f"in {self.controller_faults} {periods} {self.controller_fault}", self.controller_fault_time
 
     def trip(self, sentence: str, now: int) -> None:
-        """Vent from now on because of the fault `sentence`; the first fault is kept."""
+        """Set the fault `sentence`, if there is none yet, so that the loop vents from now on."""
         if not self.fault:
             self.fault, self.fault_time = sentence, now
 
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
-        """Report a fault if the last complete shape or pressure [ns] is too old, or a pressure [Pa] out of limits."""
+        """Set a fault if the last complete shape or pressure reading is too old (times in ns), or a pressure [Pa] is
+        outside its limits.
+        """
         b = self.bounds
         kind = KIND_OF[b.unit]
         for what, latest, limit in (("shape", shape_time, b.shape_age), (kind, pressure_time, b.pressure_age)):
@@ -114,7 +116,7 @@ class Watchdog:
         self.pressure(now, pressure)
 
     def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
-        """Report a fault if too many consecutive readings of a sensor are identical."""
+        """Set a fault if too many consecutive readings of the shape sensor or of the pressure sensor are identical."""
         b = self.bounds
         for what, count, most in (
             ("shape", shape_repeats, b.shape_repeats), (KIND_OF[b.unit], pressure_repeats, b.pressure_repeats),
@@ -148,7 +150,9 @@ class Watchdog:
             self.trip(f"the estimator lost its consistency: {state.fault}", now)
 
     def controller(self, now: int, fault: str) -> bool:
-        """Check the controller's fault; return True where a series of faults begins."""
+        """Count the faults that the controller reports, and set a fault after too many in a row. Return True at the
+        first of a series.
+        """
         begins, self._in_a_row = bool(fault) and not self._in_a_row, self._in_a_row + 1 if fault else 0
         if fault:
             self.controller_faults += 1

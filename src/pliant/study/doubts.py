@@ -30,13 +30,16 @@ def stated_case(actuator: ActuatorEntry) -> Case:
 
 
 def body_warnings(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """Return warnings about the stated body compared with one recording of it, by the name of the check."""
+    """Return warnings on contradictions between the stated body and one recording of it. Their keys are the names of
+    the checks.
+    """
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
 def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
-    """Prefix an InputError raised inside the block with the warning about units, if there is one.
+    """Context manager that puts the warning about units, if there is one, before the message of an InputError raised
+    inside.
 
     A wrong unit is often the cause of another error, such as a base that seems to move by metres.
 

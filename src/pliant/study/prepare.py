@@ -97,7 +97,8 @@ def all_aligned(study: Study) -> dict[str, Aligned]:
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
-    """Return the recordings with planar ones turned by half a turn, if the first one bends to the negative side.  # D4
+    """Turn all planar recordings by half a turn if the first one bends to the negative side, and return all recordings.
+    # D4
 
     All planar recordings are turned alike. A body with several chambers is left as it was recorded, since its chambers
     may bend it to different sides. Recordings aligned by `pliant.align` are in the base frame already.
@@ -145,7 +146,9 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
-    """Return the rows of a recording between two fractions of its number of rows, with the inputs of that time."""
+    """Return the rows of a recording between two fractions (0 to 1) of its number of rows, with the inputs recorded in
+    that time.
+    """
     count = recording.sizes["time"]
     first, last = (round(f * count) for f in (start, stop))
     if not 0 <= first < last <= count:
@@ -157,8 +160,8 @@ def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.D
 def in_frame(
     study: Study, name: str, raw: xr.Dataset, alignment: AlignmentEntry, normal: Array | None,
 ) -> tuple[xr.Dataset, xr.Dataset, str]:
-    """Return a recording's stations in the tracker's frame, the same in the base frame, and how a fibre's tip was
-    found.
+    """Return a recording's stations in the tracker's frame, the same stations in the base frame, and a sentence on how
+    a fibre's tip was found.
     """
     space = bool(study.actuator.space)
     check_frame(name, raw, space=space)
@@ -250,7 +253,8 @@ def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
 
 
 def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
-    """Return the number of links that angles support, one for each angle; None if positions were recorded.
+    """Return the number of links that recorded angles can determine, one for each angle; None if positions were
+    recorded.
 
     Raises
     ------
@@ -268,7 +272,7 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
 
 
 def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
-    """Return the recordings in which the body hardly moved, each with a sentence that says so.
+    """Return a sentence for each recording in which the body hardly moved, by the name of the recording.
 
     A fit to such a recording would fit its noise.
     """

@@ -82,7 +82,9 @@ class TaperTable(StudyEntry):
 
 
 class StationTable(StudyEntry):
-    """The position of an observed point on the body; without it, the first frames determine the position."""
+    """The position of an observed point, such as a marker, on the body. Without this table the position is computed
+    from the first frames.
+    """
 
     name: str
     at: float  # m along the body, from the base
@@ -149,7 +151,7 @@ class Fibre(StudyEntry):
 
     @model_validator(mode="after")
     def one_end(self) -> Fibre:
-        """Check that the entry states either the cap (curvature and length) or `start`, not both."""
+        """Check that the table [fibre] states either the cap (curvature and length) or `start`, not both."""
         capped = self.cap_curvature is not None and self.cap_length is not None
         if capped == (self.start is not None) or (self.cap_curvature is None) != (self.cap_length is None):
             raise ValueError("[fibre] needs either cap_curvature and cap_length, or start")
@@ -169,7 +171,9 @@ class Reduction(StudyEntry):
 
 
 class KnownForce(StudyEntry):
-    """A known force at a point of the body, such as a pulling thread; linear between the times."""
+    """A known force at a point of the body, such as a pulling thread, interpolated linearly between the stated
+    times.
+    """
 
     station: str | None = None  # name of a point of the model
     link: int | None = Field(None, ge=1)  # or a link, numbered from 1
@@ -186,7 +190,9 @@ class KnownForce(StudyEntry):
         return self
 
     def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force in the base frame, whose x axis is `x_sign` (1 or -1) times that of the recording."""
+        """Return the force with its x component multiplied by `x_sign` (1 or -1), the direction of the recording's x
+        axis in the base frame.
+        """
         point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
         return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
 
@@ -375,7 +381,9 @@ def check_forecast_names(study: Study, path: Path) -> None:
 
 
 def check_reduction(study: Study, path: Path) -> None:
-    """Check that [reduction] names a listed recording, and that no fit states links or joint placement besides."""
+    """Check that [reduction] names a listed recording, and that no fit also states the number of links or the joint
+    placement.
+    """
     if study.reduction is None:
         return
     if study.reduction.recording not in (None, *study.recordings):

@@ -88,7 +88,9 @@ def compare_wirings(
 def wired_experiments(
     study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive,
 ) -> list[Experiment]:
-    """Return the training experiments of a fit with the pressures of every recording wired as `drive` says."""
+    """Return the training experiments of a fit in which `drive` states the recorded pressure that drives each
+    chamber.
+    """
     names = study.fits[fit_name].train
     entries = {n: study.recordings[n].model_copy(update={"drive": drive}) for n in names}
     other = study.model_copy(update={"recordings": study.recordings | entries})
@@ -96,8 +98,8 @@ def wired_experiments(
 
 
 def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
-    """Return the residual statistics of a wiring on its training recordings, and their mean error [% of peak
-    displacement].
+    """Fit the model to training recordings with one wiring; return the statistics of the residuals and the mean error
+    [% of peak displacement].
     """
     entry = study.fits[name]
     result = fit(
