@@ -96,7 +96,9 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
 
 
 def lagged(command: Array, part: float) -> Array:
-    """Return `command` (T, C) filtered by a first-order lag; `part` is the time step divided by the time constant."""
+    """Return the pressures `command` (T, C) of C chambers after a first-order lag. `part` is the time step divided by
+    the time constant.
+    """
     from scipy.signal import lfilter
 
     keep = np.exp(-part)

@@ -120,7 +120,7 @@ def supply_pressure(
 def read_pressure(
     time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return sample times (P,) [s] and readings (P,) [Pa] of the transducer.
+    """Return the P times (P,) [s] at which the transducer samples the pressure, and its readings (P,) [Pa].
 
     The first sample falls at a random time within the first period. For several chambers (R, C) each has its own
     transducer, all sampled at the same times, and the readings are (P, C).

@@ -103,8 +103,8 @@ def fit_named(fits: Sequence[FitOutcome], name: str) -> FitOutcome:
 
 
 def side_of(record: RecordOutcome, inputs: Sequence[str]) -> Side:
-    """Return the measured and modelled motion of one recording, with inputs as recorded, or fitted if none was
-    recorded.
+    """Return the measured and modelled motion of one recording with its recorded inputs. If none were recorded, the
+    inputs are those of the fit.
     """
     exp = record.experiment
     values = np.array(record.pressure, dtype=float).reshape(exp.time.size, -1)

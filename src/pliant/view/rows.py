@@ -198,7 +198,9 @@ def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
 
 
 def plausible(m: Model) -> list[tuple[str, str]]:
-    """Return the first mode, and thickness and modulus of a solid silicone rod of the same mass, length and EI."""
+    """Return (name, value) pairs: the first natural mode, and thickness and modulus of a solid silicone rod with the
+    body's mass, length and EI.
+    """
     area = m.mass / m.length / RUBBER
     modulus = float(np.mean(bending_stiffness(m))) * 4.0 * np.pi / area**2  # I = A^2 / (4 pi) of a disc
     rod = (f"as a solid silicone rod of {RUBBER:.0f} kg/m³: {digits(1e3 * np.sqrt(4 * area / np.pi))} mm thick, "

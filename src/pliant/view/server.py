@@ -27,7 +27,7 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 
 def running(content: PageContent) -> Live | WatchedLoop:
-    """Return the moving body of a page: a running model, or the control loop to watch."""
+    """Return the body whose motion the page shows: a simulated model, or a control loop in another process."""
     return Live(content) if content.log is None else WatchedLoop(content.log, content.model, content.touch)
 
 
