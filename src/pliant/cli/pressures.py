@@ -52,7 +52,7 @@ def pairs(option: str, text: str) -> dict[str, str]:
 
 
 def drives(text: str) -> dict[str, str | int] | None:
-    """Return the recorded pressure (name, or index from 0) that drives each chamber of the model; None for an empty
+    """Parse which recorded pressure (name, or index from 0) drives each chamber of the model; return None for an empty
     text.
     """
     if not text:

@@ -62,7 +62,7 @@ class ExampleCommand(TyperCommand):
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Show a line with `what` and the elapsed time on a terminal, if the block takes more than one second."""
+    """Show the text `what` and the elapsed time on a terminal, if the block inside takes more than one second."""
     if QUIET.get() or not sys.stderr.isatty():
         yield
         return

@@ -106,7 +106,8 @@ class ValveReceiver:
         self.rejected = self.late = self.ahead = self.foreign = self.shortened = self.vented = 0
 
     def poll(self) -> Array:
-        """Read the commands that have arrived, set the valves, and return the present commands (C,) [Pa].
+        """Read the commands that have arrived, set the valves of the C chambers, and return the present commands (C,)
+        [Pa].
 
         Call this method about every millisecond.
         """

@@ -163,7 +163,9 @@ class Watchdog:
         return begins
 
     def command(self, now: int, command: Array) -> Array:
-        """Return the commands (C,) [Pa] to send: 0 after a fault, or when a command is not finite or out of limits."""
+        """Return the commands of C chambers (C,) [Pa] to send: 0 after a fault, or when a command is not finite or out
+        of limits.
+        """
         for p in command.tolist():
             if not math.isfinite(p):
                 self.trip(f"the command is {p}", now)

@@ -118,8 +118,8 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
-    """Return the standard deviation (T, axes) of the model's error in the last station's motion over T frames [m, or
-    rad for angles]; see `discrepancy`.
+    """Return the standard deviation (T, axes) of the model's error in the last station's motion over T frames, in m, or
+    rad for angles.
     """
     prediction = predict(result.model, case, values, step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]

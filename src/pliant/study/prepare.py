@@ -78,7 +78,7 @@ def check_pressure_unit(name: str, recording: xr.Dataset) -> None:
 
 
 def all_aligned(study: Study) -> dict[str, Aligned]:
-    """Return every recording of the study in the base frame, by name.
+    """Read every recording of the study and return them in the base frame, by name.
 
     For several chambers or a body in space, the x axis of all recordings is that of the first.
 
@@ -192,7 +192,7 @@ def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
 
 
 def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
-    """Return the study's alignment, with the entries that a recording states itself taking precedence."""
+    """Return the study's alignment, with the entries of a recording's own alignment taking precedence."""
     if own is None:
         return shared
     return AlignmentEntry(stations=own.stations or shared.stations, options={**shared.options, **own.options},

@@ -123,7 +123,7 @@ def all_fits(
 
 
 def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[FitOutcome, ...], list[NotComputed]]:
-    """Return the outcomes of the fits that could be computed, and a description of the failure of each other fit.
+    """Return the outcomes of the fits that could be computed, and for each other fit a description of its failure.
 
     Raises
     ------

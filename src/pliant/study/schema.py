@@ -25,7 +25,7 @@ Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard 
 
 
 class StudyEntry(BaseModel):
-    """A table of the study file; an unknown key in it is an error."""
+    """A table of the study file, in which an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -198,7 +198,9 @@ class KnownForce(StudyEntry):
 
 
 class Recording(StudyEntry):
-    """One recording of a study; `shorthand` describes defaults and entries for many trials in one file."""
+    """One recording of a study: its file, alignment, excitation and known loads, and the channels that drive the
+    chambers.
+    """
 
     file: str
     mapping: dict[str, Any] | None = None
@@ -228,7 +230,7 @@ class Recording(StudyEntry):
 
 
 class Fit(StudyEntry):
-    """One fit: its free parameters, training and held-out recordings; `shorthand` describes `like` and `without`."""
+    """One fit: its free parameters, the recordings to train on and to hold out, and options of the optimisation."""
 
     title: str = ""
     train: list[str]
@@ -244,7 +246,9 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with more and more free parameters, chosen by their error on the held-out recordings."""
+    """Model selection: stages with more and more free parameters, of which one is chosen by its error on the held-out
+    recordings.
+    """
 
     train: list[str]
     held_out: list[str] = []
@@ -257,7 +261,9 @@ class SelectionEntry(StudyEntry):
 
 
 class WiringEntry(StudyEntry):
-    """Wirings to compare; a wiring says which recorded pressure drives which chamber."""
+    """Wirings to compare by their fit to the training recordings. A wiring says which recorded pressure drives which
+    chamber.
+    """
 
     fit: str = ""  # fit whose parameters and training recordings are used; default: the first
     drives: dict[str, dict[str, str | int]] = {}  # by name; default: every permutation of the stated pressures
@@ -341,7 +347,8 @@ def load_study(path: str | Path) -> Study:
 
 
 def check_names(study: Study, path: Path) -> None:
-    """Check that every used recording is listed, and that no fit trains on a recording that it holds out.
+    """Check that the study lists every recording that a fit uses, and that no fit trains on a recording that it holds
+    out.
 
     Raises InputError otherwise.
     """
@@ -396,7 +403,7 @@ def check_reduction(study: Study, path: Path) -> None:
 
 
 def check_chambers(study: Study, path: Path) -> None:
-    """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive existing ones.
+    """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive no others.
 
     Chambers and tendons act on numbered joints, so that a fit cannot change the number of links.
     """

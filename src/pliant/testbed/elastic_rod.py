@@ -53,7 +53,7 @@ class Keeper(elastica.CallBackBaseClass):
         self.every, self.kept = every, kept
 
     def make_callback(self, system: Any, time: float, current_step: int) -> None:  # noqa: ARG002  PyElastica's
-        """Append the present state to the list at every `every`-th step."""
+        """Store the present state of the rod at every `every`-th step."""
         if current_step % self.every == 0:
             kappa = system.kappa  # a turn about d1 bends towards -d2
             state = (system.position_collection.T, system.director_collection.transpose(2, 0, 1),

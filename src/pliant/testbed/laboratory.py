@@ -225,7 +225,7 @@ def record(
 
 
 def is_current(path: Path, key: str) -> bool:
-    """Return True if `path` already holds the recording with the content key `key`."""
+    """Return True if the file `path` already holds the recording whose content has the digest `key`."""
     if not path.is_file():
         return False
     try:

@@ -228,7 +228,8 @@ def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
 
 
 def extreme_frames(length: Array) -> Array:
-    """Return the indices of the 2 % of frames (at least 5) in which a length (T,) differs most from its first frames.
+    """Return the indices of the 2 % of frames (at least 5) in which a length (T,) over T frames differs most from that
+    of the first frames.
 
     They are the longest or the shortest frames, whichever differ more.
     """

@@ -239,7 +239,7 @@ class StudyOutcome(Shown):
         return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
 
     def card(self) -> Card:
-        """Return the headline and a table of every recording under each fit, for display."""
+        """Return the headline, and a table with the errors of every recording under each fit, for display."""
         rows, unit = [], "deg" if self.turns else "mm"
         for f in self.fits:
             for r in f.records:

@@ -36,7 +36,9 @@ def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOu
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
-    """Return the names of the metrics for a table's columns; with `turns`, those of angles [degrees]."""
+    """Return the names of the metrics for the columns of a table; with `turns`, those of recordings of angles
+    [degrees].
+    """
     if not turns:
         return tuple(keys)
     return tuple(k.replace("_mm", "_deg") for k in keys if k != "rmse_percent_of_length")
@@ -80,7 +82,9 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
 
 
 def points_text(record: RecordOutcome) -> str:
-    """Return a sentence on how much of a recording was compared."""
+    """Return a sentence on how many frames of a recording were compared, and how many of its points were not
+    measured.
+    """
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
     unit, factor = exp.shown_in

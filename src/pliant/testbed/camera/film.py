@@ -53,7 +53,9 @@ class Filmed:
     length: float
 
     def centreline(self) -> NDArray[np.float64]:
-        """Return the true centrelines (T, N, 2) [m] of the body, base at the origin with its tangent along +y."""
+        """Return the true centrelines (T, N, 2) [m] of the body at T times with N points each, base at the origin with
+        its tangent along +y.
+        """
         inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
         return np.asarray(self.truth["position"].to_numpy()[:, inside])
 
