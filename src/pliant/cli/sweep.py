@@ -109,7 +109,7 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
         )
     name = wanted.fit or next(iter(study.fits))
     if name not in study.fits:
-        raise InputError(f"[sweep] names the fit {name!r}, but the study has {', '.join(study.fits)}")
+        raise InputError(f"[sweep] names the fit {name!r}, but the study has {', '.join(study.fits)}: choose one")
     entry = study.fits[name]
     ready = prepare_all(study, lambda _line: None)
     start = load_model(model) if model else ready.model

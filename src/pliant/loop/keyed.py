@@ -77,7 +77,8 @@ def read_key(path: str | Path) -> bytes:
     try:
         return checked_key(bytes.fromhex(text.decode("ascii") if len(text) <= 1024 else ""))
     except ValueError:
-        raise InputError(f"the key file {path} has no key: expected hexadecimal digits, as new_key writes") from None
+        raise InputError(f"the key file {path} has no key of hexadecimal digits: write a new one by pliant.loop.new_key"
+                         ) from None
 
 
 def tag_of(key: bytes, data: bytes) -> bytes:

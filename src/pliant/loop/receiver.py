@@ -227,7 +227,8 @@ def receiver_of(
     if entry is None:
         raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
     if task.unit != "Pa":
-        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}")
+        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}: state "
+                         "highest_kpa instead")
     listed = entry.highest_kpa or task.highest_kpa
     given = np.ravel(listed)
     chambers = entry.chambers or given.size

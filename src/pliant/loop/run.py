@@ -200,7 +200,8 @@ class ControlLoop:
         given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
         wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
-            raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} chamber(s)")
+            raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} "
+                             "chamber(s): its step must return one command for each")
         if self.watchdog.controller(now, controller.fault) and self.log is not None:
             self.log.remark(f"fault at {now * 1e-9:.3f} s: {controller.fault}")
         return wish
@@ -234,7 +235,8 @@ class ControlLoop:
     def _take_pressure(self, arrived: Sample, taken: Array, now: int) -> None:
         chambers, came = self.pipeline.controller.chambers, taken.size
         if came < chambers:
-            raise InputError(f"a pressure sample has {came} chamber(s), the controller needs {chambers}")
+            raise InputError(f"a pressure sample has {came} chamber(s), the controller needs {chambers}: send a "
+                             "pressure for each chamber")
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers

@@ -34,7 +34,8 @@ class Aligned(NamedTuple):
 def rest_place(name: str, recording: xr.Dataset) -> Array:
     """Return the mean position (S, 2) [m] of the S stations of a recording during the rest window of its alignment."""
     if "alignment" not in recording.attrs:
-        raise InputError(f"recording {name} was aligned before the study: common_rest needs the tracker's recording")
+        raise InputError(f"recording {name} was aligned before the study, but common_rest needs positions in the "
+                         "tracker's frame: use the recording before its alignment, or remove common_rest")
     start, stop = alignment_of(recording).rest_s
     window = (recording["time"].values >= start) & (recording["time"].values <= stop)
     return np.asarray(np.nanmean(recording["position"].values[window], axis=0))
@@ -54,7 +55,8 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
     shifted = {}
     for name, one in recordings.items():
         if one.body.station.values.tolist() != stations:
-            raise InputError(f"recording {name} has other stations than {first}: common_rest needs the same ones")
+            raise InputError(f"recording {name} has other stations than {first}, but common_rest needs the same ones: "
+                             "remove common_rest, or state the same stations in [alignment]")
         move = goal - rest_place(name, one.body)
         far = 1e3 * float(np.linalg.norm(move, axis=1).max())
         moved = f"shifted by up to {far:.3g} mm, station by station, to the rest position of {first}"

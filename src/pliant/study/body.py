@@ -113,7 +113,8 @@ def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
     turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
     if strange := [j for j in turned if not 1 <= j <= joints]:
         what = "tendon" if isinstance(entry, TendonTable) else "chamber"
-        raise InputError(f"{what} {entry.name} acts on joint {strange[0]}, but the chain has joints 1 to {joints}")
+        raise InputError(f"{what} {entry.name} acts on joint {strange[0]}, but the chain has joints 1 to {joints}: "
+                         "correct its joints, or links in [actuator]")
     return turned
 
 
@@ -263,7 +264,8 @@ def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str,
     """
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
-        raise InputError("[actuator.taper] needs length and links, and replaces stiffness and mass: remove those")
+        raise InputError("[actuator.taper] needs length and links in [actuator], and replaces stiffness and mass: "
+                         "state length and links, and remove stiffness and mass")
     springs = tapered_springs(taper, length, links)
     mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
     return {"stiffness": springs, "mass": mass,

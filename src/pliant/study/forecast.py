@@ -37,7 +37,8 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
             )
         if entry.pressures and excitation != "trace":
             raise InputError(
-                f"forecast {name}: pressures needs a measured pressure, but {entry.like!r} is a {excitation}"
+                f"forecast {name}: pressures needs a measured pressure, but {entry.like!r} is a {excitation}: name a "
+                "recording with a measured pressure as `like`"
             )
 
 
@@ -134,7 +135,8 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
     """
     drives, lead = template.drives, template.pressure
     if lead is None:
-        raise InputError(f"forecast {template.name}: its recording has no measured pressure: change like")
+        raise InputError(f"forecast {template.name}: the recording named by `like` has no measured pressure: name one "
+                         "that has")
     course = (lead.pressure - lead.pressure[0]) / (lead.peak - lead.pressure[0])
 
     def driven(first: float, chamber: str, time: np.ndarray = lead.time) -> Trace:

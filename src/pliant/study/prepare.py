@@ -303,7 +303,8 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         if not left["train"]:
             perhaps = "".join(f"; {line}" for line in doubts)
             raise InputError(
-                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}"
+                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}; train on a "
+                "recording in which the body moves more"
             )
         return entry.model_copy(update=left)
 

@@ -91,7 +91,8 @@ def trials(name: str, select: Any, path: Path) -> list[str]:
         raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
                          f"{values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}")
+        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}: list each "
+                         "trial once")
     return [f"{name}_{value}" for value in values]
 
 
@@ -115,9 +116,11 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: P
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}")
+            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}: "
+                             "correct its `like`")
         if like in (*above, name):
-            raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}")
+            raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}; remove "
+                             "one `like`")
         shared = fit_of(like, fits, (*above, name), path)
         shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)

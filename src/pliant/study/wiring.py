@@ -38,7 +38,8 @@ def candidates(study: Study) -> dict[str, Drive]:
     if study.wiring.drives:
         return ({STATED: stated[0]} if len(stated) == 1 else {}) | dict(study.wiring.drives)
     if len(stated) != 1:
-        raise InputError("[wiring] needs wirings, or the same drive in all recordings: list [wiring.drives.NAME]")
+        raise InputError("[wiring] has no wirings to compare: list them as [wiring.drives.NAME], or state the same "
+                         "drive in all recordings")
     chambers, pressures = list(stated[0]), list(stated[0].values())
     orders = list(permutations(pressures))
     if len(orders) > MOST:

@@ -112,7 +112,8 @@ def supply_pressure(
         twin(regulate)(asked, dt, valve.law, out)
         return out
     if asked.max() > valve.source:
-        raise InputError(f"the command of {asked.max():.0f} Pa exceeds the supply pressure of {valve.source:.0f} Pa")
+        raise InputError(f"the command of {asked.max():.0f} Pa exceeds the supply pressure of {valve.source:.0f} Pa: "
+                         "lower the command, or raise source of the valve")
     twin(fill_chamber)(asked, dt, 8, valve.spool, valve.gas, out)
     return out
 

@@ -53,7 +53,8 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
     links = shape.links
     whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
     if len(whole) != len(links.tips):
-        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)}")
+        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)} "
+                         "frames: compute the links again from this shape")
     tips = links.tips - links.base
     frames = instants(tips[:, -1])
     upright = np.eye(tips.shape[2])

@@ -76,10 +76,11 @@ def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) 
     chosen = fit_named(outcome.fits, fit)
     known = {r.name: r for r in chosen.records}
     if strange := [r for r in records if r not in known]:
-        raise InputError(f"fit {chosen.name!r} has no recording {strange[0]!r}; it has {', '.join(known) or 'none'}")
+        raise InputError(f"fit {chosen.name!r} has no recording {strange[0]!r}: choose from "
+                         f"{', '.join(known) or 'none'}")
     wanted = [known[r] for r in records] if records else list(known.values())
     if not wanted:
-        raise InputError(f"fit {chosen.name!r} has no recording whose motion could be computed")
+        raise InputError(f"fit {chosen.name!r} has no recording whose motion could be computed: choose another fit")
     first = wanted[0].experiment
     for r in wanted:
         if r.experiment.stations != first.stations:

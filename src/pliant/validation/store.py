@@ -207,7 +207,7 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid JSON: {clipped(str(error))}; run the study again") from None
     if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":
-        raise InputError(f"{path} is not a metrics.json of `pliant run`")
+        raise InputError(f"{path} is not a metrics.json of `pliant run`: name a folder that it has written")
     return metrics
 
 
@@ -218,7 +218,7 @@ def groups_of(folder: Path) -> Groups:
         raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
     loaded = read_groups(path)
     if str(loaded["/"].attrs.get("schema")) != "pliant-results":
-        raise InputError(f"{path} is not a results.nc of `pliant run`")
+        raise InputError(f"{path} is not a results.nc of `pliant run`: name a folder that it has written")
     return loaded
 
 

@@ -182,7 +182,7 @@ def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
 def _table(inner: bytes, steps: list[int]) -> bytes:
     count, tick = struct.unpack_from(">II", inner, 8)
     if count != len(steps):
-        raise InputError(f"the film has {count} frames, expected {len(steps)}")
+        raise InputError(f"the film has {count} frames, expected {len(steps)}: film it again")
     rows = [(1, tick * step) for step in steps]
     return inner[:4] + struct.pack(">I", len(rows)) + b"".join(struct.pack(">II", *row) for row in rows)
 
