@@ -30,7 +30,7 @@ POINTER = ctypes.POINTER(ctypes.c_double)
 
 @cache
 def library() -> Any:
-    """Return the compiled C library; None if there is no C compiler."""
+    """Compile floor.c and return it as a library; None if there is no C compiler."""
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     if compiler is None:
         return None

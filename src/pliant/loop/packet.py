@@ -32,7 +32,7 @@ def pack(sample: Sample) -> bytes:
     if array.ndim > MOST_DIMENSIONS:
         raise InputError(f"a sample may have at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
     if not 0 <= sample.hold * 1e6 <= LONGEST_HOLD:
-        raise InputError(f"the hold of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
+        raise InputError(f"the hold time of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
     hold = math.ceil(sample.hold * 1e6 - 1e-3)  # never 0 where a time was given
     data = HEAD.pack(MAGIC, sample.time_ns, hold, len(name), len(unit), array.ndim) + name + unit
     data += struct.pack(f"<{array.ndim}I", *array.shape) + array.tobytes()

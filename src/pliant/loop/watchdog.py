@@ -65,7 +65,8 @@ class Bounds:
 
 
 class Watchdog:
-    """Checks the loop in every period, keeps the first fault, and sets the command to 0 from then on.
+    """Checks readings, estimate and commands of a control loop in every period, keeps the first fault, and sets the
+    command to 0 from then on.
 
     Attributes
     ----------
@@ -125,7 +126,7 @@ class Watchdog:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
-        """Report a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
+        """Set a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):
@@ -136,7 +137,7 @@ class Watchdog:
                           f"{factor * b.lowest_pressure:.1f} ... {factor * b.highest_pressure:.1f} {unit}", now)
 
     def estimate(self, now: int, state: State) -> None:
-        """Report a fault if the estimated state is not finite, out of limits or inconsistent."""
+        """Set a fault if the estimated state is not finite, out of limits, or inconsistent with the readings."""
         angle, rate = state.angle, state.rate
         if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
             self.trip("the estimate is not a number", now)

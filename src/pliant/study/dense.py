@@ -1,5 +1,5 @@
-"""Preparation of dense shapes in a study: tip, body, alignment, order, links and experiment (paper, Secs. II and
-III-A).
+"""Preparation of a study's dense shapes: find tip and body, align, choose the number of links, place them, and build
+the experiment (paper, Secs. II and III-A).
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
 
 
 def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Return the warnings about a study's recordings and body, each once.
+    """Return the warnings about a study's recordings and its stated body, without duplicates.
 
     A warning about a recording begins with its name. A warning about the body is taken from the first recording that
     shows it. Warnings from comparisons between recordings come last.

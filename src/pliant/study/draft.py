@@ -339,7 +339,7 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
     if kind == "release":
         out.put("excitation", "release", "no pressure, and the body does not return: taken as free decay after release"
                 + (f" ({when})" if when else ""))
-        out.say('if a pressure moved it, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
+        out.say('if a pressure moved the body, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
     elif kind in ("pulse", "step"):
         edges = "a pulse is assumed, its edges" if kind == "pulse" else "a step is assumed, its start"
         out.say(f"the pressure was not recorded: {edges} estimated from the motion and fitted"
@@ -377,7 +377,7 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
         out.put(name, "free", meaning)
     if held and trials[0].angles_only:
         out.table("fits.midsegment")
-        out.say("with few links, stiffness depends on the assumed joint positions; compare their held-out predictions")
+        out.say("with few links, stiffness depends on the assumed joint positions: compare the errors of these fits")
         out.put("title", "Joints in the middle of their segments")
         out.put("like", "first")
         out.put("joint_placement", "midsegment")

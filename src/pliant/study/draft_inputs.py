@@ -90,11 +90,12 @@ def tendons(out: Lines, trial: Trial) -> None:
             out.ask("pulley", "m, radius of the motors' pulleys")
             pair_entry(out, one)
         if not k and one.kind != "tension":
-            out.say("line_stiffness = 1000  (N/m, with its mounts: only its ratio to the body's is determined)")
+            out.say("line_stiffness = 1000  (N/m, tendon with its mounts: the motion shows only its ratio to the "
+                    "body's stiffness)")
 
 
 def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
-    """Write the azimuth [degrees] of an input, or an open question if it is None."""
+    """Write the entry with the azimuth [degrees] of a chamber or tendon, or an open question if the azimuth is None."""
     out.ask("azimuth_deg", "degrees around the axis; `pliant new` estimates it from a recording that begins at rest",
             azimuth, f"from x towards y of the base frame, {source}")
 

@@ -200,7 +200,8 @@ def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> Alig
 
 
 def checked_rest(alignment: AlignmentEntry) -> tuple[float, float] | None:
-    """Return the rest window [s] of a recording of angles alone; None if the study states none.
+    """Return the time (start, end) [s] in which the body is at rest, for a recording of angles alone; None if the study
+    states none.
 
     Other options of the alignment do not apply to angles.
     """
@@ -224,7 +225,9 @@ def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
 
 
 def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experiment:
-    """Return the `Experiment` of an aligned recording: moving stations, actuation input, known loads."""
+    """Return the `Experiment` of an aligned recording, with its moving stations, its actuation input and its known
+    loads.
+    """
     entry: Recording = study.recordings[name]
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
     stations = entry.stations or moving_stations(name, recording, base)

@@ -439,7 +439,9 @@ def check_chambers(study: Study, path: Path) -> None:
 
 
 def check_parameters(study: Study, path: Path) -> None:
-    """Check that every parameter that is fitted or known exists and has a possible value, before any computation."""
+    """Check, before any computation, that every parameter that the study fits or states exists and has a possible
+    value.
+    """
     tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
     tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}

@@ -252,8 +252,8 @@ def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
 
 
 def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
-    """Yield (fraction, sentence) for each deviation of the model from a recording; the fraction is that of the limit
-    beyond which the report warns.
+    """Yield (size, sentence) for each deviation of the model from a recording. The size is the deviation divided by the
+    limit beyond which the report warns.
     """
     m, name = record.metrics, record.name
     (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
@@ -262,7 +262,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
     if measured is not None:
         off = (modelled or 0.0) - measured
-        yield abs(off) / OVERSHOOT, f"{name}: model overshoot {off:+.0f} points relative to measured {measured:.0f} %."
+        yield (abs(off) / OVERSHOOT,
+               f"{name}: model overshoot {off:+.0f} percentage points relative to measured {measured:.0f} %.")
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if (measured is None) != (modelled is None):
         rings = (f"the body oscillates at {measured:.3g} Hz, the model does not oscillate." if measured is not None
@@ -284,8 +285,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
 
 
 def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
-    """Yield (fraction, sentence) for deviations of frequency and damping ratio; the fraction is that of the limit
-    beyond which the report warns.
+    """Yield (size, sentence) for deviations of frequency and damping ratio. The size is the deviation divided by the
+    limit beyond which the report warns.
 
     Large and small swings are compared separately where both are known.
     """

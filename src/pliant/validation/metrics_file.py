@@ -65,7 +65,7 @@ class Compared(MetricsEntry):
 
 
 class Record(Compared):
-    """One recording of positions under one fit."""
+    """Metrics of one recording of positions under one fit."""
 
     rmse_mm: float
     max_mm: float
@@ -82,7 +82,7 @@ class Record(Compared):
 
 
 class AngleRecord(Compared):
-    """One recording of angles without positions under one fit."""
+    """Metrics of one recording of angles without positions under one fit."""
 
     rmse_deg: float
     max_deg: float

@@ -53,7 +53,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
 
 
 def thinning(outcome: StudyOutcome) -> int:
-    """Return k if the page shows every k-th frame, chosen so that the page's size stays limited."""
+    """Return the number k such that the page shows every k-th frame of the recordings and its size stays limited."""
     numbers = 0
     for fit in outcome.fits:
         for r in fit.records:

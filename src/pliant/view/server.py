@@ -50,7 +50,9 @@ def live_page(content: PageContent, live: Live | WatchedLoop) -> str:
 
 
 def chamber_names(model: Model, count: int) -> list[str]:
-    """Return the names of the pressures on the page: those of the model if it names all of them."""
+    """Return the names of the `count` pressures on the page: those of the model's chambers if it has that many, else
+    numbers.
+    """
     names = [c.name for c in model.chambers]
     if count == 1:
         return ["pressure"] if names == [Chamber.name] else names[:1]
