@@ -198,7 +198,7 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
         held = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
-            else "pressure alone: add the recording of the shape to which it belongs"
+            else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
         )
         raise InputError(f"{path.name} holds {held}")
     assessed = quality(recording)
