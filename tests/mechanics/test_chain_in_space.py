@@ -55,6 +55,9 @@ def test_jacobians_of_points_are_those_of_differences():
     J = chain.position_jacobian(x, model.points[0])
     moved = [chain.stations(x + h)[0][0] - chain.stations(x - h)[0][0] for h in np.eye(15) * 1e-6]
     assert np.allclose(J, np.array(moved).T / 2e-6, atol=1e-9)
+    place, slopes = chain.points_and_slopes(x)
+    assert np.allclose(place, chain.stations(x)[0], atol=1e-14)
+    assert np.allclose(slopes[0], J, atol=1e-14)
     v = rng.normal(0, 2.0, (1, 15))
     rows, rates = chain.tip_jacobian(x[None], v)
     ahead, behind = (chain.tip_jacobian(x[None] + s * v, v)[0] for s in (1e-6, -1e-6))

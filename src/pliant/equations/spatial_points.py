@@ -54,6 +54,17 @@ def axis_slope(axis, link, along, p, body, work, row):
         row[turns + s] = value
 
 
+def place_points(x, link, offset, body, work, place, slope):
+    """Write positions (S, 3) [m] and Jacobians (S, 3, N) of points of the links `link` (S,) at the coordinates x (N,).
+
+    `offset` (S, 3) holds aside, across and along of each point, m.
+    """
+    pose_links(x, body, work)
+    for s in range(len(link)):
+        point_position(link[s], offset[s, 0], offset[s, 1], offset[s, 2], work, place[s])
+        point_slope(link[s], offset[s, 2], place[s], body, work, slope[s])
+
+
 def add_pose_loads(load, body, work, t):
     """Add the generalized forces of external forces and moments on the links to t (N,) [N m], for the pose stored in
     `work`.

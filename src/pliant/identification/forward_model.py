@@ -258,9 +258,9 @@ def solved_pose(model: Model, stations: list[Station], positions: Array) -> Arra
     unloaded = chain.coordinates(np.zeros(model.size))
     phi = unloaded.copy()
     for _ in range(POSE_STEPS):
-        slope = np.concatenate([chain.position_jacobian(phi, p) for p in stations])
-        off = (positions - chain.stations(phi)[0]).ravel()
-        rows, aim = np.concatenate([slope, pull]), np.concatenate([off, pull @ (unloaded - phi)])
+        places, slopes = chain.points_and_slopes(phi)
+        rows = np.concatenate([slopes.reshape(-1, model.size), pull])
+        aim = np.concatenate([(positions - places).ravel(), pull @ (unloaded - phi)])
         move = np.linalg.lstsq(rows, aim)[0]
         phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
         if np.abs(move).max() < 1e-13:

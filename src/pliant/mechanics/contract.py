@@ -321,6 +321,11 @@ class Mechanics(ABC):
     def position_jacobian(self, x: Array, point: Station) -> Array:
         """Return the derivatives (2 or 3, N) [m/rad] of a point's position by the N coordinates, at x (N,)."""
 
+    def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return positions (S, dimension) [m] and Jacobians (S, dimension, N) of the model's points at one moment."""
+        slopes = [self.position_jacobian(x, point) for point in self.model.points]
+        return self.stations(x)[0], np.stack(slopes)
+
     @abstractmethod
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
         """Return the positions of P points relative to the base part and each of n links (P, n + 1, 3) [m]: along,

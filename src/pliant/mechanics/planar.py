@@ -432,8 +432,7 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
-    """Return the generalized forces (n + S,) [N m] of external loads (n + 1, 4) on a planar chain of n links with S
-    strains.
+    """Return the generalized forces (n + S,) [N m] of external loads (n + 1, 4) on n links with S strains.
 
     A load keeps its direction when the body turns: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
@@ -443,9 +442,7 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of the base and link angles at x, and the loads (n + 1, 2) [N m] on the
-    stretched links.
-    """
+    """Return cosines and sines (n + 1,) of base and link angles at x, and loads (n + 1, 2) [N m] on stretched links."""
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]

@@ -250,6 +250,14 @@ class SpatialChain(Mechanics):
         spatial_points.point_slope(point.link, point.along, place, self.body, work, J)
         return J
 
+    def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
+        points = self.model.points
+        place, slope = np.zeros((len(points), 3)), np.zeros((len(points), 3, self.size))
+        offset = np.array([(p.aside, p.across, p.along) for p in points], dtype=float)
+        link = np.array([p.link for p in points])
+        twin(spatial_points.place_points)(x, link, offset, *self.observed(), place, slope)
+        return place, slope
+
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
         work = self.posed(x)
         inner = np.einsum("kji,pkj->pki", work.R, points[:, None] - work.r)
