@@ -117,8 +117,7 @@ def draft_study(
     trials = inspect_all(files, mapping, space)
     names = [trial.name for trial in trials]
     if not names or len(set(names)) < len(names):
-        raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}: "
-                         "give at least one, and rename files of the same name")
+        raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
     first, title, out = trials[0], Path(study).stem, Lines()
     out.say('Written by `pliant new` from the files. Replace each "?" with the value that only you know.',
             "docs/studies.md explains every entry. Units are SI, unless the name of an entry states another unit.")

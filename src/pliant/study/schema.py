@@ -171,7 +171,7 @@ class Reduction(StudyEntry):
 
 
 class KnownForce(StudyEntry):
-    """A known force at a point of the body, such as a pulling thread, interpolated linearly between the stated
+    """A known force at a point of the body, such as a pulling thread, linearly interpolated between the stated
     times.
     """
 
@@ -190,15 +190,13 @@ class KnownForce(StudyEntry):
         return self
 
     def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force with its x component multiplied by `x_sign` (1 or -1), the direction of the recording's x
-        axis in the base frame.
-        """
+        """Return the force in the base frame; `x_sign` (1 or -1) is the direction of the recording's x axis there."""
         point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
         return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
 
 
 class Recording(StudyEntry):
-    """One recording of a study: its file, alignment, excitation and known loads, and the channels that drive the
+    """One recording of a study: its file, alignment, excitation, known loads, and the channels that drive the
     chambers.
     """
 
@@ -246,9 +244,7 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with more and more free parameters, of which one is chosen by its error on the held-out
-    recordings.
-    """
+    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors."""
 
     train: list[str]
     held_out: list[str] = []
@@ -347,8 +343,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def check_names(study: Study, path: Path) -> None:
-    """Check that the study lists every recording that a fit uses, and that no fit trains on a recording that it holds
-    out.
+    """Check that each recording of a fit is listed, and that no fit trains on a recording that it holds out.
 
     Raises InputError otherwise.
     """
@@ -391,9 +386,7 @@ def check_forecast_names(study: Study, path: Path) -> None:
 
 
 def check_reduction(study: Study, path: Path) -> None:
-    """Check that [reduction] names a listed recording, and that no fit also states the number of links or the joint
-    placement.
-    """
+    """Check that [reduction] names a listed recording, and that no fit also states links or joint placement."""
     if study.reduction is None:
         return
     if study.reduction.recording not in (None, *study.recordings):
@@ -439,9 +432,7 @@ def check_chambers(study: Study, path: Path) -> None:
 
 
 def check_parameters(study: Study, path: Path) -> None:
-    """Check, before any computation, that every parameter that the study fits or states exists and has a possible
-    value.
-    """
+    """Check, before any computation, that each parameter in the study exists and has a possible value."""
     tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
     tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}

@@ -226,11 +226,11 @@ def target_sentence(verdicts: Sequence[str]) -> str:
     count = sum(bool(v) and "missed" not in v for v in verdicts)
     if count == len(verdicts):
         return "The targets are met." if len(verdicts) > 1 else "The target is met."
-    return f"The targets are met by {count} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
+    return f"Targets are met by {count} of {len(verdicts)} records." if len(verdicts) > 1 else "The target is missed."
 
 
 def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
-    """Yield the warnings about the fit itself, not about single recordings."""
+    """Yield the warnings about a fit as a whole, not about single recordings."""
     if not held:
         yield "No record is held out: this shows that the model can fit the recordings, not that it predicts others."
     if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:

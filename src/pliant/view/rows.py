@@ -73,7 +73,7 @@ def missing_row(fit: FitOutcome, missing: NotComputed) -> dict[str, Any]:
 
 
 def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
-    """Return the texts of one row in the table of large and small swings and single joints."""
+    """Return the texts of one row in the table of the metrics of large swings, of small swings and of single joints."""
     m = record.metrics
     pairs = [[digits((m.get(k) or {}).get(who)) for who in ("measured", "modelled")] for k in DETAILS]
     joints = [[digits(v, 2, sign) for v in m.get(k) or ()] for k, sign in (
