@@ -1,4 +1,4 @@
-"""The function `simulate_batch`: many parameter sets, pressures or initial states at once, on SIMD and all cores."""
+"""The function `simulate_batch`: simulation of many parameter sets, pressures or initial states on all cores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = np.ndarray
 
 
 class BatchOptions(TypedDict, total=False):
-    """Keyword options of `simulate_batch`: initial state, threads, device and treatment of failures."""
+    """Keyword options of `simulate_batch`: initial state, threads, device, and what to do if a sample fails."""
 
     initial_angle: Array | None
     initial_rate: Array | None
@@ -54,7 +54,7 @@ def simulate_batch(
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],
 ) -> xr.Dataset:
-    """Simulate many chains with the same number of links at once, with the results of `simulate`.
+    """Simulate many chains with the same number of links at once. Each sample's motion is that of `simulate`.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Return whether models must be simulated one by one: several inputs, kernel laws, extensible, or in space."""
+    """Return whether models cannot share SIMD vectors: several inputs, custom laws, extensible, or in space."""
     many = (models,) if isinstance(models, Model) else models
     plain = (m.actuation.count == 1 and m.actuation.polynomial and m.space is None for m in many)
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
-    """Raise InputError for unknown variables, failures or device, or for models that a GPU does not support."""
+    """Raise InputError for unknown variables, an unknown device, or models that a GPU does not support."""
     if unknown := [v for v in variables if v not in known]:
         raise InputError(f"unknown variable {unknown[0]!r}: a batch of these models can keep {', '.join(known)}")
     if failures not in ("raise", "mark"):
@@ -156,7 +156,9 @@ def check_choices(variables: Sequence[str], device: str, failures: str, known: M
 def check_request(
     samples: Samples, pressures: Sequence[Input], variables: Sequence[str], device: str, failures: str,
 ) -> None:
-    """Raise InputError if the number of pressures, the device, the variables or `failures` is not valid."""
+    """Raise InputError for an invalid number of pressures, or an invalid device, variable or `failures` option of a
+    batch.
+    """
     if len(pressures) not in (1, samples.size):
         raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(pressures)}")
     if device == "gpu":
@@ -165,7 +167,7 @@ def check_request(
 
 
 def check_steps(samples: Samples, step: float) -> None:
-    """Raise InputError if the step [s] is too long for the first mode of a sample, as `simulate` does."""
+    """Raise InputError if the time step [s] is too long for the first mode of vibration of any sample."""
     if not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if step * STEPS_PER_PERIOD * samples.highest_first_frequency() <= 1.0:
@@ -181,7 +183,7 @@ def check_steps(samples: Samples, step: float) -> None:
 
 
 def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rate: Array | None) -> Array:
-    """Return the absolute angles [rad] and rates [rad/s] (2, n, N) of all samples at the first time."""
+    """Return the initial absolute link angles [rad] and rates [rad/s] of N samples as one array (2, n, N)."""
     n, size = samples.template.n, samples.size
 
     def given(value: Array) -> Array:
@@ -202,7 +204,9 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
 def labelled(
     model: Model, times: Array, results: dict[str, Array], failures: str, attributes: dict[str, Any],
 ) -> xr.Dataset:
-    """Return the dataset of a batch; if a sample failed, raise SimulationError or set that sample to NaN."""
+    """Return the results of a batch as a dataset.
+    A failed sample raises SimulationError or, if so chosen, becomes NaN.
+    """
     failed_at = results.pop("failed_at")
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":

@@ -17,7 +17,7 @@ BYTES = 2**29  # memory of a launch on the GPU: a larger batch is split
 
 
 def check_gpu(samples: Samples) -> None:
-    """Raise InputError if no GPU is available, or the models are not supported there."""
+    """Raise InputError if there is no GPU, or if the models have features that the GPU code lacks."""
     try:
         from pliant.batch.gpu_loops import present
     except ImportError:
@@ -35,7 +35,9 @@ def check_gpu(samples: Samples) -> None:
 
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
-    """Simulate all samples on the GPU; return the variables (N, T, ...) and failed_at (N,) [s]."""
+    """Simulate N samples on the GPU; return arrays (N, T, ...) by variable name, and the failure times failed_at (N,)
+    [s].
+    """
     results = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
     grids: dict[int, list[int]] = {}
     for i in range(samples.size):
@@ -51,7 +53,7 @@ def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Seque
 def launch_samples(
     samples: Samples, schedule: Schedule, start: Array, indices: Array, results: dict[str, Array],
 ) -> None:
-    """Simulate on the GPU the samples at `indices`, which share their time steps, and fill `results`."""
+    """Simulate on the GPU the samples at `indices`, which have equal time steps; write to `results` in place."""
     from pliant.batch.gpu_loops import launch
 
     n, rows, count = samples.template.n, schedule.times.size, indices.size
@@ -74,7 +76,9 @@ def launch_samples(
 
 
 def inputs(samples: Samples, schedule: Schedule, indices: Array) -> tuple[Array, Array]:
-    """Return the distinct pressures behind the valves (m, 4, K), and for each sample the index of its pressure."""
+    """Return the K distinct pressure series behind the valves as one array (m, 4, K) [Pa], and each sample's index in
+    it. The four values per interval are at its start, middle and end, and the mean.
+    """
     places: dict[object, int] = {}
     tables: list[Array] = []
     which = np.empty(indices.size, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Compiled loops of a batch on an NVIDIA GPU: each thread integrates one sample with the code of the SIMD batch.
+"""Compiled loops of a batch simulation on an NVIDIA GPU, where each thread integrates one sample.
 
 This module is imported only when a GPU is used. Each thread treats its sample as a vector of width one, so that an
 array of vectors is the array itself, and nothing of `batch.simd_loops` or `pliant.equations` has to be written twice.
@@ -25,7 +25,7 @@ THREADS = 64  # of a block: small, because each thread keeps some hundred number
 
 
 def itself(array):
-    """Return the array unchanged: the GPU's counterpart of `as_lanes`, for vectors of width one."""
+    """Return the array unchanged. On the GPU this replaces `as_lanes`, since each thread has one sample."""
     return array
 
 
@@ -37,12 +37,12 @@ def within(x, limit):
 
 
 def device(function: Callable[..., Any]) -> Any:
-    """Compile a function that kernels on the GPU can call."""
+    """Compile a Python function so that GPU kernels can call it."""
     return cuda.jit(device=True)(function)
 
 
 def straight_line(kernel: Any, links: int) -> Any:
-    """Return the loop-free form of a kernel for this number of links (`compiler.trace`), as a Python function."""
+    """Return a loop-free version of a compiled loop for a chain of `links` links, as a Python function."""
     made = trace.recording(kernel, links)
 
     def line(row: int) -> str:
@@ -60,7 +60,7 @@ def straight_line(kernel: Any, links: int) -> Any:
 
 @cache
 def kernels(links: int) -> tuple[Any, Any]:
-    """Return the GPU versions of `simd_loops.mean_torques` and `march_lanes`."""
+    """Return the GPU versions of `simd_loops.mean_torques` and `march_lanes` for a chain of `links` links."""
     names = {"as_lanes": device(itself), "within": device(within), "WIDTH": 1}
     if links <= MOST_LINKS:
         names["step"] = device(straight_line(motion.step, links))
@@ -71,7 +71,7 @@ def kernels(links: int) -> tuple[Any, Any]:
 
 @cache
 def every_sample(links: int) -> Any:
-    """Return the GPU kernel whose thread i integrates sample i, for arrays with the samples last."""
+    """Return the GPU kernel whose thread i integrates sample i, for arrays with the samples along the last axis."""
     mean_torques, march = kernels(links)
 
     def run(given, scratch, state, out):
@@ -98,7 +98,7 @@ def present() -> bool:
 def launch(
     links: int, given: Sequence[np.ndarray], scratch: Sequence[tuple[int, ...]], kept: Sequence[np.ndarray],
 ) -> None:
-    """Run the kernel on the GPU with copies of the arrays `given`; the results are written to the arrays `kept`."""
+    """Run the simulation on the GPU with copies of the arrays `given`. Results are copied to the arrays `kept`."""
     there = [cuda.to_device(np.ascontiguousarray(a)) for a in (*given, *kept)]
     own = [cuda.device_array(shape) for shape in scratch]
     count = kept[-1].size

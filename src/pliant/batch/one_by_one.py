@@ -1,4 +1,4 @@
-"""Simulation of samples that do not fit in SIMD vectors, each on its own, on several threads.
+"""Batch simulation of models that SIMD vectors cannot hold: each sample alone, on several threads.
 
 These are chains with hysteresis (whose elements slip at different times), with several chambers, with extensible
 segments, and in space.
@@ -32,7 +32,7 @@ VARIABLES = {
 
 
 def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
-    """Return the variables that a batch of such models can keep, with their dimensions."""
+    """Return the names of the result variables that a batch of such models offers, with their dimensions."""
     kinds = mechanics_of(model).kinds
     return {name: ("sample", "time", kind.over) for kind in kinds for name in kind.names[:2]} | {
         "tip_position": VARIABLES["tip_position"],
@@ -40,7 +40,9 @@ def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
 
 
 def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    """Return the variables with ``joint_angle`` and ``joint_rate`` replaced by those about each axis, in space."""
+    """Return the variable names with ``joint_angle`` and ``joint_rate`` replaced, in space, by
+    those about each axis.
+    """
     names = []
     for v in variables:
         axes = [k for k in known if v in ("joint_angle", "joint_rate") and k.startswith(f"{v}_")]
@@ -49,14 +51,15 @@ def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def motion_of(model: Model, x: Array, v: Array) -> Made:
-    """Return the variables of `dimensions` for a motion with coordinates and rates (T, N)."""
+    """Return the result variables, by name, of a motion with coordinates x and rates v (T, N)."""
     chain = mechanics_of(model)
     values = {name: value for name, (_, value) in chain.variables(x, v).items()}
     return {**values, "tip_position": chain.tips(x)}
 
 
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
-    """Integrate one chain from absolute angles and rates (n,); return its variables and the failed step, or -1.
+    """Integrate one chain from absolute angles and rates (n,); return its variables and the index of a failed step, or
+    -1.
 
     `angle` and `rate` are changed in place. For an extensible body they are (n + S,), followed by the strains; in space
     (N,), joint coordinates.
@@ -78,7 +81,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
 def samples_alone(
     models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
 ) -> tuple[list[Model], list[Sequence[Input]]]:
-    """Return the model and the inputs (C,) of every sample; `sets` comes from `sets_of`.
+    """Return for every sample its model and its C pressure inputs, from the `sets` that `sets_of` returns.
 
     Raises
     ------
@@ -88,11 +91,11 @@ def samples_alone(
     if isinstance(models, Model):
         given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
         if wrong := [k for k, v in given.items() if v.ndim != 1]:
-            raise InputError(f"batch parameter {wrong[0]!r} must have one number for each sample for these models")
+            raise InputError(f"batch parameter {wrong[0]!r} must be an array with one number for each sample")
         check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
         size = max([len(v) for v in given.values()], default=len(sets))
         if any(len(v) != size for v in given.values()):
-            raise InputError("all parameters of a batch need the same number of samples")
+            raise InputError("all parameters of a batch need the same number of samples: use arrays of equal length")
         sample_models = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
@@ -108,7 +111,7 @@ def samples_alone(
     }
     for name, of in shared.items():
         if any(of(m) != of(sample_models[0]) for m in sample_models):
-            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     sets = sets * len(sample_models) if len(sets) == 1 else sets
     for model, inputs in zip(sample_models, sets, strict=True):
         inputs_of(model, inputs)
@@ -116,7 +119,7 @@ def samples_alone(
 
 
 def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[Input]]:
-    """Return sets of inputs (C,), one for all samples or one for each, from the argument `pressures` of a batch."""
+    """Return one set of C pressure inputs for all samples, or one for each, from a batch's argument `pressures`."""
     if callable(pressures):
         return [(pressures,)]
     counts = [m.actuation.count for m in ((models,) if isinstance(models, Model) else models)]
@@ -126,7 +129,7 @@ def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[In
 
 
 def check_names(model: Model, values: Mapping[str, float]) -> None:
-    """Raise InputError for a parameter that is unknown or has no effect on the model.
+    """Raise InputError for a batch parameter that is unknown or has no effect on the model.
 
     Raises
     ------
@@ -145,7 +148,9 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
 def run_alone(
     models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, step: float, how: Mapping[str, Any],
 ) -> Made:
-    """Simulate every sample; return the variables (N, T, ...) and failed_at (N,) [s]."""
+    """Simulate N samples one by one; return arrays (N, T, ...) by variable name, and failure times
+    failed_at (N,) [s].
+    """
     for model in models:
         check_step(model, step, "midpoint")
     model, size = models[0], len(models)

@@ -1,4 +1,4 @@
-"""Parameters of many chains as arrays with the samples along the last axis."""
+"""Model parameters of many chains, stored as arrays with the samples along the last axis."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time"
 
 @dataclass(frozen=True)
 class Samples:
-    """Parameters of N chains of n links, as arrays with the samples last.
+    """Model parameters of N chains of n links each, as arrays with the samples along the last axis.
 
     Attributes
     ----------
@@ -52,23 +52,23 @@ class Samples:
         return self.template.with_(**{k: v[..., i] for k, v in self.values.items()}, valve=self.valves[i])
 
     def inertia(self) -> tuple[Array, Array, Array]:
-        """Return B (n, n, N), I (n, N) and h (n, N) of `symbols.Body` for all samples."""
+        """Return the inertia constants of all N samples: B (n, n, N), I (n, N) and h (n, N) of `symbols.Body`."""
         v, rod = self.values, self.template.mass_at == "rod"
         return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
 
     def torque_at(self, pressure: Array) -> Array:
-        """Return the torque [N m] of each sample at its own `pressure` (N,) [Pa]."""
+        """Return the static torque (N,) [N m] of each sample at its pressure (N,) [Pa]."""
         powers = np.arange(1, len(self.values["torque"]) + 1)
         torque = np.sum(self.values["torque"] * pressure ** powers[:, None], axis=0)
         return grown(torque, pressure, self.values)
 
     @property
     def remembering(self) -> Array:
-        """Return for each sample (N,) whether its torque depends on past pressures, by lag or wall dynamics."""
+        """Return for each of N samples whether its torque depends on past pressures, by lag or wall dynamics."""
         return remembering(self.values)
 
     def rest(self, pressure: Array) -> Array:
-        """Return the joint angles (n, N) [rad] at equilibrium under `pressure` (N,) [Pa] and gravity."""
+        """Return the equilibrium joint angles (n, N) [rad] of N samples under pressures (N,) [Pa] and gravity."""
         if not self.values["gravity"].any():
             q = springs_of(self.values).bend(self.values["joint_gain"] * self.torque_at(pressure))
             if not np.isfinite(q).all():
@@ -91,26 +91,28 @@ class Samples:
         return self.values["base_angle"] + np.cumsum(q + self.values["rest_angle"], axis=0)
 
     def small_motions(self) -> tuple[Array, Array]:
-        """Return inertia and stiffness (N, n, n) for small motions about rest without pressure, in joint angles."""
+        """Return inertia and stiffness matrices (N, n, n) for small joint motions about the equilibrium without
+        pressure.
+        """
         q = self.rest(np.zeros(self.size))
         return small_motions(self.inertia(), self.values["gravity"], springs_of(self.values), q, self.absolute(q))
 
     def first_frequency(self) -> Array:
-        """Return the undamped first natural frequency (N,) [Hz] at rest without pressure; see `simulation.modes`."""
+        """Return the lowest undamped natural frequency (N,) [Hz] of each sample at rest without pressure."""
         M, K = self.small_motions()
         inverse = np.linalg.inv(np.linalg.cholesky(M))
         squared = np.linalg.eigvalsh(inverse @ K @ np.swapaxes(inverse, 1, 2))[:, 0]
         return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)
 
     def highest_first_frequency(self) -> float:
-        """Return an upper bound of all samples' first frequencies, Hz."""
+        """Return an upper bound [Hz] of the first natural frequencies of all samples."""
         M, K = self.small_motions()
         squared = K.sum(axis=(1, 2)) / M.sum(axis=(1, 2))  # Rayleigh quotient of equal joint angles
         return float(np.sqrt(max(0.0, squared.max())) / (2 * np.pi))
 
 
 def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
-    """Return the samples of a list of models, or of one model with arrays of parameters or repeated `size` times."""
+    """Return `Samples` from a list of models, or from one model, with arrays of parameters or repeated `size` times."""
     for model in (models,) if isinstance(models, Model) else models:
         fixed_length(model)
     if isinstance(models, Model):
@@ -123,7 +125,7 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
     template = models[0]
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1:
-            raise InputError(f"the models of a batch must share {name}: simulate others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     values: dict[str, Array] = {}
     longest = max(m.torque.size for m in models)
     for name in (*PER_LINK, *SCALARS, "gravity"):
@@ -133,7 +135,7 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
 
 
 def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
-    """Return the samples of one model with `parameters` as arrays (N,) or (N, n)."""
+    """Return `Samples` of one model, in which the arrays (N,) or (N, n) of `parameters` replace the model's values."""
     given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
     lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
     if len(lengths) > 1:
@@ -156,12 +158,12 @@ def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
 
 
 def own_value(model: Model, name: str) -> Any:
-    """Return the value of a field of a model, or of its only chamber."""
+    """Return the value of the named field of a model or, if it has no such field, of its only chamber."""
     return getattr(model.chamber if name in RUBBER else model, name)
 
 
 def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:
-    """Put one parameter, an array (N,) or (N, n), into `values` or `valves`."""
+    """Store the values (N,) or (N, n) of one parameter of all samples in `values` or, for valves, in `valves`."""
     joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)  # names as in a fit, or fields of `Model`
     power = re.fullmatch(r"torque_([1-9])", name)
     if joint and 1 <= int(joint[2]) <= len(values["stiffness"]):
@@ -187,10 +189,13 @@ def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Ar
 
 
 def check_extremes(samples: Samples) -> None:
-    """Raise InputError if any parameter is not finite, or its least or greatest value is not valid in a model."""
+    """Raise InputError if any sample has a parameter that is not finite or outside the range that a model allows."""
     for name, a in samples.values.items():
         bad = int((~np.isfinite(np.atleast_2d(a)).all(axis=0)).sum())
         if bad:
-            raise InputError(f"batch parameter {name} must be finite: in {bad} of {samples.size} samples it is not")
+            raise InputError(
+                f"batch parameter {name} must be finite: in {bad} of {samples.size} samples it is not; correct or "
+                "remove these samples"
+            )
     for extreme in (np.min, np.max):
         samples.template.with_(**{name: extreme(a, axis=-1) for name, a in samples.values.items()})

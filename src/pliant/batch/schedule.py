@@ -1,4 +1,4 @@
-"""Time steps and mean torques of a batch, for SIMD vectors of eight samples.
+"""Time steps and mean torques of a batch simulation, for SIMD vectors of eight samples.
 
 Samples whose inputs jump at the same times share their steps. Otherwise the shorter ones are padded with steps of
 length zero, which leave a chain unchanged.
@@ -23,7 +23,9 @@ Array = np.ndarray
 
 
 class LaneGrid(NamedTuple):
-    """Time grid of a SIMD vector of samples; see `simulation.drive.Grid`."""
+    """Time steps of a SIMD vector of samples, the intervals into which pressure inputs divide them, and the output
+    rows.
+    """
 
     nodes: Array  # (m + 1,) s
     parts: Array  # (steps + 1,) first interval of each step
@@ -33,7 +35,7 @@ class LaneGrid(NamedTuple):
 
 
 class Schedule:
-    """Time steps and mean torques of groups of samples, with results that several samples share cached."""
+    """Time steps and mean torques of a batch in SIMD groups. Results that several samples share are cached."""
 
     def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, step: float) -> None:
         self.samples = samples
@@ -56,7 +58,7 @@ class Schedule:
         return delivered(valve, before(self.pressure(i), valve.dead_time, self.times))
 
     def grid(self, i: int) -> LaneGrid:
-        """Return the time grid of sample `i`."""
+        """Return the time steps and intervals of sample `i`, which samples with equal inputs share."""
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
@@ -68,7 +70,9 @@ class Schedule:
         return self._grids[key]
 
     def behind(self, i: int, *, shared: bool) -> Array:
-        """Return the pressure (m, 4) [Pa] behind the valve of sample `i` in the intervals of its grid."""
+        """Return the pressure (m, 4) [Pa] of sample `i` behind its valve: start, middle, end and
+        mean of m intervals.
+        """
         key = (id(self.pressure(i)), self.samples.valves[i])  # `shared`: keep the result for other samples
         if key in self._behind:
             return self._behind[key]
@@ -78,8 +82,8 @@ class Schedule:
         return found
 
     def group(self, members: Sequence[int], buffer: Array | None = None) -> tuple[Array, Array, Array]:
-        """Return step lengths (steps, W) [s], mean torques (steps, W) [N m] and output rows (steps,) of `WIDTH`
-        samples.
+        """Return the step lengths [s] and mean torques [N m] (steps, W) of `WIDTH` samples, and the output row (steps,)
+        after each step.
 
         The torques are written to `buffer` if it has the right shape.
         """
@@ -103,7 +107,9 @@ class Schedule:
         return grid.steps, torque, grid.keep
 
     def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return the result of `group` for samples with different steps or slow chamber states."""
+        """Return step lengths, torques and output rows as `group`, for samples with different steps or slow chamber
+        states.
+        """
         # each sample is padded to the longest one with steps of length zero
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
         ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}

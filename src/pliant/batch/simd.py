@@ -21,7 +21,9 @@ Array = np.ndarray
 
 
 def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:
-    """Return empty arrays (N, rows, ...) for the variables, and failed_at (N,) [s] filled with NaN."""
+    """Return result arrays (N, rows, ...) of N samples by variable name, and failure times failed_at (N,) [s].
+    They are filled with NaN until a sample is simulated or fails.
+    """
     n, size = samples.template.n, samples.size
     shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
     results = {name: np.empty(shapes[name]) for name in variables}
@@ -29,7 +31,9 @@ def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, 
 
 
 def constant_arrays(samples: Samples) -> list[Array]:
-    """Return the constants B, I, h, gravity, joints (5 + terms, n, N), and lengths and base (n + 3, N)."""
+    """Return the constants of N samples, which are along the last axis: inertia, gravity, joint
+    springs, link lengths.
+    """
     v = samples.values
     springs = springs_of(v)
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
@@ -39,7 +43,9 @@ def constant_arrays(samples: Samples) -> list[Array]:
 
 
 def in_groups(a: Array) -> Array:
-    """Rearrange an array (..., N) to (groups, ..., WIDTH); the last group is filled with its last sample."""
+    """Rearrange an array (..., N) of N samples to (groups, ..., WIDTH).
+    The last group is filled up with the last sample.
+    """
     size = a.shape[-1]
     groups = -(-size // WIDTH)
     members = np.minimum(np.arange(groups * WIDTH), size - 1).reshape(groups, WIDTH)
@@ -51,7 +57,7 @@ def in_groups(a: Array) -> Array:
 def unpack(
     samples: Samples, kept: Output, joints: Array, place: Array, requested: dict[str, Array],
 ) -> None:
-    """Write the output rows (rows, n[, 2], W) of one group to the result arrays (samples, rows, n[, 2])."""
+    """Copy the output rows of one SIMD group, whose samples are along the last axis, to the arrays of the batch."""
     n, rows = samples.template.n, len(kept.phi)
     tails = {"joint_angle": (n,), "joint_rate": (n,), "tip_position": (n, 2)}
     results = [requested[name] if name in requested else np.empty((0, rows, *tail)) for name, tail in tails.items()]
@@ -59,7 +65,7 @@ def unpack(
 
 
 class Groups:
-    """The groups of a batch, with the arrays and the compiled loop to simulate them on several threads."""
+    """Simulator of a batch in SIMD groups of `WIDTH` samples, which several threads take one by one."""
 
     def __init__(self, samples: Samples, schedule: Schedule, start: Array, results: dict[str, Array]) -> None:
         self.samples = samples
@@ -72,23 +78,23 @@ class Groups:
         self.prepare()
 
     def prepare(self) -> None:
-        """Prepare the arrays and the compiled loop that all groups share."""
+        """Convert the samples' constants to group arrays and compile the loop for them."""
         self.constants = [in_groups(a) for a in (*constant_arrays(self.samples), self.start)]
         self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
 
     def members(self, group: int) -> tuple[slice, list[int]]:
-        """Return the samples of a group as a slice, and the sample index in each element of its vector."""
+        """Return the samples of a group as a slice, and the sample index in each element of its SIMD vector."""
         first = group * WIDTH  # the last group is filled with its last sample
         last = self.samples.size - 1
         return slice(first, min(first + WIDTH, last + 1)), np.minimum(np.arange(first, first + WIDTH), last).tolist()
 
     def next(self) -> int | None:
-        """Return the next group that no thread has taken, or None."""
+        """Return the index of the next group that no thread has taken, or None."""
         with self._lock:
             return next(self._left, None)
 
     def work(self) -> None:
-        """Simulate one group after another until none is left, as one thread with arrays of its own."""
+        """Simulate groups until none is left. Each thread runs this method with scratch arrays of its own."""
         n, rows = self.samples.template.n, self.schedule.times.size
         shapes = ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH))
         phi, w, tips = map(aligned, shapes)
@@ -99,7 +105,7 @@ class Groups:
             torque = self.run(group, kept, scratch, torque)
 
     def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
-        """Simulate one group and write its results; return the array of torques for reuse."""
+        """Simulate one group of samples and store its results; return the array of torques for reuse."""
         own, members = self.members(group)
         h, torque, keep = self.schedule.group(members, torque)
         *fixed, joints, place, moving = (a[group] for a in self.constants)
@@ -113,16 +119,16 @@ class Groups:
 
 
 class ScalarGroups(Groups):
-    """Groups of chains with hysteresis, each of which is simulated on its own.
+    """Simulator of a batch of chains with hysteresis, which simulates each chain alone and not in SIMD vectors.
 
     Slip elements switch at different times in different chains, which a SIMD vector cannot represent.
     """
 
     def prepare(self) -> None:
-        """Do nothing: the chains share no arrays."""
+        """Do nothing, as chains with hysteresis share no arrays."""
 
     def work(self) -> None:
-        """Simulate the chains of one group after another until none is left, as one thread."""
+        """Simulate the chains of one group after another until none is left. Each thread runs this method."""
         torque = None
         while (group := self.next()) is not None:
             own, members = self.members(group)
@@ -131,7 +137,7 @@ class ScalarGroups(Groups):
                 self.simulate_one(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
 
     def simulate_one(self, i: int, h: Array, torque: Array, keep: Array) -> None:
-        """Simulate sample `i` and write its results."""
+        """Simulate sample `i` with steps h [s] and mean torques `torque` [N m], and store its results."""
         model, times = self.samples.model(i), self.schedule.times
         steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
         angle, rate = self.start[:, :, i]
@@ -145,7 +151,9 @@ class ScalarGroups(Groups):
 def run_lanes(
     samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
 ) -> dict[str, Array]:
-    """Simulate all samples on the processor; return the variables (N, T, ...) and failed_at (N,) [s]."""
+    """Simulate N samples on the processor; return arrays (N, T, ...) by variable name, and failure times failed_at (N,)
+    [s].
+    """
     results = outputs(samples, schedule.times.size, variables)
     groups = (ScalarGroups if samples.template.memory else Groups)(samples, schedule, start, results)
     threads = min(threads, groups.count)

@@ -1,4 +1,4 @@
-"""Compiled loops of a batch on SIMD vectors, which hold `WIDTH` chains each (`pliant.compiler.simd`).
+"""Compiled loops that simulate `WIDTH` chains at once, one in each element of a SIMD vector.
 
 This module is plain Python; `pliant.compiler.simd.lane_twin` compiles it. The equations are those of
 `pliant.equations`.
@@ -22,7 +22,7 @@ FAR = 1e4  # in K: largest tangent stiffness that counts as valid
 
 
 class Output(NamedTuple):
-    """Output arrays of `march_lanes`, with the samples along the last axis."""
+    """Output arrays of a SIMD group of simulated chains; the samples are along the last axis."""
 
     phi: np.ndarray  # (rows, n, W) rad
     w: np.ndarray  # (rows, n, W) rad/s
@@ -31,7 +31,7 @@ class Output(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """The chambers of a batch under constant commands, as arrays by group, sample and chamber."""
+    """Chambers of a batch under constant pressure commands, as arrays over group, sample and chamber."""
 
     command: np.ndarray  # (G, W, C) Pa
     law: np.ndarray  # (G, W, C, k); law, gain and rubber as in `symbols.ActuationConstants`
@@ -44,7 +44,7 @@ class Commanded(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """Constants of a group of samples, as arrays with the samples along the last axis."""
+    """Model constants of a SIMD group of samples, as arrays with the samples along the last axis."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
     joints: np.ndarray  # (5 + terms, n, W) theta0, K, D, gain, hardening
@@ -52,7 +52,8 @@ class Lane(NamedTuple):
 
 
 def mean_torques(h, parts, behind, law, torque):
-    """Write to `torque` (steps, W) [N m] the mean torque of every step, from the pressure behind the valve.
+    """Write to `torque` (steps, W) [N m] the mean torque of W samples in every step, from the pressures behind the
+    valves.
 
     h (m, W) holds the lengths of the intervals [s] and parts (steps + 1,) the first interval of each step. behind
     (m, 4, W) holds the pressure at the start, middle and end of each interval and its mean [Pa], law (k, W) the torque
@@ -78,7 +79,8 @@ def mean_torques(h, parts, behind, law, torque):
 
 
 def march_lanes(state, h, torque, keep, samples, scratch, out):
-    """Integrate `WIDTH` chains over len(h) steps and write the output rows to `out`.
+    """Integrate a group of `WIDTH` chains over steps h (steps, W) [s]; `state` changes in place, output rows go to
+    `out`.
 
     Every array has the samples last: state (2, n, W) the angles and rates, changed in place; h and torque (steps, W);
     keep (steps,) the output row after each step (negative: none; row 0 is the start); `samples` (`Lane`); scratch
@@ -120,7 +122,9 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
 
 
 def sound(phi, w, h, joint, good):
-    """Return the bit mask of `good` samples whose links turn less than a radian in h and whose springs are stable."""
+    """Return the bit mask of those `good` samples whose links turn less than 1 rad in a step h and whose springs are
+    stable.
+    """
     for i in range(len(phi)):
         good &= within(w[i] * h, 1.0)
         far = FAR * joint.K[i]  # positive is what lies no further from a far point than zero does
@@ -129,7 +133,7 @@ def sound(phi, w, h, joint, good):
 
 
 def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
-    """Advance all groups of a batch by `steps` of h [s] at constant commands, as `march_loops.hold` does for one chain.
+    """Advance all groups of chains by `steps` of h [s] under constant pressure commands; `state` changes in place.
 
     Groups come first, samples last: state (G, 2, n, W) the angles and rates, changed in place; `samples` (`Lane`) with
     a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
@@ -162,7 +166,9 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
 
 
 def torques_of_lanes(group, h, chambers, vectors):
-    """Write the joint torques over the next h [s] to vectors[5]; return whether they are constant from now on."""
+    """Write the joint torques of a group over the next h [s] to vectors[5]; return whether they are constant from then
+    on.
+    """
     still = True
     torque = chambers.torque
     for lane in range(WIDTH):
@@ -180,7 +186,7 @@ def torques_of_lanes(group, h, chambers, vectors):
 
 
 def keep_lanes(row, phi, w, where, out):
-    """Write the angles phi, rates w and tips of a group to one row of `out`; `where` is `Lane.place`."""
+    """Write the angles phi, rates w and link tips of a group of chains to one row of the output arrays."""
     n = len(phi)
     for i in range(n):
         out.phi[row, i] = phi[i]
@@ -189,7 +195,7 @@ def keep_lanes(row, phi, w, where, out):
 
 
 def unpack_lanes(kept, rest, base_angle, angle_out, rate_out, tip_out):
-    """Convert the rows of `march_lanes` to joint angles, joint rates and tips with the samples along the first axis.
+    """Convert a group's absolute angles to joint angles, joint rates and tips, with the samples along the first axis.
 
     The outputs are (samples, rows, n) and, for tips, (samples, rows, n, 2). `rest` (n, W) and `base_angle` (W,) are
     subtracted from the absolute angles. An output with no samples is not filled.

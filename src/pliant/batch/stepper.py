@@ -1,4 +1,4 @@
-"""Step-by-step simulation of many chains at once, whose state is kept between the calls."""
+"""Step-by-step simulation of many chains at once, which keep their state between the calls."""
 
 from __future__ import annotations
 
@@ -21,25 +21,27 @@ Array = np.ndarray
 
 
 class Stepped(Protocol):
-    """Protocol of many chains that are simulated together, each with one of several models."""
+    """Interface of a simulator of N chains together, each with one of several models."""
 
     @property
     def angle(self) -> Array:
-        """Return the absolute link angles (N, n), rad."""
+        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) of the absolute link angles, rad/s."""
+        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set the chains with indices `which` (M,) to the models `bodies` (M,), at rest without pressure."""
+        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
+        pressure.
+        """
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
 
 
 def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
-    """Return a simulator of `size` chains, all with the first of `models` at the beginning.
+    """Return a step-by-step simulator of `size` chains, all of which start with the first of `models`.
 
     Raises
     ------
@@ -50,16 +52,16 @@ def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
     Stepper(first, step, np.zeros(first.actuation.count))  # what it refuses is refused
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
-            raise InputError(f"the models of a batch must share {name}: step others in a batch of their own")
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     if len({m.actuation.count for m in models}) > 1:
-        raise InputError("the models of a batch must have equally many chambers: step others in a batch of their own")
+        raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, step, "midpoint")
     return OneByOne(models, size, step) if first.memory else OnLanes(models, size, step)
 
 
 class OnLanes:
-    """Many chains without hysteresis, `WIDTH` of them in a SIMD vector: an implementation of `Stepped`."""
+    """Step-by-step simulator of many chains without hysteresis, `WIDTH` at once in each SIMD vector."""
 
     def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
         self.size, self.links = size, models[0].n
@@ -86,16 +88,18 @@ class OnLanes:
 
     @property
     def angle(self) -> Array:
-        """Return the absolute link angles (N, n), rad."""
+        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
         return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) of the absolute link angles, rad/s."""
+        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
         return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set the chains `which` (M,) to the models `bodies` (M,), at rest without pressure."""
+        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
+        pressure.
+        """
         group, lane = np.divmod(which, WIDTH)
         for name, own in self._pool.items():
             if name in LANES_LAST:
@@ -104,7 +108,7 @@ class OnLanes:
                 self._arrays[name][group, lane] = own[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
         command = self._chambers.command
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
@@ -115,7 +119,7 @@ LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
 
 
 def pool_of(models: Sequence[Model]) -> dict[str, Array]:
-    """Return the constants of each model for `hold_lanes`, and its rest state, with models along the first axis."""
+    """Return, by name, the constants and rest states of several models, with the models along the first axis."""
     rows: list[dict[str, Array]] = []
     for m in models:
         body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
@@ -137,7 +141,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 
 
 class OneByOne:
-    """Many chains with hysteresis, each simulated by a `Stepper` of its own: an implementation of `Stepped`."""
+    """Step-by-step simulator of many chains with hysteresis, each simulated by a `Stepper` of its own."""
 
     def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
         self._models, self._step = models, step
@@ -149,16 +153,18 @@ class OneByOne:
 
     @property
     def angle(self) -> Array:
-        """Return the absolute link angles (N, n), rad."""
+        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
         return np.stack([s.angle for s in self._steppers])
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) of the absolute link angles, rad/s."""
+        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
         return np.stack([s.rate for s in self._steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set the chains `which` (M,) to the models `bodies` (M,), at rest without pressure."""
+        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
+        pressure.
+        """
         for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
             if self._steppers[i].model is self._models[body]:
                 self._steppers[i].reset(np.zeros(len(self._models[body].chambers)))
@@ -166,7 +172,7 @@ class OneByOne:
                 self._steppers[i] = self._new(body)
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all chains by `steps` under constant pressures (N, C) [Pa]; return which chains failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
         failed = np.zeros(len(self._steppers), dtype=bool)
         for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
             try:

@@ -1,4 +1,4 @@
-"""The function `find_contact`: when and where something touches the body, and how hard."""
+"""The function `find_contact`, which finds when and where something touches the body, and how hard."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def find_contact(
     lasting: bool = False,
     **options: Any,
 ) -> xr.Dataset:
-    """Find when, where and how hard something touches a body, from its shape and pressure.
+    """Find when, where and how hard something touches the body, from a recording of its shape and pressure.
 
     Parameters
     ----------
@@ -127,19 +127,23 @@ def free_motion(
     recordings: Sequence[xr.Dataset], model: Model, *, false_alarms_per_hour: float = 1.0, noise: Noise | None = None,
     **options: Any,
 ) -> FreeMotion:
-    """Estimate noise and bias of the external torques from recordings in which nothing touches the body.
+    """Return noise, bias and thresholds of the external joint torques, from recordings in which nothing touches the
+    body.
 
     The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques. The
     arguments are those of `find_contact`.
     """
     if not recordings:
-        raise InputError("free_motion needs at least one recording without contact: it sets the threshold")
+        raise InputError(
+            "free_motion needs at least one recording without contact, which sets the threshold: record some seconds "
+            "of free motion"
+        )
     settings = noise or default_noise(model, disturbance=True)
     return free_motion_for_rate(filtered_free_motion(recordings, model, settings, **options), false_alarms_per_hour)
 
 
 class FilteredFreeMotion(NamedTuple):
-    """Filtered recordings without contact, from which thresholds for any rate of false alarms can be computed."""
+    """Recordings without contact after the filter, from which thresholds for any false-alarm rate can be computed."""
 
     parts: list[FilteredMotion]
     answer: InnovationResponse
@@ -149,7 +153,7 @@ class FilteredFreeMotion(NamedTuple):
 def filtered_free_motion(
     recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any,
 ) -> FilteredFreeMotion:
-    """Run the filter over recordings without contact."""
+    """Run the state filter over recordings without contact; return what the contact thresholds are computed from."""
     parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
     answer = innovation_response(model, noise, measurement, step=options.get("step", 5e-3))
@@ -159,14 +163,14 @@ def filtered_free_motion(
 
 
 def free_motion_for_rate(filtered: FilteredFreeMotion, rate: float) -> FreeMotion:
-    """Return the thresholds of both tests for `rate` false alarms per hour."""
+    """Return the thresholds of both contact tests for `rate` false alarms per hour."""
     parts = filtered.parts
     sudden = fit_sudden_test(filtered.answer, filtered.ratios, [p.motion for p in parts], rate)
     return fit_free_motion([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
 
 
 def check_frame_rate(estimated: xr.Dataset, period: float) -> None:
-    """Raise InputError if the frame rate differs from that of the free motion, for which the threshold holds."""
+    """Raise InputError if a recording's frame rate differs from the one for which the thresholds were computed."""
     own = float(np.median(np.diff(estimated["time"].values)))
     if abs(own / period - 1.0) > PACE:
         raise InputError(
@@ -176,7 +180,7 @@ def check_frame_rate(estimated: xr.Dataset, period: float) -> None:
 
 
 class FilteredMotion(NamedTuple):
-    """A filtered recording with the quantities that the contact tests need."""
+    """A recording after the state filter, with the external torques and other inputs of the contact tests."""
 
     estimated: xr.Dataset
     torque: Array  # (T, n) N m, disturbance; (T, n + S) for an extensible body, with its strains last
@@ -186,15 +190,18 @@ class FilteredMotion(NamedTuple):
 
     @property
     def innovations(self) -> tuple[Array, Array, Array]:
-        """Return innovations, motion and angles, the arguments of `likelihood_ratio`."""
+        """Return the filter's innovations, the mean square joint rate and the angles, as
+        `likelihood_ratio` takes them.
+        """
         return self.estimated["innovation"].values, self.motion, self.angle
 
 
 def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> FilteredMotion:
-    """Estimate the disturbance torques of a recording, and the features of the free motion that the model predicts."""
+    """Return a recording's estimated external torques, and the regressors of the model error without contact."""
     if not noise.random_walk > 0:
         raise InputError(
-            "noise.random_walk must be positive: contact is detected in disturbance torques, modelled as a random walk"
+            "noise.random_walk must be positive, since contact is detected in disturbance torques, which are modelled "
+            "as a random walk: set it above 0, or leave noise out"
         )
     estimated = estimate(recording, model, noise=noise, **options)
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
@@ -208,7 +215,7 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
 
 
 class ContactEvent(NamedTuple):
-    """One contact: its frames of onset, alarm and end, and the torques [N m] before it, which are subtracted."""
+    """One contact: its frames of onset, alarm and end, and the earlier joint torques [N m] to subtract from its own."""
 
     onset: int
     alarm: int
@@ -219,7 +226,8 @@ class ContactEvent(NamedTuple):
 def episodes(
     slow: Array, fast: Array, since: Array, left: Array, learnt: FreeMotion, scale: Array
 ) -> list[ContactEvent]:
-    """Return the contacts in order: each starts with an alarm and ends when its torques have vanished for some frames.
+    """Return the contacts in order of time.
+    Each starts with an alarm and ends when its torques have vanished for some frames.
 
     The torques before the onset are subtracted, reduced by their correlation over time; the limit for the end grows
     with the drift of free motion since then. Hysteresis leaves a small fraction of the largest torques, which counts as
@@ -245,13 +253,13 @@ def episodes(
 
 
 def last_zero(sums: Array, k: int) -> int:
-    """Return the frame after the last one up to k at which the cumulative sum was zero."""
+    """Return the index of the frame after the last zero of the cumulative sum up to frame k."""
     at = np.flatnonzero(sums[: k + 1] <= 0)
     return int(at[-1]) + 1 if at.size else 0
 
 
 def external(model: Model, left: Array) -> dict[str, Any]:
-    """Return dataset variables of joint torques (T, n) [N m] and axial forces (T, S) [N] from the remaining torques."""
+    """Return as dataset variables the joint torques (T, n) [N m] and axial forces (T, S) [N] that contact causes."""
     return {
         kind.names[3]: (("time", kind.over), left[:, kind.rows] / kind.lever, {"units": kind.units[2]})
         for kind in mechanics_of(model).kinds
@@ -262,7 +270,7 @@ def described(
     filtered: FilteredMotion, left: dict[str, Any], statistic: Array, touching: Array, pushes: dict[int, Push],
     learnt: FreeMotion, events: list[ContactEvent],
 ) -> xr.Dataset:
-    """Return the dataset of `find_contact`."""
+    """Return the dataset of `find_contact`: state, contact flag, position and force of the contact in each frame."""
     estimated = filtered.estimated
     T, axes = statistic.size, estimated.sizes["axis"]
     numbers = {

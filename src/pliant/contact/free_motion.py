@@ -1,4 +1,4 @@
-"""Sequential tests for contact, whose thresholds come from motion that is known to be free of contact."""
+"""Sequential tests for contact with the body, whose thresholds come from recordings without contact."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MANY = 40  # number of peaks from which the tail is the upper quartile, else the
 
 @dataclass(frozen=True)
 class Sudden:
-    """Test for forces that set in suddenly: its likelihood ratio in free motion, and its threshold.
+    """Test for forces that begin suddenly: the likelihood ratio that occurs without contact, and the alarm threshold.
 
     Attributes
     ----------
@@ -40,13 +40,15 @@ class Sudden:
     threshold: float
 
     def statistic(self, ratio: Array, motion: Array) -> Array:
-        """Return the likelihood ratio (T,) in units of its threshold."""
+        """Return the likelihood ratio (T,) of each frame divided by its alarm threshold, which
+        depends on the motion.
+        """
         return np.asarray(ratio / self.size[self.answer.case(motion)] / self.threshold)
 
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Statistics of the external torques while nothing touches the body, with the thresholds of both contact tests.
+    """Statistics of the external joint torques in motion without contact, and the thresholds of both contact tests.
 
     Attributes
     ----------
@@ -90,15 +92,18 @@ class FreeMotion:
     extrapolated: bool
 
     def left_over(self, torque: Array, features: Array) -> Array:
-        """Return the external torques (T, n) without the part explained by free motion."""
+        """Return the external joint torques (T, n) minus the part that the model error in free motion explains."""
         return np.asarray(torque - features @ self.weights)
 
     def scale(self, features: Array) -> Array:
-        """Return the factor (T,) on the covariance at each frame, which grows with the activity of the motion."""
+        """Return the factor (T,) by which a frame's torque covariance exceeds that at rest.
+        It grows with the mean square joint rate.
+        """
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
     def drift(self, frames: Array) -> Array:
-        """Return the mean squared drift of the torques of free motion within `frames` frames, in units of `change`.
+        """Return the mean square drift of the torques without contact over `frames` frames, relative to half a
+        second's.
 
         It grows linearly as for a random walk, from `change` itself up to the total scatter of the torques.
         """
@@ -106,13 +111,16 @@ class FreeMotion:
         return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
 
     def statistic(self, left: Array, features: Array) -> Array:
-        """Return the cumulative sum (T,) of the normalised squares of `left` (T, n) above the slack."""
+        """Return Page's cumulative sum (T,) of the squared torques `left` (T, n) [N m], normalised by their scatter
+        without contact.
+        """
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
         return cumulative(gain, CAP * self.threshold)
 
 
 def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
-    """Return the regressors (T, F) for the model's errors in free motion.
+    """Return F regressors (T, F) that describe model error in free motion: chamber torques, and predicted angles and
+    rates.
 
     They are the torque of each chamber, its square, its lagged values, and the joint angles and rates that the model
     predicts under the pressure. None of them depends on a contact.
@@ -129,14 +137,18 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
 
 
 def activity(features: Array, n: int, period: float) -> Array:
-    """Return the recent maximum (T,) of the mean square joint rate that the model predicts, rad^2/s^2."""
+    """Return for each frame the recent maximum (T,) [rad^2/s^2] of the mean square joint rate that
+    the model predicts.
+    """
     power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
     padded = np.concatenate([np.full(hold - 1, power[0]), power])
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, hold).max(axis=1))
 
 
 def growth_of(squares: Array, active: Array) -> tuple[float, float]:
-    """Return level and growth of mean squares with activity: squares = level (1 + growth activity)."""
+    """Fit squares = level (1 + growth activity) to squared torques and the activity of the motion; return level and
+    growth.
+    """
     from scipy.optimize import nnls
 
     (level, slope), _ = nnls(np.column_stack([np.ones_like(active), active]), squares)
@@ -145,13 +157,13 @@ def growth_of(squares: Array, active: Array) -> tuple[float, float]:
 
 
 def normalised(left: Array, covariance: Array) -> Array:
-    """Return the mean square (T,) of the rows of `left` (T, n), normalised by their covariance (n, n)."""
+    """Return the mean square (T,) of torques `left` (T, n), normalised by their covariance (n, n)."""
     white = np.linalg.solve(np.linalg.cholesky(covariance), left.T)
     return np.asarray(np.mean(white**2, axis=0))
 
 
 def cumulative(gain: Array, cap: float = np.inf) -> Array:
-    """Return the cumulative sum S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0 (Page's test).
+    """Return the cumulative sum (T,) of Page's test: S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0.
 
     With the cap, the sum falls below its threshold soon after the cause has ended.
     """
@@ -164,7 +176,7 @@ def cumulative(gain: Array, cap: float = np.inf) -> Array:
 
 
 def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
-    """Return the test for sudden forces, with the threshold that free motion crosses `rate` times per hour."""
+    """Return the test for sudden forces, with a threshold that is crossed `rate` times per hour without contact."""
     ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
     enough = 2 * frames_of(BLOCK, answer.period)
@@ -177,7 +189,7 @@ def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: li
 
 
 def blocks(values: Array, period: float) -> Array:
-    """Return the maximum of each block of `BLOCK` seconds; blocks are nearly independent of each other."""
+    """Return the maximum of a time series `values` in each block of `BLOCK` seconds."""
     count = max(1, len(values) // frames_of(BLOCK, period))
     return np.array([part.max() for part in np.array_split(values, count)])
 
@@ -230,7 +242,9 @@ def fit_free_motion(
 
 
 def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
-    """Return the fraction of residual torques that remains after half a second, and the covariance of the change."""
+    """Return the fraction of the residual torques that remains after half a second, and the
+    covariance of their change.
+    """
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])
     before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])
@@ -240,14 +254,14 @@ def changes(left: list[Array], active: list[Array], growth: float, period: float
 
 
 def running_mean(values: Array, period: float) -> Array:
-    """Return the mean (T, n) of the rows in the last `BEFORE` seconds, or of fewer at the start."""
+    """Return for each frame the mean (T, n) of the values in the last `BEFORE` seconds, or since the start."""
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
     first = np.maximum(np.arange(len(values)) + 1 - frames_of(BEFORE, period), 0)
     return np.asarray((total[1:] - total[first]) / (np.arange(len(values)) + 1 - first)[:, None])
 
 
 def regression(torques: list[Array], features: list[Array]) -> Array:
-    """Return the weights (F, n) of a ridge regression of torques on features scaled to unit size."""
+    """Return the weights (F, n) of a ridge regression of n torques on F features scaled to unit size."""
     X, Y = np.concatenate(features), np.concatenate(torques)
     size = np.sqrt(np.mean(X**2, axis=0)) + 1e-300
     Z = X / size
@@ -256,14 +270,14 @@ def regression(torques: list[Array], features: list[Array]) -> Array:
 
 
 def excursions(sums: Array) -> Array:
-    """Return the maximum of each interval in which the cumulative sum is positive."""
+    """Return the maximum of a cumulative sum in each interval in which the sum is positive."""
     up = np.concatenate([[0], (sums > 0).astype(int), [0]])
     starts, stops = np.flatnonzero(np.diff(up) == 1), np.flatnonzero(np.diff(up) == -1)
     return np.array([sums[a:b].max() for a, b in zip(starts, stops, strict=True)])
 
 
 def tail(peaks: Array, duration: float, rate: float) -> tuple[float, bool]:
-    """Return the threshold that peaks exceed `rate` times per hour, and whether it is extrapolated.
+    """Return the threshold that `peaks` exceed `rate` times per hour, and whether it is extrapolated beyond the data.
 
     `duration` [s] is that of the recordings. Excesses over the upper quartile follow a generalised Pareto law, with its
     shape from probability-weighted moments, limited to [0, `HEAVIEST`]: never lighter than exponential.
@@ -271,7 +285,7 @@ def tail(peaks: Array, duration: float, rate: float) -> tuple[float, bool]:
     Source: Hosking and Wallis (1987), Parameter and quantile estimation for the generalized Pareto distribution
     """
     if peaks.size < 3:
-        raise InputError("free motion has too few excursions to set a threshold: record more of it")
+        raise InputError("free motion has too few excursions to set a threshold: record more motion without contact")
     base = float(np.quantile(peaks, 0.75)) if peaks.size >= MANY else float(np.median(peaks))
     above = np.sort(peaks[peaks > base] - base)
     wanted = rate * duration / 3600.0  # alarms expected within the record

@@ -1,4 +1,4 @@
-"""Detection of a force that sets in: generalised likelihood ratio of a torque step, on the filter's innovations.
+"""Detection of a force that begins suddenly, by the likelihood ratio of a torque step in the filter's innovations.
 
 The innovations are white with unit variance as long as the model holds. After a step of the torques by J f, with f a
 force at a point of the body and J its moment arms, their mean is R_j J f at j frames after the onset. The test
@@ -32,7 +32,7 @@ PLACES = (0.25, 0.75)  # positions on each link but the first, which hardly resp
 
 @dataclass(frozen=True)
 class InnovationResponse:
-    """Response of the filter's whitened innovations to a step of the joint torques, tabulated by amount of motion.
+    """Response of the state filter's whitened innovations to a step of the joint torques, tabulated by speed of motion.
 
     Attributes
     ----------
@@ -50,27 +50,29 @@ class InnovationResponse:
 
     @property
     def windows(self) -> list[int]:
-        """Return the numbers of frames since the onset that are tested."""
+        """Return the numbers of frames since the onset of the force that the test tries."""
         return windows_of(self.period)
 
     def case(self, motion: Array) -> Array:
-        """Return the index (T,) of the tabulated case closest to each frame's mean square joint rate `motion` (T,)."""
+        """Return for each frame the index (T,) of the tabulated response whose mean square joint rate is closest to
+        `motion`.
+        """
         edges = np.sqrt(np.maximum(self.motion[1:], 1e-3) * np.maximum(self.motion[:-1], 1e-2))
         return np.searchsorted(edges, motion)
 
 
 def frames_of(seconds: float, period: float) -> int:
-    """Return the number of frames in a time [s], at least one."""
+    """Convert a time in seconds to a number of frames, at least one."""
     return max(1, round(seconds / period))
 
 
 def windows_of(period: float) -> list[int]:
-    """Return `WINDOWS` as numbers of frames, without duplicates, in rising order."""
+    """Return the times since onset that the test tries (`WINDOWS`) as numbers of frames, rising, without duplicates."""
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
 def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
-    """Return the step response of the stationary filter at rest, for each level of motion in `MOTIONS`."""
+    """Return the response of the stationary filter to a torque step at rest, for each speed of motion in `MOTIONS`."""
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
@@ -79,7 +81,7 @@ def innovation_response(model: Model, noise: Noise, measurement: Measurement, *,
 
 
 def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
-    """Return the whitened innovations (W, m, n) after a unit step of each torque, frame by frame."""
+    """Return the filter's whitened innovations (W, m, n) in W frames after a unit step of each of n joint torques."""
     n, rows = model.size, measurement.rows
     workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
@@ -116,7 +118,8 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 def likelihood_ratio(
     answer: InnovationResponse, model: Model, innovation: Array, motion: Array, angle: Array
 ) -> tuple[Array, Array]:
-    """Return the statistic (T,) of a force that recently set in across the body, and its age in frames (T,).
+    """Return for each frame the statistic (T,) of a force that recently began to act across the body, and its age in
+    frames.
 
     Without a force, the statistic for one position and onset is chi-square with one degree of freedom (in space, two).
     Forces along an extensible body are not tested, since every change of pressure produces them where the model's axial
@@ -150,5 +153,5 @@ def likelihood_ratio(
 
 
 def shifted(e: Array, frames: int) -> Array:
-    """Return the rows of e (T, m) delayed by `frames`, with zeros before the first row."""
+    """Return innovations e (T, m) delayed by `frames`, with zeros before the first."""
     return np.concatenate([np.zeros((frames, e.shape[1])), e[: len(e) - frames]])

@@ -21,7 +21,7 @@ ROUND = 2.0  # friction coefficient at the round end, where almost any direction
 
 @dataclass(frozen=True)
 class Push:
-    """One contact force on the body: position, components, covariance and goodness of fit.
+    """A contact force on the body: position, components, covariance and goodness of fit.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def locate(
     model: Model, angle: Array, torque: Array, covariance: Array, *, friction: float = 0.5, spacing: float = 5e-4,
     rigid: bool = False,
 ) -> Push:
-    """Find the single contact force that best explains external joint torques.
+    """Find the position and size of the one contact force that best explains external joint torques.
 
     Points all along the body are tried. At each, the force is the least-squares one, f = (J S^-1 J^T + W)^-1 J S^-1 r.
     The prior W states that the tangential part is at most about `friction` times the normal one (more at the round
@@ -135,7 +135,7 @@ def locate(
 
 
 class TrialForce(NamedTuple):
-    """The candidate points of a contact, and the best force at each."""
+    """Candidate points of a contact on the body, with the best-fitting force at each."""
 
     link: Array  # (P,)
     along: Array  # (P,) m, from the link's joint
@@ -147,14 +147,18 @@ class TrialForce(NamedTuple):
 
 
 def points(model: Model, spacing: float) -> tuple[Array, Array]:
-    """Return points every `spacing` [m] along all links: link index (P,), and distance from its joint (P,) [m]."""
+    """Return candidate points every `spacing` [m] along the links: link index (P,) and distance from the link's joint
+    (P,) [m].
+    """
     counts = np.maximum(2, np.ceil(model.link_length / spacing).astype(int))
     along = [(np.arange(c) + 0.5) / c * l for c, l in zip(counts, model.link_length, strict=True)]
     return np.repeat(np.arange(model.n), counts), np.concatenate(along)
 
 
 def described(model: Model, angle: Array, trial: TrialForce, without: float) -> Push:
-    """Return the best candidate as a `Push` in the base frame; `without` is the chi-square without a force."""
+    """Return the candidate that fits best as a `Push` in the base frame.
+    `without` is the chi-square without any force.
+    """
     best = int(np.argmin(trial.evidence))
     likely = trial.evidence <= trial.evidence[best] + 3.84
     j = int(trial.link[best])

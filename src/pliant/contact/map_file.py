@@ -1,4 +1,4 @@
-"""Writing of a contact map to a file: the whole dataset, a table of cells, or a figure."""
+"""Functions that save a contact map to a file: the whole dataset, a table of cells, or a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint torques of a chain from a force at a point of the continuous body that the chain represents."""
+"""Joint torques of a chain under a force at a point of the continuous body that the chain represents."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
-    """Return the moment arm (P,) [m] about `joint` (P,) of a force across a continuously bending body.
+    """Return the moment arm (P,) [m] about a joint of each of P forces across a continuously bending body.
 
     The force acts at u (P,) [m] beyond the joint, on the unstretched body. The angle between two links is a weighted
     mean of the body's curvature, with a hat function: it rises along the link before (at the base, at once) and falls
@@ -34,7 +34,8 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 
 
 def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
-    """Return the joint torques (T, P, 2, n) [m] of a unit force to the left of the body, and of one towards its tip.
+    """Return the joint torques (T, P, 2, n) [m] of two unit forces at P points: to the left of the body, and towards
+    its tip.
 
     For an extensible body (T, P, 2, n + S), followed by the generalised forces of the strains. In space (T, P, 3, N),
     for unit forces along the link's axes x and y and along the link, by all coordinates.
@@ -73,7 +74,7 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
 
 
 def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
-    """Return the displacement (T, P, S, d) [m] of points per unit of each segment's strain."""
+    """Return the displacement (T, P, S, d) [m] of P points by a unit strain of each of S segments."""
     rows = np.arange(-1, model.n)
     length = np.append(model.base_length, model.link_length)
     way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
@@ -81,7 +82,7 @@ def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Return point [m] and unit tangent (2,), in space (3,), at an arc length [m] of the curve through the joints.
+    """Return the point [m] and unit tangent, (2,) or (3,), at an arc length [m] of the smooth curve through the joints.
 
     The curve is a cubic spline. For an extensible body, `angle` (n + S,) ends with its strains, and the arc length is
     on the unstretched body.

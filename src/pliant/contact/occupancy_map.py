@@ -1,4 +1,4 @@
-"""Planar occupancy map from touches and swept areas, with uncertainty and the stiffness of the touched object."""
+"""Planar occupancy map of the surroundings, from touches and swept areas, and stiffness of the touched object."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DEPTH = 2.0e-3  # m behind a touched surface that count as solid
 
 @dataclass(frozen=True)
 class ProbingContacts:
-    """Evidence of one recording with probing contacts: where the body moved freely, and what it touched.
+    """Evidence of one recording for an occupancy map: where the body moved freely, and the surface points it touched.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class ProbingContacts:
 
 
 def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> ProbingContacts:
-    """Return the surface points, normals and swept curves from a result of `find_contact`.
+    """Return the touched surface points, their normals and the swept curves from a result of `find_contact`.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: f
 
 
 def steady(contact: xr.Dataset) -> Array:
-    """Return whether position and force of a contact have been steady for the last 0.13 s, for each frame (T,)."""
+    """Return for each frame (T,) whether position and force of the contact were steady for the last 0.13 s."""
     period = float(np.median(np.diff(contact["time"].values)))
     place, force = contact["contact_arc_length"].values, contact["normal_force"].values
     same = np.ones(len(place), dtype=bool)
@@ -89,7 +89,7 @@ def steady(contact: xr.Dataset) -> Array:
 
 
 def dense(curve: Array, count: int = 40) -> Array:
-    """Return curves (T, S, 2) resampled to `count` points each by linear interpolation."""
+    """Return body curves (T, S, 2) [m] resampled to `count` points each by linear interpolation."""
     position = np.linspace(0, curve.shape[1] - 1, count)
     left = np.minimum(position.astype(int), curve.shape[1] - 2)
     part = (position - left)[None, :, None]
@@ -99,7 +99,7 @@ def dense(curve: Array, count: int = 40) -> Array:
 def map_contacts(
     pokes: Sequence[xr.Dataset | ProbingContacts], *, cell: float = 1e-3, half_width: float = 0.0, margin: float = 0.02
 ) -> xr.Dataset:
-    """Compute a planar occupancy map from several recordings of probing contacts with the same surroundings.
+    """Compute a planar occupancy map from recordings in which a body touches the same surroundings.
 
     Every cell starts undecided (log-odds 0). A pass of the body lowers the log-odds of a cell. A touched surface point
     raises those just behind the surface, weighted by the certainty of its position. All other cells stay undecided.
@@ -168,7 +168,7 @@ def map_contacts(
 
 
 def axes(pokes: Sequence[ProbingContacts], cell: float, margin: float) -> tuple[Array, Array]:
-    """Return the centres of the cells along x and y [m] that cover all curves and points."""
+    """Return x and y [m] of the centres of map cells that cover all body curves and touched points."""
     spots = np.concatenate([a.reshape(-1, 2) for p in pokes for a in (p.curve, p.point)])
     spots = spots[np.isfinite(spots).all(axis=1)]
     low, high = np.floor((spots.min(axis=0) - margin) / cell), np.ceil((spots.max(axis=0) + margin) / cell)
@@ -176,7 +176,7 @@ def axes(pokes: Sequence[ProbingContacts], cell: float, margin: float) -> tuple[
 
 
 def free_log_odds(contacts: ProbingContacts, x: Array, y: Array, cell: float, half_width: float) -> Array:
-    """Return the log-odds (y, x) of the space that a body passed through; repeated passes count once."""
+    """Return the log-odds (y, x) of occupancy from the area that the body swept freely. Repeated sweeps count once."""
     points = refined_curves(contacts.curve[np.isfinite(contacts.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
     inside = np.zeros((y.size, x.size), dtype=bool)
     reach = max(0, int(np.floor(half_width / cell)))
@@ -190,7 +190,7 @@ def free_log_odds(contacts: ProbingContacts, x: Array, y: Array, cell: float, ha
 
 
 def refined_curves(curve: Array, cell: float) -> Array:
-    """Return curves (F, P, 2) refined in time and along their length, so that no cell [m] is skipped."""
+    """Return body curves (F, P, 2) [m] refined in time and along the body, so that they skip no cell [m] of the map."""
     gap = np.linalg.norm(np.diff(curve, axis=1), axis=2).max(initial=0.0)
     curve = dense(curve, max(curve.shape[1], int(np.ceil(curve.shape[1] * gap / cell)))) if gap > cell else curve
     parts = [curve[:1]]
@@ -202,7 +202,8 @@ def refined_curves(curve: Array, cell: float) -> Array:
 
 
 def touch_log_odds(contacts: ProbingContacts, x: Array, y: Array) -> Array:
-    """Return the log-odds (y, x) of the touched surface points: raised behind each, spread by its uncertainty.
+    """Return the log-odds (y, x) of occupancy from touched surface points: raised behind each point, spread by its
+    uncertainty.
 
     Touches of one recording share the model's errors and are not independent, so that a cell gets the strongest one.
     """
@@ -218,7 +219,7 @@ def touch_log_odds(contacts: ProbingContacts, x: Array, y: Array) -> Array:
 
 
 def stiffness_of(pokes: Sequence[ProbingContacts]) -> tuple[float, float]:
-    """Return the stiffness [N/m] of the touched object from force against indentation, and its standard deviation.
+    """Return the touched object's stiffness [N/m], from force against indentation, and its standard deviation.
 
     Indentation is measured along the mean normal, relative to the start of the force; all recordings are combined. Both
     are NaN if the slope is less than twice its standard deviation, as for a rigid object.
@@ -245,6 +246,6 @@ def stiffness_of(pokes: Sequence[ProbingContacts]) -> tuple[float, float]:
 
 
 def fused(pokes: Sequence[ProbingContacts]) -> ProbingContacts:
-    """Return several `ProbingContacts` objects combined into one."""
+    """Combine the `ProbingContacts` of several recordings into one."""
     names = ("curve", "point", "normal", "deviation", "force")
     return replace(pokes[0], **{name: np.concatenate([getattr(p, name) for p in pokes]) for name in names})

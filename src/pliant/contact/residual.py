@@ -1,4 +1,4 @@
-"""External joint torques, unexplained by pressure and material: momentum observer, and statics from the shape."""
+"""External joint torques, which neither pressure nor material explains, from a motion or from a shape at rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 def momentum_residual(
     model: Model, time: Array, angle: Array, rate: Array, pressure: Array, *, bandwidth: float = 40.0
 ) -> Array:
-    """Estimate the external joint torques (T, n) [N m] by the generalised-momentum observer.
+    """Estimate the external joint torques (T, n) [N m] over time by a generalised-momentum observer.
 
     r = K_O [p - p(0) - int(p_dot of the model + r) dt],  so that dr/dt = K_O (tau_ext - r)
 
@@ -65,7 +65,7 @@ def momentum_residual(
 
 
 def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
-    """Return the external joint torques (T, n) [N m] of a body at rest, K q - tau and gravity, from its shape.
+    """Return the external joint torques (T, n) [N m] of a body at rest: stiffness torque - actuation torque + gravity.
 
     Parameters
     ----------

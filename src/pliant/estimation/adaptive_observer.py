@@ -1,4 +1,4 @@
-"""Adaptive observer: a simulated model, corrected by each frame with a constant gain, and a learnt torque factor."""
+"""Adaptive observer: a simulated model that each frame corrects by a constant gain, with a learnt torque factor."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ UNIT = 1e-6  # N m/Pa, slope of a linear law that replaces the chamber's own, wh
 
 
 class ObserverNoise(TypedDict, total=False):
-    """Noise levels that an `AdaptiveObserver` assumes for frames and model; keyword options documented there."""
+    """Keyword options of `AdaptiveObserver`: noise levels of frames and model, documented there."""
 
     noise: float
     random_walk: float
@@ -52,7 +52,7 @@ OBSERVER_NOISE: ObserverNoise = {
 
 
 class AdaptiveObserver:
-    """State observer: the simulated model, corrected by each frame with a constant (stationary Kalman) gain.
+    """State observer: a simulated model whose state each measured frame corrects by a constant Kalman gain.
 
     The state holds angles, rates and a shift of every joint's rest angle, modelled as a random walk. Creep, friction,
     contact and errors of torque law or stiffness appear as this shift; K times the shift is the torque that the model
@@ -118,7 +118,7 @@ class AdaptiveObserver:
         self.reset()
 
     def reset(self) -> None:
-        """Set the state to the equilibrium of the model without pressure."""
+        """Set the observer's state to the equilibrium of the model without pressure."""
         model, n = self.model, self.model.n
         q = state.equilibrium(model, 0.0)
         self._x = np.zeros((5, n))
@@ -139,20 +139,23 @@ class AdaptiveObserver:
 
     @property
     def scale(self) -> float:
-        """Return the estimated factor on the torque of all chambers: above 1 if the body is softer or pulls harder."""
+        """Return the learnt factor on the torque of all chambers, above 1 if the body bends more than the model."""
         return float(self.own.factor[0])
 
     def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
-        """Return the arguments of `adaptive_observer_loops.follow` for a frame `values` (n,) [rad]."""
+        """Return the arguments of the compiled loop for one frame of measured link angles `values` (n,) [rad]."""
         return (periods, self._pressure, values, *self._records)
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take pressures (C,) [Pa]; between two frames the model runs under the mean of the pressures at both."""
+        """Take pressures (C,) [Pa] of C chambers.
+        Between two frames the model runs under the mean of the pressures at both.
+        """
         del time
         self._latest = self.model.actuation.pressures(pressure)
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Predict to the time of a frame [s] and correct the state by it; a lost frame is counted in `missed`.
+        """Predict the state to the `time` [s] of a frame and correct it by the measured values.
+        A lost frame only counts in `missed`.
 
         `variance` is ignored, since the gain is constant.
 
@@ -181,7 +184,7 @@ class AdaptiveObserver:
             self.fault = f"a frame differs from the observer's model by more than {self.LARGEST} rad"
 
     def state(self, time: float) -> State:
-        """Return the state at the last frame, whatever `time` is."""
+        """Return the state at the last frame, for any `time`, as this observer does not predict further."""
         del time
         angle, rate, own, _, shift = self._x.copy()
         return State(
@@ -190,7 +193,7 @@ class AdaptiveObserver:
 
 
 def make(setting: Setting) -> AdaptiveObserver:
-    """Return an adaptive observer for a `Setting`."""
+    """Return an adaptive observer, created from the arguments in `setting`."""
     return AdaptiveObserver(setting.model, setting.period, late=setting.late)
 
 
@@ -198,7 +201,9 @@ ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:
-    """Return the model without hysteresis and creep, stiffer by `share` times their instantaneous stiffness."""
+    """Return the model without hysteresis and creep.
+    Its springs are stiffer by `share` times the stiffness that hysteresis and creep add at once.
+    """
     stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
     return model.with_(**stiffer_springs(model, stiffer), memory=Memory())
 
@@ -209,7 +214,9 @@ def without_valves(model: Model) -> Model:
 
 
 def with_shifts(model: Model) -> tuple[Array, Array]:
-    """Return the linearised state matrix (3 n, 3 n) of angles, rates and rest shifts, and the input matrix (3 n, C)."""
+    """Return the linearised state matrix (3 n, 3 n) of angles, rates and rest-angle shifts, and the input matrix (3 n,
+    C).
+    """
     unit = tuple(replace(c, law=POLYNOMIAL, torque=np.array([UNIT])) for c in model.chambers)
     linear = linearise(model.with_(chambers=unit), 0.0)
     n, count = model.n, model.actuation.count
@@ -222,7 +229,7 @@ def with_shifts(model: Model) -> tuple[Array, Array]:
 
 
 class Stationary(NamedTuple):
-    """Stationary Kalman filter of angles, rates and rest shifts, linearised about rest."""
+    """Stationary Kalman filter of angles, rates and rest-angle shifts, for the model linearised at rest."""
 
     gain: Array  # (3n, n), from absolute link angles
     precision: Array  # (n, n) 1/rad^2, inverse of the innovations' covariance
@@ -230,7 +237,9 @@ class Stationary(NamedTuple):
 
 
 def stationary(model: Model, period: float, noise: float, random_walk: float, jerk: float) -> Stationary:
-    """Return the stationary Kalman filter for frames every `period` [s]; noise levels as for `AdaptiveObserver`."""
+    """Return the stationary Kalman filter for frames every `period` [s] under noise levels as for
+    `AdaptiveObserver`.
+    """
     from scipy.linalg import solve_discrete_are
 
     n = model.n
@@ -250,7 +259,7 @@ def stationary(model: Model, period: float, noise: float, random_walk: float, je
 
 
 def in_torques(model: Model, covariance: Array) -> Array:
-    """Convert a covariance (3 n, 3 n) of angles, rates and rest shifts to one with torques in place of rest shifts."""
+    """Convert a covariance (3 n, 3 n) of angles, rates and rest-angle shifts to one of angles, rates and torques."""
     size = np.concatenate([np.ones(2 * model.n), model.stiffness])
     scaled = size[:, None] * covariance * size
     scaled.flags.writeable = False

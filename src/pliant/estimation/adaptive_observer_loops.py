@@ -1,4 +1,4 @@
-"""Compiled loop of the adaptive observer for one frame: prediction, torque factor, correction, rest shifts.
+"""Compiled loop of the adaptive observer for one frame: prediction, torque factor, correction and rest-angle shifts.
 
 Paper: Eq. (5) [eq:eom] for the model; the rest is estimation and not of the paper.
 """
@@ -26,7 +26,8 @@ from pliant.estimation.symbols import (
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):
-    """Advance an observer by `periods` frames under pressures (C,) [Pa], and correct it by a frame's `values` (n,).
+    """Advance the observer by `periods` frame periods under pressures (C,) [Pa], and correct it by n measured link
+    angles [rad].
 
     `values` are the angles of the links, each relative to the link before [rad], NaN if the frame is lost. Returns
     FOLLOWED, FRAME_LOST, PARTED (an innovation exceeds `pace.largest`) or STEP_FAILED (an integration step failed).
@@ -55,7 +56,7 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
 
 
 def follow_of_tuples(periods, pressure, values, records):
-    """Call `follow` with plain tuples in place of named ones, which Python passes three times as fast."""
+    """Call `follow` with plain tuples as arguments, which Python passes three times as fast as named tuples."""
     state, model, gains, pace, workspace = records
     joints, body, chambers, memory, instantaneous = model
     own = ObserverModel(
@@ -68,7 +69,7 @@ def follow_of_tuples(periods, pressure, values, records):
 
 
 def lost(values):
-    """Return whether any of the angles is not a number."""
+    """Return whether any of the measured angles is NaN, that is, whether the frame is lost."""
     for i in range(len(values)):
         if not np.isfinite(values[i]):
             return True
@@ -76,7 +77,9 @@ def lost(values):
 
 
 def ahead(state, pressure, model, count, h, workspace):
-    """Integrate the observer's model over `count` steps at constant pressures (C,) [Pa]; return whether one failed."""
+    """Integrate the observer's model over `count` steps h [s] at constant pressures (C,) [Pa]; return whether a step
+    failed.
+    """
     springs = workspace.springs
     for i in range(len(state.angle)):
         springs.theta0[i] = model.joints.theta0[i] + state.own_shift[i]
@@ -96,7 +99,7 @@ def ahead(state, pressure, model, count, h, workspace):
 
 
 def learn_ahead(state, gains, periods, pressure, chambers, new):
-    """Propagate the sensitivity of the observer's state to the torque factor over whole periods.
+    """Propagate the derivative of the observer's state by its torque factor over whole frame periods, in place.
 
     `pressure` (C,) [Pa] is constant. `chambers` are the model's own, with factor 1; `new` (3n,) is workspace.
 
@@ -121,7 +124,8 @@ def learn_ahead(state, gains, periods, pressure, chambers, new):
 
 
 def correct_all(state, gains, weight, move):
-    """Correct state and torque factor by an innovation: constant gain, and recursive least squares for the factor.
+    """Correct the observer's state by a constant gain times the innovation, and its torque factor by recursive least
+    squares.
 
     `weight` and `move` (3n,) are workspace.
     """
@@ -156,7 +160,7 @@ def correct_all(state, gains, weight, move):
 
 
 def rest_shift(angle, own_shift, memory_state, base_angle, rest_angle, memory, left, shift):
-    """Write to `shift` (n,) [rad] the total rest shifts of the model without hysteresis and creep.
+    """Write to `shift` (n,) [rad] the shift of the rest angles that stands for model error, hysteresis and creep.
 
     K (q - own) + K r = tau, with r = r_now + c (q - q_now), where c is `left`.
     """

@@ -1,4 +1,4 @@
-"""The interface of an estimator, which turns pressure samples and frames of the shape into states.
+"""Interface of an estimator, which turns pressure samples and measured shapes into estimated states of the body.
 
 All times are in seconds on one clock: that of the control loop, or of the recording.
 """
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class State(NamedTuple):
-    """The estimated state of the body at one time; its arrays are copies.
+    """Estimated state of the body at one time: angles, rates and their uncertainty, as copies of the arrays.
 
     Attributes
     ----------
@@ -57,12 +57,14 @@ class State(NamedTuple):
 
     @property
     def consistent(self) -> bool:
-        """Return whether model and body agree, that is, whether `fault` is empty."""
+        """Return whether the estimator's model agrees with the measured body, that is, whether `fault` is empty."""
         return not self.fault
 
 
 class Frame(NamedTuple):
-    """One frame of the shape in the form that an estimator takes: m measured values with their variances."""
+    """Measurement of the shape at one instant for an estimator: m values with their variances, and rows that define
+    them.
+    """
 
     rows: Array  # (m, 4) of (kind, link, along, across), in space aside: the quantity of each value, by `rows_of`
     values: Array  # (m,) m or rad, in the model's base frame; NaN where one is missing
@@ -73,20 +75,24 @@ Measure = Callable[[Array], Frame]  # points of the body (S, 2) [m] to a frame, 
 
 
 class Estimator(Protocol):
-    """Protocol of an estimator, which turns pressures and frames into states."""
+    """Interface of an estimator, which turns pressure samples and measured frames into states of the body."""
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure sample at `time` [s]: gauge pressures (C,) [Pa]; a number is enough for one chamber."""
+        """Take a pressure sample at `time` [s]: gauge pressures (C,) [Pa] of C chambers, or a
+        number for one chamber.
+        """
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a frame of the shape at `time` [s]; see `Frame`. Lost frames are pushed too, with NaN as values."""
+        """Take a frame of the measured shape at `time` [s]. A lost frame is pushed too, with NaN as values."""
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s]; an estimator that does not predict returns the state of the last frame."""
+        """Return the estimated state at `time` [s].
+        An estimator that does not predict returns the state of the last frame.
+        """
 
 
 class Setting(NamedTuple):
-    """The arguments from which an estimator is created: model, frame period and delay."""
+    """Arguments from which any estimator is created: model, frame period and delay."""
 
     model: Model  # with the rest shape of the actual body, and with its hysteresis and creep
     period: float  # s, of the frames
@@ -95,7 +101,7 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimatorKind:
-    """A registered kind of estimator: its name, its constructor and its properties.
+    """A registered estimator: its name, its constructor, and what it can process.
 
     Attributes
     ----------

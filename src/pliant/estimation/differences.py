@@ -1,4 +1,4 @@
-"""The simplest estimator, without a model: measured angles, and rates by low-pass filtered differences."""
+"""The simplest estimator, without a model: measured angles, and rates from low-pass filtered differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 class Differences:
-    """Estimator without a model: the angles of the last frame, and rates by differences with a first-order filter.
+    """Estimator without a model: link angles of the last frame, and rates from differences with a first-order filter.
 
     Its covariance comes from the noise of the frames; the lag of the rates is not included.
 
@@ -47,7 +47,7 @@ class Differences:
         del time, pressure
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take the angle of every link [rad]; a lost frame, or one not newer than the last, is ignored.
+        """Take the measured angle of every link [rad]. A lost frame, or one not newer than the last, is ignored.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class Differences:
         self._time, self._angle, self._variance = time, angle, variance
 
     def state(self, time: float) -> State:
-        """Return the state at the last frame, whatever `time` is."""
+        """Return the state at the last frame, for any `time`, as this estimator does not predict."""
         del time
         return State(
             self._time, self._angle.copy(), self._rate.copy(), self._still.copy(), self._still.copy(),
@@ -89,7 +89,7 @@ class Differences:
 
 
 def make(setting: Setting) -> Differences:
-    """Return an estimator by differences for a `Setting`."""
+    """Return an estimator by differences, created from the arguments in `setting`."""
     return Differences(setting.model)
 
 

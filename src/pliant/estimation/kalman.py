@@ -1,4 +1,6 @@
-"""Extended Kalman filter for use during an experiment; frames that arrive late are inserted at their time."""
+"""Extended Kalman filter for use during an experiment.
+Frames that arrive late are applied at the time they were taken.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that mod
 
 
 class FilterEvent(NamedTuple):
-    """A pressure sample or a frame that the filter received, with its time."""
+    """A pressure sample or a measured frame, with its time, as the filter received it."""
 
     time: float  # s
     pressure: Array | None  # (C,) Pa, held from here on; None for a frame
@@ -40,7 +42,9 @@ class FilterEvent(NamedTuple):
 
 
 class FilterSnapshot(NamedTuple):
-    """The filter before an event; `state` holds angles, rates, disturbance, covariance and hysteresis in one vector."""
+    """Saved state of the filter before an event: angles, rates, disturbance, covariance and
+    hysteresis as one vector.
+    """
 
     time: float
     pressure: Array  # (C,) Pa
@@ -50,7 +54,7 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """Numbers of frames by how the filter used them."""
+    """Numbers of frames by what the filter did with them: used, without values, late, too late, flipped."""
 
     used: int = 0
     skipped: int = 0  # without any value
@@ -61,7 +65,7 @@ class Counts:
 
 
 class KalmanFilter:
-    """Extended Kalman filter that runs during an experiment, on pressures and frames of the shape.
+    """Extended Kalman filter for use during an experiment: it takes pressures and measured frames as they arrive.
 
     Parameters
     ----------
@@ -144,7 +148,7 @@ class KalmanFilter:
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
-        """Take a pressure sample [Pa] at `time` [s], (C,) for several chambers; it holds until the next one.
+        """Take pressures (C,) [Pa] of C chambers at `time` [s]. They count as constant until the next sample.
 
         Raises
         ------
@@ -153,11 +157,11 @@ class KalmanFilter:
         """
         held = self.model.actuation.pressures(pressure)
         if not (np.isfinite(held).all() and math.isfinite(time)):
-            raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s")
+            raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s: leave this sample out")
         self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a frame of the shape at `time` [s]: `rows` (m, 4) from `rows_of`, with values (m,) and variances (m,).
+        """Take a measured frame at `time` [s]: values (m,), their variances (m,), and `rows` (m, 4) that define them.
 
         Positions and angles are in the model's base frame; NaN values are skipped. In space, rows are (m, 5), and an
         orientation is a rotation vector in three rows. One that differs from the model's by more than 90 degrees is
@@ -171,14 +175,14 @@ class KalmanFilter:
         rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
         check_frame(self.model, rows, values, variance)
         if not math.isfinite(time):
-            raise InputError(f"a frame must have a finite time, got {time} s")
+            raise InputError(f"a frame must have a finite time, got {time} s: leave this frame out")
         if not np.isfinite(values).any():
             self.counts.skipped += 1
             return
         self._take(FilterEvent(float(time) - self.latency, None, rows, values, variance))
 
     def state(self, time: float) -> State:
-        """Return the state at `time` [s], or at the newest event if that is later."""
+        """Return the estimated state at `time` [s], or at the newest event if that is later."""
         self.advance(time)
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
@@ -209,7 +213,7 @@ class KalmanFilter:
         return np.asarray((shift + left * strain - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
-        """Predict to `time` [s] under the current pressure; a time in the past changes nothing."""
+        """Predict the state to `time` [s] under the current pressure. An earlier time changes nothing."""
         span = time - self.time
         if not span > 1e-12 or math.isinf(span):
             return
@@ -289,7 +293,7 @@ class KalmanFilter:
 
 
 def make(setting: Setting) -> KalmanFilter:
-    """Return a Kalman filter for a `Setting`, which starts at the first event."""
+    """Return a Kalman filter, created from the arguments in `setting`. It starts at the first pressure or frame."""
     return KalmanFilter(setting.model, time=-math.inf)
 
 

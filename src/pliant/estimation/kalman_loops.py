@@ -1,4 +1,4 @@
-"""Compiled loops of the Kalman filter: prediction with exact Jacobians, sequential updates, whole recordings.
+"""Compiled loops of the Kalman filter: prediction with exact Jacobians, correction, and whole recordings.
 
 The state is (phi, w) or (phi, w, d): absolute angles [rad] and rates [rad/s] of the links, and a disturbance torque
 [N m] of each joint, a random walk. With S extensible segments, strains, strain rates and their disturbances follow the
@@ -20,7 +20,7 @@ FADE = 0.1  # s, decay time of the recent motion
 
 
 def predict(state, model, h, torque, noise, workspace):
-    """Advance the estimate and its covariance P (N, N) by one step h [s] under the mean `torque` (n,) [N m].
+    """Advance the filter's state and covariance by one step h [s] under mean joint torques (n,) [N m], in place.
 
     Writes the Jacobian of the step to workspace.J, one row for each variable. Returns -1 if the step failed, else 0.
     """
@@ -56,7 +56,7 @@ def predict(state, model, h, torque, noise, workspace):
 
 
 def moved(J, B, N, n, W):
-    """Write the first 2n rows of F B to W, for the step's Jacobian F and a matrix B (N, N).
+    """Write to W the first 2n rows of the product F B, for a time step's Jacobian F (N, N) and a matrix B (N, N).
 
     The columns of F = [[A, G], [0, 1]] are the rows of J (3n, 2n). The other rows of F B are those of B. Used for the
     covariance and for the transition of a whole frame.
@@ -71,7 +71,7 @@ def moved(J, B, N, n, W):
 
 
 def propagate(P, N, n, J, W):
-    """Replace the covariance P (N, N) by F P F^T, with the rows of J as the columns of F."""
+    """Replace the covariance P (N, N) by F P F^T in place, where F is the Jacobian of a time step."""
     m = 2 * n
     moved(J, P, N, n, W)
     for a in range(m):
@@ -89,7 +89,8 @@ def propagate(P, N, n, J, W):
 
 
 def add_noise(P, n, h, gain, noise, J, G):
-    """Add to P the covariance of white torques held over the step, and of the disturbance's random walk.
+    """Add the process noise of one step h [s] to the covariance P (N, N): white torques and the disturbance's random
+    walk.
 
     `G` (2n,) is workspace.
     """
@@ -115,12 +116,14 @@ def add_noise(P, n, h, gain, noise, J, G):
 
 
 def recall(power, h, recent):
-    """Update the recent peak of the mean square joint rate [rad^2/s^2], which decays within `FADE`."""
+    """Update in place the recent peak of the mean square joint rate `power` [rad^2/s^2].
+    It decays with the time constant `FADE`.
+    """
     recent[0] = max(power, recent[0] / (1.0 + h / FADE))
 
 
 def update(state, model, frame, workspace):
-    """Correct the estimate by a frame, one row after another; missing values are skipped.
+    """Correct the filter's state by a measured frame, one value after another. Missing values are skipped.
 
     All rows are linearised about the prediction, which gives the same estimate as a joint update without factoring a
     matrix. Each innovation is independent of those before it. Writes them to `frame.innovation`, scaled to unit
@@ -171,7 +174,9 @@ def update(state, model, frame, workspace):
 
 
 def correct(state, model, change, workspace):
-    """Add a change (N,) to the state; slip elements and Bouc-Wen states follow the joint, creep states do not."""
+    """Add a correction (N,) to the filter's state.
+    Slip elements and Bouc-Wen states follow the joints, creep states do not.
+    """
     phi, w, d, _P, memory_state = state
     joints, law, remembers = model.joints, model.memory, model.remembers
     n = len(phi)
@@ -185,7 +190,9 @@ def correct(state, model, change, workspace):
 
 
 def predict_span(state, model, prediction, workspace):
-    """Predict over several steps under one torque; return -1 if a step failed, else 0."""
+    """Advance the filter's state and covariance by several steps under constant torque; return -1 if a step failed,
+    else 0.
+    """
     for _ in range(prediction.steps):
         if predict(state, model, prediction.h, prediction.torque, prediction.noise, workspace) < 0:
             return -1
@@ -193,14 +200,14 @@ def predict_span(state, model, prediction, workspace):
 
 
 def many_frames(count, state, model, prediction, frame, workspace):
-    """Filter `count` identical frames, to measure the time per frame in a benchmark."""
+    """Filter `count` identical frames, so that a benchmark can measure the time per frame."""
     for _ in range(count):
         predict_span(state, model, prediction, workspace)
         update(state, model, frame, workspace)
 
 
 def filter_record(state, model, plan, noise, frames, out, workspace):
-    """Filter a whole recording and write predictions, estimates, covariances and innovations to `out`.
+    """Filter a whole recording; write predictions, estimates, covariances and innovations of each frame to `out`.
 
     `plan` is (h, torque, first step of each frame); `frames` has values (T, m). `out` receives, frame by frame, the
     prediction and the estimate (T, N), their covariances (T, N, N), the transition from the frame before (T, N, N),
@@ -233,7 +240,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
 
 
 def chain_transition(F, N, n, J, W):
-    """Replace F (N, N) by the transition of one more step times F."""
+    """Replace the transition matrix F (N, N) by the product of the next time step's Jacobian and F."""
     moved(J, F, N, n, W)
     for a in range(2 * n):
         for b in range(N):
@@ -241,7 +248,7 @@ def chain_transition(F, N, n, J, W):
 
 
 def store(state, x, C):
-    """Copy the estimate to x (N,) and its covariance to C (N, N)."""
+    """Copy the filter's state to x (N,) and its covariance to C (N, N)."""
     phi, w, d, P, _memory = state
     n = len(phi)
     for a in range(P.shape[0]):

@@ -1,4 +1,4 @@
-"""Link angles from points along the body, and the model with the rest shape of the actual body."""
+"""Link angles from points along a planar body, and a model with the body's measured rest shape."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 class LinkAngles:
-    """Angles of the links from points along a planar body, by chords between the points at the model's joints.
+    """Angles of the links of a planar chain, computed from points (such as markers) along the body.
 
     Parameters
     ----------
@@ -53,7 +53,9 @@ class LinkAngles:
         self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
     def ends(self, points: Array) -> Array:
-        """Return the ends of the links (n + 1, 2) [m], the base first, for points (S, 2) [m]."""
+        """Return the ends of the n links (n + 1, 2) [m], base first, interpolated between S points of the body (S, 2)
+        [m].
+        """
         return (1 - self._share) * points[self._left] + self._share * points[self._left + 1]
 
     def __call__(self, points: Array) -> Array:
@@ -62,7 +64,8 @@ class LinkAngles:
         return np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
 
     def frame(self, points: Array) -> Frame:
-        """Return the angles between links as a `Frame` for estimators, from points (S, 2) [m]; NaN if one is lost.
+        """Return the angles between links as a `Frame` for an estimator, from S points (S, 2) [m]; NaN if a point is
+        lost.
 
         Angles between links have independent errors, absolute ones do not.
 
@@ -79,14 +82,17 @@ class LinkAngles:
 
 
 def joint_rows(model: Model) -> Array:
-    """Return rows (n, 4) that measure the angle of each link relative to the one before; the first relative to +y."""
+    """Return rows (n, 4) that declare as measured the angle of each link relative to the one
+    before, the first to +y.
+    """
     return np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)], dtype=float)
 
 
 
 
 def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
-    """Return `rows` if they are `joint_rows(model)`; raise InputError otherwise. `who` names the estimator.
+    """Return `rows` if they declare the angles between links as measured (`joint_rows`); else raise InputError. `who`
+    names the estimator.
 
     Raises
     ------
@@ -102,7 +108,8 @@ def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
 
 
 def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
-    """Return the model with the rest angles and link lengths of the actual body, from frames (T, S, 2) [m] at rest.
+    """Return the model with rest angles and link lengths measured on the actual body at rest, from T frames (T, S, 2)
+    [m].
 
     `arc_length` (S,) [m] gives the positions of the points along the body. Stiffness, damping and torque law stay. Lost
     frames (NaN) are ignored.
@@ -114,7 +121,10 @@ def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     """
     whole = frames[np.isfinite(frames).all(axis=(1, 2))]
     if len(whole) < 5:
-        raise InputError(f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}")
+        raise InputError(
+            f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}: record the body at "
+            "rest for longer, with all points in view"
+        )
     mean = whole.mean(axis=0)
     link_angles = LinkAngles(model, arc_length)
     ends = link_angles.ends(mean)

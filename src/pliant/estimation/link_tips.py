@@ -1,4 +1,4 @@
-"""Link tips from material points of an extensible or spatial body, and the rest shape of the actual body."""
+"""Link tips from markers on an extensible or spatial body, and a model with the body's measured rest shape."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TURNS = 12  # iterations: the rotation of joints by weight depends on the rest a
 
 
 class LinkTips:
-    """Positions of the link tips, interpolated between material points of the body such as markers.
+    """Computes the positions of the link tips from material points along the body, such as markers.
 
     A tip lies between its two neighbouring points, divided in the same ratio as on the unstretched body.
 
@@ -54,12 +54,15 @@ class LinkTips:
         self._variance = np.full(len(self.rows), noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Return the link tips (..., n, 2) [m] for points (..., S, 2) [m]; in space (..., n, 3) for (..., S, 3)."""
+        """Return the tips (..., n, 2) [m] of n links from positions (..., S, 2) [m] of S points along the body; in
+        space (..., 3).
+        """
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
         return np.asarray((1.0 - self._share) * near + self._share * far)
 
     def frame(self, points: Array) -> Frame:
-        """Return the tips as a `Frame` for estimators, from points (S, 2), in space (S, 3) [m]; NaN where one is lost.
+        """Return the link tips at one instant as a `Frame` for an estimator, from marker positions (S, 2) or (S, 3)
+        [m]. The tips are NaN if a marker is lost.
 
         Raises
         ------
@@ -73,7 +76,7 @@ class LinkTips:
 
 
 def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
-    """Return the model with the rest shape of the actual body, and its `LinkTips` with the noise measured at rest.
+    """Return the model with the rest shape measured in `frames`, and its `LinkTips` with the noise measured at rest.
 
     Rest angles (in space rest rotations) follow from `frames` (T, S, d) [m] at rest. Lengths, stiffness, damping and
     torque law stay. Lost frames (NaN) are ignored.
@@ -86,7 +89,10 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
     link_tips = LinkTips(model, arc_length)
     tips = link_tips.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
     if len(tips) < WHOLE:
-        raise InputError(f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}")
+        raise InputError(
+            f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}: record the body "
+            "at rest for longer, with all points in view"
+        )
     fitted = model
     for _ in range(TURNS):
         bend, shape = state.equilibrium(fitted), tips.mean(axis=0)
@@ -95,7 +101,9 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
 
 
 def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the model with the rest angles at which its links, bent by `bend` (n + S,), end at tips (n, 2) [m]."""
+    """Return the planar model whose links end at `tips` (n, 2) [m] when bent by `bend`, by new rest angles.
+    `bend` (n + S,) holds n joint angles [rad] and S strains.
+    """
     joint = (1.0 + model.stretch_share[0] @ bend[model.n :]) * model.first_joint
     across = np.diff(tips, axis=0, prepend=joint[None])
     angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
@@ -103,7 +111,8 @@ def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
 
 
 def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the model with rest rotations, changed least, at which its links, turned by `bend` (N,), end at the tips.
+    """Return the spatial model with rest rotations at which its links end at `tips` [m] while turned by `bend` (N,)
+    [rad]. Each rest rotation changes as little as possible.
 
     The tips (n, 3) [m] do not show twist.
     """

@@ -1,4 +1,4 @@
-"""Measurement rows of an aligned recording: coordinates and angles of stations, or joint angles of a dense curve."""
+"""Conversion of a recording to filter measurements: positions and angles of stations, or angles of a body curve."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above whic
 
 
 class Measurement(NamedTuple):
-    """A measurement over time: rows (m, 4) of (kind, link, along, across), values (T, m), variances (m,)."""
+    """What the filter compares with the model over T frames: m measured quantities, values and variances.
+    Each row (m, 4) describes a quantity: kind, link, and its distances along and across the link [m].
+    """
 
     time: Array  # (T,) s, as stamped
     rows: Array  # in space (m, 5), followed by aside
@@ -38,7 +40,8 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Return measurement rows (m, 4) for x and y, and optionally the angle, of stations in the model's base frame.
+    """Return rows (m, 4) that define the measured quantities: x, y and optionally the angle of stations.
+    Each row holds the kind, the link, and the distances along and across the link [m].
 
     Each row is (kind, link, along, across). In space, rows (m, 5) for x, y and z, with aside as the last entry. With
     `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
@@ -62,12 +65,14 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
 
 
 def row_width(model: Model) -> int:
-    """Return the number of entries of a measurement row: 4 (kind, link, along, across), in space 5 (aside too)."""
+    """Return the number of columns that define a measured quantity: 4 (kind, link, along, across), 5 in space (also
+    aside).
+    """
     return 4 if model.space is None else 5
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
-    """Raise InputError if rows, values and variances of a frame differ in number, or an orientation is incomplete.
+    """Raise InputError if rows, values and variances of a measured frame differ in number or lack a component.
 
     Raises
     ------
@@ -85,11 +90,14 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
             and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
         raise InputError("an orientation needs three consecutive rows of one link: make them with rows_of")
     if (np.linalg.norm(np.nan_to_num(values[turns].reshape(-1, 3)), axis=1) > HALF_TURN).any():
-        raise InputError("an orientation must be a rotation vector of at most half a turn (pi rad)")
+        raise InputError(
+            "an orientation must be a rotation vector of at most half a turn (pi rad): convert it by "
+            "scipy.spatial.transform.Rotation.as_rotvec"
+        )
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
-    """Return the number of orientations in `values` (..., m) that the filter rejected as flipped markers.
+    """Return how many orientations in `values` (..., m) the filter rejected because a marker appeared flipped.
 
     These are the orientations that were given but are NaN in `seen` (..., m).
     """
@@ -101,7 +109,7 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
-    """Return the measurement of a model by an aligned recording: rows, values and variances over time.
+    """Return the filter's measurement from an aligned recording: quantities, values (T, m) and variances (m,).
 
     Positions of the model's stations are used, with their angles where recorded. A dense curve, base first, without any
     of these stations is compressed to the angles between links that divide the curve's length as the model's do. In
@@ -127,7 +135,10 @@ def measurement_of(
     wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)
     known = {p.name: p for p in model.points}
     if missing := [s for s in wanted if s not in names or s not in known]:
-        raise InputError(f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}")
+        raise InputError(
+            f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}: "
+            "give the station the same name in both, or leave it out"
+        )
     if wanted:
         return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
     if len(names) >= 3 * model.n and not space:
@@ -140,7 +151,7 @@ def measurement_of(
 
 
 def bends_away(recording: xr.Dataset, model: Model) -> bool:
-    """Return whether the measured pressure of the only chamber bends the body to the other side than the model."""
+    """Return whether the recorded pressure bends the body to the opposite side of what the model predicts."""
     if "pressure" not in recording or "position" not in recording or model.actuation.count > 1:
         return False
     pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
@@ -154,7 +165,7 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
-    """Return the measurement of named stations: coordinates, and angles or, in space, orientations where recorded."""
+    """Return the filter's measurement of named stations: positions, and recorded angles or orientations."""
     names = [s.name for s in stations]
     angled = "angle" in recording and model.space is None
     axes = recording["axis"].values
@@ -181,7 +192,7 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
-    """Return the recorded angles of the stations as absolute link angles (T, S), rad."""
+    """Return the recorded angles (T, S) [rad] of S stations, converted to absolute link angles."""
     angle = recording["angle"].sel(station=[s.name for s in stations])
     turned = angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
@@ -190,7 +201,7 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
 
 
 def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
-    """Return the recorded orientations as rotation vectors (T, 3) [rad] of the links' frames, by station index.
+    """Return recorded orientations as rotation vectors (T, 3) [rad] of the stations' links, by station index.
 
     A recording holds rotations since its rest, in the axes of the base frame. Stations without an orientation are
     omitted.
@@ -209,7 +220,8 @@ def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:
-    """Return the measurement of a dense curve: angles between links laid through it; incomplete frames are NaN.
+    """Return the filter's measurement from a dense body curve: the angle between each link and the one before.
+    Incomplete frames are NaN.
 
     The curvature of a sensor fibre has independent errors from point to point. Angles between neighbouring links
     therefore have independent errors too, whereas the tips, which are sums of them, have not.

@@ -1,4 +1,4 @@
-"""Noise levels of model and sensors that estimators assume."""
+"""Noise levels of the model and the sensors that state estimators assume."""
 
 from __future__ import annotations
 
@@ -72,24 +72,26 @@ class Noise:
                 raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
-        """Return spectral densities for the loops: joint torques, common torque, disturbance rate and its growth."""
+        """Return the spectral densities of the process noise: joint torques, common torque, disturbance rate, and its
+        growth with motion.
+        """
         common = np.array([(float(c.lever_at(0.0)) * self.pressure) ** 2 for c in model.chambers])
         size = scales(model) ** 2
         return self.torque**2 * size, common, self.random_walk**2 * size, float(self.motion_growth)
 
     def states(self, model: Model) -> int:
-        """Return the number of states: angles, rates and, if it is estimated, the disturbance."""
+        """Return the number of filter states: angles, rates and, if it is estimated, the disturbance torques."""
         return model.size * (3 if self.random_walk > 0 or self.initial_disturbance > 0 else 2)
 
     def initial(self, model: Model) -> Array:
-        """Return the covariance (N, N) of the initial state."""
+        """Return the covariance (N, N) of the filter's N states at the start."""
         levels = np.outer([self.initial_angle, self.initial_rate, self.initial_disturbance], np.ones(model.size))
         levels[2] *= scales(model)
         return np.diag(levels.ravel()[: self.states(model)] ** 2)
 
 
 def scales(model: Model) -> Array:
-    """Return the size (N,) of the noise of each generalised force relative to a joint's bending torque.
+    """Return factors (N,) for the noise of each joint coordinate's force, relative to a joint's bending torque.
 
     It is 1 for the bending of joints. For strains of segments, and in space for bending about y and for twist, it is
     their stiffness over the joints' mean.
@@ -101,7 +103,8 @@ def scales(model: Model) -> Array:
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
-    """Return default noise levels in proportion to the model's stiffness, with or without a disturbance torque.
+    """Return default noise levels in proportion to the model's stiffness.
+    With `disturbance` they include a disturbance torque.
 
     Without a disturbance, model errors are described by white torque noise, which fits them less well.
     """

@@ -1,4 +1,4 @@
-"""States with uncertainties from a recording and a model: filter, fixed-lag smoother and tests of consistency."""
+"""State estimation from a whole recording: Kalman filter, fixed-lag smoother, and tests of consistency."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def estimate(
     source, held = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
-        raise InputError(f"estimation needs at least three frames, got {times.size}")
+        raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
     plan = drive_plan(held, source, times, step)
     out = run(held, measurement, plan, settings)
     return described(held, measurement, out, settings, plan, lag)
@@ -128,7 +128,7 @@ def input_of(
     recording: xr.Dataset, model: Model, pressure: Input | Sequence[Input] | None, window: float = 0.0,
     drive: Mapping[str, str | int] | None = None,
 ) -> tuple[Input | Sequence[Input], Model]:
-    """Return the pressure inputs of a recording, and the model for them: without valves if they were measured."""
+    """Return the pressure inputs of a recording and the model for them, without valves if pressures were measured."""
     if pressure is not None:
         return pressure, model
     if "pressure" not in recording:
@@ -142,7 +142,7 @@ def input_of(
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
-    """Return times and values of the centred moving average over `window` [s] of a piecewise linear signal.
+    """Return times and values of the moving average over `window` [s] of a signal that is linear between samples.
 
     The window narrows towards both ends. Where samples are further apart than half the window, times are added at which
     the mean starts and stops changing.
@@ -163,7 +163,7 @@ def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
 
 
 def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
-    """Return the integral of a piecewise linear signal from the first sample to the times `at`."""
+    """Return the integral of a signal, linear between samples, from the first sample to each of the times `at`."""
     k = np.clip(np.searchsorted(clock, at, side="right") - 1, 0, clock.size - 2)
     u = at - clock[k]
     slope = (values[k + 1] - values[k]) / (clock[k + 1] - clock[k])
@@ -171,7 +171,7 @@ def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
 
 
 def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> FilterOutput:
-    """Filter a recording with the compiled loop."""
+    """Run the compiled Kalman filter over all frames of a measured recording."""
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
     own = FilterState(
@@ -194,19 +194,20 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
-    """Return a `FilterFrame` for values (m,), or (T, m) for many frames, with a scratch array for innovations (m,)."""
+    """Return the measurement that the compiled filter takes, for values (m,) of one frame or (T, m) of T frames."""
     constants = mechanics_of(model).observed()[0]
     return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:
-    """Return the constants of a model for the filter's loops."""
+    """Return the model constants that the compiled filter takes."""
     gain, memory = np.array(model.actuation.columns), model.memory
     return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
-    """Return joint coordinates, rates and disturbances with standard deviations, from states and covariances.
+    """Return joint coordinates, rates and disturbance torques with their standard deviations, from states x and
+    covariances P.
 
     `x` is (T, k N), `P` (T, k N, k N). The result holds dataset variables: name to dimensions, values and units.
     """
@@ -224,14 +225,14 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
 
 
 def standard_deviations(T: Array, P: Array) -> Array:
-    """Return the standard deviations (T, n) of T x for covariances P (T, N, N) of x."""
+    """Return the standard deviations (T, n) of the linear combinations T x, for covariances P (T, N, N) of x."""
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 
 def described(
     model: Model, measurement: Measurement, out: FilterOutput, noise: Noise, plan: Drive, lag: int
 ) -> xr.Dataset:
-    """Return the dataset of `estimate` from the output of the filter."""
+    """Return the dataset of `estimate` with filtered and smoothed states, from the output of the filter."""
     data: dict[str, Any] = {}
     for prefix, (x, P) in {"": (out.estimate, out.covariance), "smooth_": smooth(out, lag)}.items():
         for name, (dims, values, units) in split(model, x, P).items():
@@ -257,7 +258,7 @@ def described(
 
 
 def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Model, lag: int) -> dict[str, Any]:
-    """Return the attributes of the dataset: consistency of the innovations, counts of frames, and settings."""
+    """Return dataset attributes of a filter run: consistency of the innovations, counts of frames, and settings."""
     used = out.score[:, 0]
     settled = np.flatnonzero(used > 0)[1:]  # the first one meets the assumed start
     correlation, bound = whiteness(out.innovation[settled])
@@ -277,12 +278,14 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Return the normalised estimation error squared (...,) of errors (..., N) with covariances (..., N, N)."""
+    """Return the normalised squared estimation error (...,), e^T P^-1 e, for errors (..., N) and covariances (..., N,
+    N).
+    """
     return np.asarray(np.einsum("...a,...a->...", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
 
 
 def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
-    """Return the bounds of the mean of independent chi-square numbers over their mean degree of freedom.
+    """Return the interval that holds the mean of chi-square numbers, each over its degrees of freedom, at this level.
 
     A mean of normalised squares, divided by its mean degree, lies between the bounds with probability `level` if the
     covariances are right. Its expected value is 1.
@@ -291,13 +294,16 @@ def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
 
     total = float(np.sum(degrees))
     if total <= 0:
-        raise InputError("consistency needs at least one used value, but no row of any frame was used")
+        raise InputError(
+            "consistency needs at least one used value, but no row of any frame was used: check that the recording "
+            "holds values that are not NaN"
+        )
     low, high = 2.0 * gammaincinv(0.5 * total, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return float(low) / total, float(high) / total
 
 
 def whiteness(innovation: Array) -> tuple[float, float]:
-    """Return the lag-one correlation of whitened innovations (T, m), and its 95 % bound.
+    """Return the correlation between successive whitened innovations (T, m), and its 95 % bound for white noise.
 
     The correlation of white innovations lies within the bound. A larger one means a model error that persists from
     frame to frame.
@@ -305,14 +311,14 @@ def whiteness(innovation: Array) -> tuple[float, float]:
     left, right = innovation[:-1], innovation[1:]
     both = np.isfinite(left) & np.isfinite(right)
     if both.sum() < 2:
-        raise InputError("whiteness needs two consecutive frames without missing values")
+        raise InputError("whiteness needs two consecutive frames without missing values: record with fewer gaps")
     power = 0.5 * float(np.sum(left[both] ** 2) + np.sum(right[both] ** 2))
     common = float(np.sum(left[both] * right[both]))
     return common / power if power else 0.0, 1.96 / float(np.sqrt(both.sum()))
 
 
 def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
-    """Return states (T, N) and covariances (T, N, N) of each frame, given all frames up to `lag` frames later.
+    """Return smoothed states (T, N) and covariances (T, N, N), where each frame also uses the `lag` frames after it.
 
     x_{k|k+L} = x_k + sum_{j=1..L} C_k ... C_{k+j-1} (x_{k+j} - x^-_{k+j}),  C_k = P_k F_{k+1}^T (P^-_{k+1})^{-1}
 
@@ -341,7 +347,7 @@ def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
 
 
 def gains(out: FilterOutput) -> Array:
-    """Return the smoothing gains C_k (T - 1, N, N) from each frame to the next.
+    """Return the smoother's gain matrices C_k (T - 1, N, N), from each of T frames to the next.
 
     States with zero variance (known, and constant in the model) are scaled by 1 so that the division stays defined.
     """

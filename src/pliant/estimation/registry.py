@@ -1,4 +1,6 @@
-"""Registry of estimators: the built-in ones, and those of other packages (entry points ``pliant.estimators``)."""
+"""Registry of the state estimators: built-in ones, and those that other packages add (entry points
+``pliant.estimators``).
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,10 @@ BUILT_IN = {
 
 
 def estimators() -> dict[str, EstimatorKind]:
-    """Return all known kinds of estimators by name."""
+    """Return all known estimators by name, each with its constructor and properties."""
     return offered(GROUP, BUILT_IN, EstimatorKind)
 
 
 def estimator_kind(name: str) -> EstimatorKind:
-    """Return the kind of estimator called `name`; raise InputError with the known names otherwise."""
+    """Return the registered estimator called `name`; raise InputError with the known names if there is none."""
     return chosen(GROUP, BUILT_IN, EstimatorKind, name)

@@ -1,4 +1,4 @@
-"""Detection of the time at which a hand that held a body let go, from the disturbance torques of `estimate`."""
+"""Detection of the time at which a hand let go of a body, from the disturbance torques of `estimate`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REST = 50  # frames at the end of the recording
 
 
 class Release(NamedTuple):
-    """The times at which the pull of a hand ended, and its torques.
+    """Times between which the pull of a hand on a body ended, and the joint torques while the hand held it.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Release(NamedTuple):
 
 
 def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
-    """Return when the pull that held a body at the start of a recording ended.
+    """Return when a hand let go of a body that it held at the start, from the result of `estimate` as `found`.
 
     The pull is the median torque of `frames` frames after the first `start` frames, in which the filter converges.
     Later torques are projected onto it. A slow release appears as a long time from `begin` to `gone`.
@@ -64,7 +64,8 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     parts = [name for name in ("disturbance", "disturbance_x", "disturbance_y") if name in found]
     if not parts or found.sizes["time"] < start + 2 * frames:
         raise InputError(
-            f"release_of needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames"
+            f"release_of needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames: pass a "
+            "result of `estimate` with both"
         )
     time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
     held = np.median(torque[start : start + frames], axis=0)
@@ -72,7 +73,8 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
     if np.linalg.norm(held) <= CLEAR * left:
         raise InputError(
             f"the torque at the start, {np.linalg.norm(held):.3g} N m, is below {CLEAR:g} times that at the end, "
-            f"{left:.3g} N m: the body was not held at the start, or is still held at the end"
+            f"{left:.3g} N m: the body was not held at the start, or is still held at the end; record from before the "
+            "release until the body is free"
         )
     pull = torque @ held / float(held @ held)
     later = np.arange(start + frames, time.size)

@@ -1,4 +1,4 @@
-"""Named tuples that hold the arguments of the compiled loops of estimation, and their allocation."""
+"""Named tuples of arguments for the compiled loops of estimators, and functions that allocate them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 class ObserverModel(NamedTuple):
-    """The model that the adaptive observer simulates, as constants of the compiled loop."""
+    """Constants of the model that the adaptive observer simulates: inertia, springs, chambers, hysteresis."""
 
     joints: Joints
     body: Body
@@ -38,7 +38,9 @@ class ObserverModel(NamedTuple):
 
 
 class ObserverGains(NamedTuple):
-    """Constant gain of the adaptive observer, and the linear model for the estimation of its torque factor."""
+    """Constant gain of the adaptive observer, and the linear model from which it learns a factor on the actuation
+    torque.
+    """
 
     gain: np.ndarray  # (3n, n), of angles, rates and rest shifts
     precision: np.ndarray  # (n, n) 1/rad^2, inverse of the innovations' covariance
@@ -48,7 +50,9 @@ class ObserverGains(NamedTuple):
 
 
 class ObserverState(NamedTuple):
-    """State of the adaptive observer, changed in place."""
+    """State of the adaptive observer, changed in place: angles, rates, shifts of the rest angles, and a factor on the
+    torque.
+    """
 
     angle: np.ndarray  # (n,) rad, absolute
     rate: np.ndarray  # (n,) rad/s
@@ -62,7 +66,7 @@ class ObserverState(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """Time steps of the adaptive observer within a frame period."""
+    """Number and length of the adaptive observer's time steps between two frames, and its innovation limit."""
 
     parts: int  # steps in a period
     h: float  # s, length of one
@@ -70,7 +74,7 @@ class Pace(NamedTuple):
 
 
 class ObserverWorkspace(NamedTuple):
-    """Scratch arrays for one frame of the adaptive observer."""
+    """Scratch arrays for one prediction and correction of the adaptive observer."""
 
     held: Held
     work: Workspace
@@ -81,7 +85,8 @@ class ObserverWorkspace(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """State of the Kalman filter, changed in place, with N = 2n or 3n states of n links.
+    """State of the Kalman filter for n links, changed in place: angles, rates, disturbance torques and covariance (N,
+    N). N is 2n, or 3n if disturbance torques are estimated.
 
     With S extensible segments, n + S replaces n.
     """
@@ -94,7 +99,7 @@ class FilterState(NamedTuple):
 
 
 class FilterModel(NamedTuple):
-    """The constants of a model that the filter's loops need."""
+    """Model constants that the Kalman filter's compiled loops need: gains, inertia, springs, hysteresis."""
 
     gain: np.ndarray  # (C, n) factor on the torque of each chamber at each joint; (C, N + R) with tendons
     body: Body | ExtensibleBody | SpatialBody
@@ -104,7 +109,7 @@ class FilterModel(NamedTuple):
 
 
 class FilterNoise(NamedTuple):
-    """Spectral densities of the filter's process noise."""
+    """Spectral densities of the Kalman filter's process noise, from joints, chambers and disturbance torques."""
 
     own: np.ndarray  # (n,) (N m)^2 s, of the torque of each joint
     common: np.ndarray  # (C,) (N m)^2 s, of the torque of each chamber, from the noise of its pressure
@@ -114,7 +119,7 @@ class FilterNoise(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """The time steps, torque and noise of a prediction to the time of a frame."""
+    """Number and length of the Kalman filter's time steps until the next frame, with mean torque and process noise."""
 
     steps: int
     h: float  # s, length of a step
@@ -123,7 +128,7 @@ class Prediction(NamedTuple):
 
 
 class FilterFrame(NamedTuple):
-    """The measurement by which the filter is corrected: one frame (m,), or all frames (T, m) of a recording."""
+    """Measurement that corrects the Kalman filter: one frame of m values, or all T frames (T, m) of a recording."""
 
     base_angle: float  # rad
     chain: ObservedChain | SpatialBody
@@ -134,7 +139,7 @@ class FilterFrame(NamedTuple):
 
 
 class FilterWorkspace(NamedTuple):
-    """Scratch arrays for one prediction or update: n links, N states, m rows of the measurement."""
+    """Scratch arrays for one prediction or correction of the Kalman filter."""
 
     work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
@@ -152,7 +157,7 @@ class FilterWorkspace(NamedTuple):
 
 
 class FilterOutput(NamedTuple):
-    """Output of `kalman_loops.filter_record`, frame by frame."""
+    """Output of the Kalman filter for each of T frames: prediction, estimate, covariances and innovations."""
 
     predicted: np.ndarray  # (T, N)
     predicted_covariance: np.ndarray  # (T, N, N)
@@ -164,7 +169,7 @@ class FilterOutput(NamedTuple):
 
 
 def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
-    """Return the scratch arrays of the Kalman filter for a model, with this number of states and measured rows."""
+    """Return the Kalman filter's scratch arrays for a model, a number of states, and a number of measured values."""
     n, chain = model.size, mechanics_of(model)
     slopes = chain.slopes()
     J = slopes if isinstance(slopes, np.ndarray) else slopes.J
@@ -183,7 +188,7 @@ def make_observer_workspace(model: Model) -> ObserverWorkspace:
 
 
 def make_output(frames: int, states: int, rows: int) -> FilterOutput:
-    """Return zeroed output arrays of the Kalman filter for this number of frames, states and measured rows."""
+    """Return zeroed output arrays of the Kalman filter for a number of frames, states and measured values."""
     N = states
     shapes = [(N,), (N, N), (N,), (N, N), (N, N), (rows,), (4,)]
     return FilterOutput(*(np.zeros((frames, *shape)) for shape in shapes))

@@ -1,4 +1,4 @@
-"""Parameters of chambers and tendons: ``name`` for all chambers, ``chamber.name`` for one."""
+"""Fit parameters of chambers and tendons: ``name`` applies to all chambers, ``chamber.name`` to one."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, 
 
 @lru_cache(4096)
 def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the parameter names that match the regular expression `pattern` in full. The result is cached."""
+    """Return those of `names` that match the regular expression `pattern` in full. The result is cached."""
     return tuple(name for name in names if re.fullmatch(pattern, name))
 
 
 class Named(Protocol):
-    """Protocol of a parameter with name, value and whether it is free."""
+    """Interface of a fit parameter with a name, a value and whether it is free."""
 
     @property
     def name(self) -> str: ...
@@ -46,18 +46,20 @@ class Named(Protocol):
 
 
 def owners(model: Model) -> tuple[str, ...]:
-    """Return the chamber names that prefix the parameters of one chamber; () for a single chamber without a name."""
+    """Return the names of the chambers, as used before the dot of a parameter name; () for one
+    chamber without a name.
+    """
     names = tuple(c.name for c in model.chambers)
     return () if names == (Chamber.name,) else names
 
 
 def prefixes(model: Model) -> tuple[str, ...]:
-    """Return the prefix of each chamber's parameters, such as "left."; "" for a lone chamber without a name."""
+    """Return the prefix of each chamber's parameter names, such as "left."; "" for a model with one unnamed chamber."""
     return tuple(f"{name}." for name in owners(model)) or ("",)
 
 
 def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber, ...]:
-    """Return the model's chambers with `values` put in; ``chamber.name`` takes precedence over ``name``.
+    """Return the model's chambers with the parameter `values` applied. ``chamber.name`` overrides ``name``.
 
     In a model of several chambers, a gain applies only with its chamber's name.
     """
@@ -77,7 +79,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 
 
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the fields of a chamber that `values` change, as a dict for `dataclasses.replace`."""
+    """Return a chamber's changed fields under the parameter `values`, as a dict for `dataclasses.replace`."""
     changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
     names = tuple(values)
     if "axial_gain" in values and not isinstance(chamber, Tendon):
@@ -97,12 +99,14 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
 
 
 def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the fields of a tendon that `values` change; {} for a chamber, which has none of them."""
+    """Return a tendon's changed fields under the parameter `values`, as a dict; {} for a pressure chamber."""
     return {name: values[name] for name in TENDON if name in values} if isinstance(chamber, Tendon) else {}
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return the joint gains (n,) of a chamber that `values` change: those of single joints, or all by their mean."""
+    """Return a chamber's joint gains (n,) under the parameter `values`, as a dict; {} if they do not change.
+    Values may set the gain of single joints, or scale all to a mean.
+    """
     changes: dict[str, Array] = {}
     for field in ("joint_gain", "cross_gain"):
         if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", tuple(values))}:
@@ -121,7 +125,7 @@ def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Ar
 
 
 def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return a chamber's gains about both axes, scaled so that their means are ``gain_x`` and ``gain_y``.
+    """Return a chamber's gains about both bending axes, scaled so that their means are ``gain_x`` and ``gain_y``.
 
     The means are over the joints that the chamber turns. The ratio of the lever between joints stays as it is.
     """
@@ -139,11 +143,11 @@ def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Arr
 
 
 def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Raise InputError for parameters that no chamber has, or a gain or chamber name that is ambiguous."""
+    """Raise InputError for parameters of unknown chambers, or for ambiguous names of gains or chambers."""
     mine = owners(model)
     if both := set(mine) & others:
         raise InputError(
-            f"{min(both)!r} names a chamber and a recording or station: rename one, their parameters would be mixed"
+            f"{min(both)!r} names a chamber and a recording or station, whose parameters would be mixed: rename one"
         )
     several = model.actuation.count > 1
     for name in names:
@@ -161,7 +165,9 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
 
 
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
-    """Return the name prefixes of the chambers whose gains and law are all free, so that their mean gain is held."""
+    """Return the name prefixes of chambers whose gains and torque law are all free.
+    The mean gain of such a chamber must be held.
+    """
     listed = {p.name: p for p in parameters}
     several = model.actuation.count > 1
     pairs = zip(prefixes(model), model.chambers, strict=True)
@@ -169,7 +175,9 @@ def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
 
 
 def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, several: bool) -> bool:
-    """Return whether a chamber's joint gains and its torque law's scale are all free, and so not separable."""
+    """Return whether a chamber's joint gains and its torque law's scale are all free, so that only their product is
+    determined.
+    """
 
     def own(name: str) -> Named | None:
         return listed.get(start + name) or (None if name.startswith("joint_gain") and several else listed.get(name))

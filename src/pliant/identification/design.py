@@ -1,4 +1,4 @@
-"""Optimal design of the next recording: rank candidate excitations by the standard errors to expect afterwards."""
+"""Optimal design of the next experiment: excitations ranked by the standard errors to expect after recording them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHIRP = 6.0  # s
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate excitation for the next recording: text, pressure input, duration [s] and peak pressure [Pa].
+    """A pressure input that could be recorded next: description, input function, duration [s] and peak pressure [Pa].
 
     Of several chambers, the pressure drives those named in `chambers`; the others stay at 0 Pa.
     """
@@ -40,7 +40,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """The standard errors to expect when one more recording is made with a given excitation.
+    """Standard errors of the parameters to expect if one more recording is made with a given pressure input.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Design:
-    """Result of `design`: the proposed excitations, best first, and the standard errors without a further recording."""
+    """Result of `design`: proposed pressure inputs, best first, and the standard errors without a further recording."""
 
     now: Proposal
     direction: tuple[str, ...]  # parameters of the least certain direction now
@@ -70,7 +70,7 @@ class Design:
     refused: tuple[str, ...]  # candidates that could not be simulated, with the reason
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the design as a dictionary of plain numbers and strings that JSON can hold."""
+        """Return the experiment design as a dictionary of plain numbers and strings for JSON."""
         rows = [{"words": p.words, "weakest": p.weakest, "volume": p.volume, "std": p.std} for p in self.proposals]
         now = {"weakest": self.now.weakest, "volume": self.now.volume, "std": self.now.std}
         return {"now": now, "direction": list(self.direction), "proposals": rows, "refused": list(self.refused)}
@@ -80,7 +80,7 @@ def design(
     fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
     step: float = 2e-3, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
-    """Rank candidate excitations by the standard errors to expect once each has been recorded.
+    """Rank pressure inputs for the next recording by the parameters' standard errors to expect after it.
 
     The Fisher information of the fit and that of a recording simulated under each candidate are added. The simulated
     recording has noise of the size of the fit's residuals, whose correlation in time is taken into account.
@@ -106,12 +106,12 @@ def design(
     if criterion not in CRITERIA:
         raise InputError(f"unknown criterion {criterion!r}: use E (weakest direction) or D (all directions)")
     if fitted.covariance is None:
-        raise InputError("a design needs a fit with free parameters: this one has no covariance")
+        raise InputError("a design needs the covariance of a fit: fit with at least one free parameter")
     records = {e.name for e in experiments}
     shared = [k for k, n in enumerate(fitted.covariance.names) if n.partition(".")[0] not in records]
     names = [fitted.covariance.names[k] for k in shared]
     if not names:
-        raise InputError("a design needs free parameters that recordings share: this fit has none")
+        raise InputError("a design needs free parameters that recordings share: this fit has none; free another")
     limit = highest if highest is not None else max(highest_of(e) for e in experiments)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
     if not limit > 0 or any(c.level > limit * (1 + 1e-9) for c in offered):
@@ -134,7 +134,9 @@ def design(
 
 
 def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default candidates: pulses up to `limit` [Pa], and chirps where the pressure is measured."""
+    """Return the default pressure inputs to rank, for each chamber alone and all together: pulses and chirps up to
+    `limit` [Pa].
+    """
     names = [c.name for c in model.chambers]
     if len(names) > 1:
         return [
@@ -145,7 +147,9 @@ def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 
 
 def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default candidates for one pressure: pulses up to `limit` [Pa] and, if it is measured, chirps."""
+    """Return the default pressure inputs to rank for one chamber: pulses up to `limit` [Pa] and, if
+    measured, chirps.
+    """
     offered = [
         Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)
@@ -166,7 +170,7 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 def information_gain(
     fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
 ) -> Array:
-    """Return the Fisher information (P, P) that a recording under a candidate adds, per relative parameter change.
+    """Return the Fisher information (P, P), per relative parameter change, that a recording of a candidate input adds.
 
     The edge times of the recording are unknown as well and are marginalised out.
     """
@@ -203,7 +207,7 @@ def information_gain(
 
 
 def sampled(candidate: Candidate) -> Trace:
-    """Return a candidate's pressure as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
+    """Return the pressure input of a candidate as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
     if isinstance(candidate.pressure, Pulse):
         start, stop = candidate.pressure.jumps
         return Trace(np.array([start, start, stop, stop]), candidate.level * np.array([0.0, 1.0, 1.0, 0.0]))
@@ -212,14 +216,18 @@ def sampled(candidate: Candidate) -> Trace:
 
 
 def information_of(covariance: Array) -> Array:
-    """Return the inverse (P, P) of a covariance matrix, with zero information along its null directions."""
+    """Return the inverse (P, P) of a covariance matrix.
+    It is zero along directions that the matrix does not determine.
+    """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     inverse = np.where(values > 1e-14 * max(float(values[-1]), 1e-300), 1.0 / np.maximum(values, 1e-300), 0.0)
     return np.asarray((vectors * inverse) @ vectors.T)
 
 
 def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Proposal, tuple[str, ...]]:
-    """Return the standard errors for a Fisher information matrix, and the least certain direction's parameters."""
+    """Return a proposal with the standard errors for a Fisher information, and the names in its least certain
+    combination.
+    """
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 1e-12)
     std = np.sqrt(np.diag((vectors / values) @ vectors.T))
@@ -232,5 +240,7 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
 
 
 def highest_of(exp: Experiment) -> float:
-    """Return the pressure of an experiment that is farthest from 0, Pa; the nominal level where none was measured."""
+    """Return the pressure [Pa] of an experiment that is farthest from 0, or the nominal pressure if
+    none was measured.
+    """
     return max([trace.peak for trace in exp.traces.values()], key=abs, default=exp.level)

@@ -1,4 +1,4 @@
-"""Model discrepancy: an uncertainty that grows away from the pressures and speeds of the training recordings.
+"""Model discrepancy: a standard deviation that grows away from the pressures and speeds of training recordings.
 
 Models that follow all training levels equally well differ between and beyond these levels in how they curve. They agree
 on the straight line through the nearest training levels. The deviation of a model from that line is therefore taken to
@@ -34,7 +34,7 @@ def discrepancy(
     model: Model, exp: Experiment, values: Mapping[str, float], modelled: Array, pressure: Array,
     training: Sequence[Experiment],
 ) -> Array:
-    """Return the standard deviation (T, S, 2) [m] of the model's error outside its training pressures and speeds.
+    """Return the standard deviation (T, S, 2) [m] of the model's error beyond the pressures and speeds in training.
 
     The shape is (T, S, 1) [rad] for a recording of angles only. The result is zero for a pressure and a speed that
     occurred in training. For a body with several chambers, speed alone counts.
@@ -67,13 +67,15 @@ def discrepancy(
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
-    """Interpolate `rows` (G, S, 2), given at the first G pressures of `grid`, to pressures (T,)."""
+    """Interpolate station positions `rows` (G, S, 2), given at the first G pressures of `grid`, to T pressures."""
     columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
 
 
 def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
-    """Return the pressure levels (L,) [Pa], with 0, that training recordings held for a period of the first mode."""
+    """Return the constant pressures (L,) [Pa], and 0, that training recordings kept for at least one period of the
+    first mode.
+    """
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
     found = {0.0}
@@ -91,7 +93,7 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """Return the rest positions (G, S, 2 or 1) at the pressures `grid`, exact and by interpolation between `levels`.
+    """Return equilibrium positions (G, S, 2 or 1) at the pressures `grid`, exact and interpolated between `levels`.
 
     Joint angles and strains are interpolated, or extrapolated, from the two nearest training `levels`. Both arrays end
     at the first pressure without an equilibrium.
@@ -122,7 +124,7 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
 
 
 def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> Array:
-    """Return the fraction (T, 1, 1) of the tip's predicted speed above the highest speed in training; 0 below it."""
+    """Return the fraction (T, 1, 1) of the tip's speed that exceeds the highest speed in training; 0 below it."""
     seen = (speed(e.time, e.last_station, settled=e.poses) for e in training)
     limit = max((float(np.nanmax(s)) for s in seen), default=np.inf)
     own = speed(exp.time, modelled[:, -1], settled=exp.poses)
@@ -130,7 +132,7 @@ def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> 
 
 
 def speed(time: Array, path: Array, *, settled: bool = False) -> Array:
-    """Return the speed (T,) of a point along `path` (T, d), m/s (rad/s for angles); 0 for settled poses."""
+    """Return the speed (T,) [m/s; angles: rad/s] of a point along `path` (T, d) at times (T,); 0 for settled poses."""
     if settled:
         return np.zeros(len(path))
     return np.asarray(np.linalg.norm(np.gradient(path, time, axis=0), axis=1))

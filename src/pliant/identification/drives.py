@@ -1,4 +1,4 @@
-"""Assignment of measured inputs to a model's chambers, and checks that chambers were driven separately."""
+"""Assignment of recorded inputs to a model's chambers, and checks that each chamber was driven independently."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ALIKE = 0.2  # sine as for TOGETHER, below which two pressures count as nearly e
 
 
 def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, RecordedInput]:
-    """Return the recorded input that drives each input of a model, by the names of the model's inputs.
+    """Return for each model input named in `wanted` the recorded input, such as a pressure, that drives it.
 
     `wanted` maps each input of the model to the name, or index from 0, of an input of the recording. Pressures are
     counted first, then inputs of other kinds.
@@ -54,30 +54,32 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
-    """Return the measured time series that drives each input of a model, by the names of its inputs; see `driving`."""
+    """Return for each model input named in `wanted` the measured time series that drives it, as a `Trace`."""
     driven = driving(name, recording, wanted)
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """Return the recorded samples (P,) [Pa] that drive each chamber of a model; zeros for a chamber without input.
+    """Return one array (P,) for each chamber of a model: the samples of the recorded input that drives it, or zeros.
 
     `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
     """
     pressure = recording["pressure"]
     if lost := int((~np.isfinite(pressure.values)).sum()):
-        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: repair the recording first")
+        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: interpolate them first")
     if drive is None and model.actuation.count == 1:
         return [one_chamber(name, pressure)]
     wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
     if strange := [one for one in wanted if one not in {c.name for c in model.chambers}]:
-        raise InputError(f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}")
+        raise InputError(
+            f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}: use one of these"
+        )
     driven = drives_of(name, recording, wanted)
     return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
 
 
 def one_chamber(name: str, pressure: xr.DataArray) -> Array:
-    """Return the samples (P,) [Pa] of the recording's only pressure; raise InputError if it has several chambers."""
+    """Return the pressure samples (P,) [Pa] of a recording with one chamber; raise InputError for several chambers."""
     if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
         chambers = ", ".join(str(c) for c in pressure["chamber"].values)
         raise InputError(
@@ -88,7 +90,7 @@ def one_chamber(name: str, pressure: xr.DataArray) -> Array:
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
-    """Return whether one chamber alone was driven: no other pressure changes by more than 10 % of its change."""
+    """Return whether only one chamber was driven: other pressures vary by at most 10 % of its variation."""
     if not exp.drives or leading(exp.drives) != chamber:
         return False
     moves = float(np.ptp(exp.drives[chamber].pressure))
@@ -102,7 +104,7 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
         if strange := [d for d in exp.drives if d not in names]:
             raise InputError(
                 f"experiment {exp.name} drives the chamber {strange[0]!r}, but model {model.name!r} has "
-                f"{', '.join(names)}"
+                f"{', '.join(names)}: name one of these in drive"
             )
         check_kinds(model, exp)
         if len(names) > 1 and exp.excitation != "release" and not exp.drives:
@@ -113,7 +115,7 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
 
 
 def check_kinds(model: Model, exp: Experiment) -> None:
-    """Raise InputError if a recorded input is of another kind (pressure, tension, ...) than the input it drives."""
+    """Raise InputError if a recorded input differs in kind (pressure, tension, ...) from the model input it drives."""
     for to, kind in exp.input_kinds.items():
         k = model.actuation.names.index(to) if to else 0
         wanted = model.actuation.kinds[k]
@@ -126,7 +128,8 @@ def check_kinds(model: Model, exp: Experiment) -> None:
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """Return each chamber's input function: measured, delayed by `start` [s], or a pulse from `start` to `stop`.
+    """Return one input function per chamber: the measured pressure delayed by `start` [s], or a pulse of constant
+    pressure from `start` to `stop`.
 
     Chambers without a recorded input stay at 0.
     """
@@ -139,7 +142,7 @@ def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple
 
 
 def at_rest(model: Model, exp: Experiment) -> str:
-    """Return a sentence that names the model inputs which an experiment does not drive; '' if it drives all."""
+    """Return a sentence that names the model inputs which an experiment leaves undriven; '' if it drives all."""
     if not exp.drives:
         return ""
     inputs = model.actuation
@@ -154,7 +157,7 @@ def at_rest(model: Model, exp: Experiment) -> str:
 
 
 def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
-    """Return the pressures (N, C) [Pa] of all chambers at the frames of all experiments, one after another."""
+    """Return the pressures (N, C) [Pa] of all C chambers at the N frames of all experiments in sequence."""
     rows = [
         np.stack([e.drives[c.name](e.time) if c.name in e.drives else np.zeros(e.time.size) for c in model.chambers], 1)
         for e in experiments
@@ -163,18 +166,20 @@ def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
 
 
 def shared(a: Array, b: Array) -> float:
-    """Return the sine of the angle between two pressure series (N,) taken as vectors; 0 if they are proportional."""
+    """Return how independent two pressure series (N,) are: the sine of the angle between them, 0 if proportional."""
     p, q = a / np.linalg.norm(a), b / np.linalg.norm(b)
     return float(np.linalg.norm(p - q * (p @ q)))
 
 
 def fitted_chambers(names: Sequence[str], model: Model) -> list[int]:
-    """Return the indices of the chambers that have one of the parameters `names`."""
+    """Return the indices of the chambers to which any of the parameters `names` belongs."""
     return [k for k, c in enumerate(model.chambers) if any(n.startswith(f"{c.name}.") for n in names)]
 
 
 def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> list[str]:
-    """Return warnings about chambers whose pressure hardly changed, or hardly differed from another chamber's."""
+    """Return warnings about chambers of the parameters `names` whose pressure hardly varied, or only in step with
+    another.
+    """
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return []
@@ -197,7 +202,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 
 
 def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
-    """Return the kind and names of some model inputs as text, such as "tendon m2"; `first` capitalises it."""
+    """Return the kind and names of the model inputs at the indices `places` as text, such as "tendon m2"."""
     inputs = [model.chambers[k] for k in places]
     kinds = {"tendon" if isinstance(one, Tendon) else "chamber" for one in inputs}
     what = kinds.pop() if len(kinds) == 1 else "input"
@@ -218,7 +223,7 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
 
 
 def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
-    """Return why the parameters `names` cannot be separated, if chambers were not driven (separately); else ''."""
+    """Return why the parameters `names` cannot be separated, if chambers were never driven (separately); else ''."""
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""

@@ -1,4 +1,4 @@
-"""Detection of the times of pulse and step edges and of a release from the motion alone."""
+"""Detection of when a pressure pulse or step begins and ends, or a body is let go, from the motion alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIRST = 5  # frames whose median is the first position
 
 
 def displacement(exp: Experiment) -> Array:
-    """Return the distance (T,) [m, or rad] of the last station from its first position; gaps are interpolated."""
+    """Return the distance (T,) [m; angles: rad] of the last station from its first position. Gaps are interpolated."""
     p = exp.steady
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:FIRST], axis=0), axis=1)
@@ -23,7 +23,8 @@ def displacement(exp: Experiment) -> Array:
 
 
 def edges(exp: Experiment) -> dict[str, float]:
-    """Return the event times of an experiment, s, detected from the last station's motion.
+    """Return the times [s] by parameter name at which the pressure switched or the body was let go, as the last station
+    shows.
 
     The names are ``start`` and ``stop`` for a pulse, ``start`` for a step, ``release`` for a release; a measured
     pressure has none. The start is the last time at which the displacement was below 3 % of its peak before it first
@@ -53,7 +54,7 @@ def edges(exp: Experiment) -> dict[str, float]:
 
 
 def advance(exp: Experiment) -> Array:
-    """Return the signed displacement (T,) of the last station along its main direction, m (rad for angles).
+    """Return the signed displacement (T,) [m; angles: rad] of the last station along its main direction of motion.
 
     The noise of a signed displacement averages to 0, that of a distance does not.
     """
@@ -67,7 +68,9 @@ def advance(exp: Experiment) -> Array:
 
 
 def noise_of(exp: Experiment) -> float:
-    """Return the noise standard deviation [m, or rad] of the last station along one axis, from second differences."""
+    """Return the noise standard deviation [m; angles: rad] of the last station along each axis, from second differences
+    in time.
+    """
     p = exp.steady
     p = p[np.isfinite(p).all(axis=1)]
     if len(p) < FIRST:
@@ -76,12 +79,13 @@ def noise_of(exp: Experiment) -> float:
 
 
 def smoothed(u: Array) -> Array:
-    """Return the running mean (T,) of five samples of `u` (T,)."""
+    """Return a signal u (T,) after a running mean over five samples."""
     return np.convolve(np.pad(u, 2, mode="edge"), np.full(5, 0.2), mode="valid")
 
 
 def onset_in_noise(t: Array, u: Array, first: int) -> float:
-    """Return the time [s] at which a body at rest starts to move, from a parabola fitted to u (T,) up to index `first`.
+    """Return the time [s] at which a body at rest starts to move, from a parabola fitted to its displacement u (T,).
+    The fit uses u up to index `first`.
 
     Every sample is tried as the start. The motion has constant acceleration from there on.
     """
@@ -97,15 +101,16 @@ def onset_in_noise(t: Array, u: Array, first: int) -> float:
 
 
 def held_pose(exp: Experiment) -> Array:
-    """Return the median positions (S, 2) [m] of the stations in the last 0.05 s before the body is let go."""
+    """Return the median positions (S, 2) [m] of the stations in the last 0.05 s before a held body is let go."""
     if exp.excitation != "release" or exp.without_positions:
         raise InputError(f"experiment {exp.name}: a held pose needs a release with positions, but this recording is a "
-                         f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out held (as "
-                         "measured)")  # fmt: skip
+                         f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out "
+                         "held = 'measured'")  # fmt: skip
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
     if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
         raise InputError(
-            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave it out"
+            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave out this "
+            "station, or held = 'measured'"
         )
     return np.asarray(np.nanmedian(held, axis=0))

@@ -1,4 +1,4 @@
-"""The class `Experiment`: a recording with its excitation and its observed positions or angles."""
+"""The class `Experiment`: a recording of positions or angles together with the input that caused the motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AngleReference = Literal["rest", "base", "joint", ""]
 
 @dataclass(frozen=True, repr=False)
 class Experiment(Shown):
-    """An aligned recording, planar or spatial, together with the excitation under which it was made.
+    """An aligned recording, planar or spatial, with the pressure or other input under which it was made.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class Experiment(Shown):
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         if (self.excitation == "trace") != (self.pressure is not None):
             raise InputError(
-                f"experiment {self.name}: give a measured pressure with excitation 'trace', and with no other"
+                f"experiment {self.name}: set excitation to 'trace' if, and only if, you give a measured pressure"
             )
         if self.excitation in ("pulse", "step") and not self.level > 0:
             raise InputError(
@@ -163,7 +163,7 @@ class Experiment(Shown):
         object.__setattr__(self, "travel", travel)
 
     def card(self) -> Card:
-        """Return a one-line summary of the excitation and frames, with a drawing of the body, for display."""
+        """Return a display card: a one-line summary of input and frames, with a drawing of the body."""
         level = f"{self.level / 1e3:.4g} kPa"
         done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
                 "release": "a release"}  # fmt: skip
@@ -176,7 +176,9 @@ class Experiment(Shown):
         return Card(title, drawing="" if self.without_positions else body_svg(self.drawn_poses(), title))
 
     def drawn_poses(self) -> list[tuple[str, Array]]:
-        """Return the measured body (S + 1, 2) [m] at up to five instants, and the path of the last station, to draw."""
+        """Return labelled lines to draw: the measured body (S + 1, 2) [m] at up to five instants, and the last
+        station's path.
+        """
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
         reached = [whole[np.argmax(away >= f * away.max())] for f in np.linspace(0, 1, 5)] if whole.size else []
@@ -191,7 +193,9 @@ class Experiment(Shown):
 
     @property
     def compared(self) -> Array:
-        """Return the observed values that a model is compared with: positions (T, S, 2), m; angles (T, S, 1), rad."""
+        """Return the observed values to which a fit compares a model: positions (T, S, 2) [m], else angles (T, S, 1)
+        [rad].
+        """
         return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
 
     @property
@@ -201,7 +205,7 @@ class Experiment(Shown):
 
     @property
     def steady(self) -> Array:
-        """Return the observations of the last station (T, 2) [m], or (T, 1) [rad], with outliers set to NaN.
+        """Return the positions (T, 2) [m] or angles (T, 1) [rad] of the last station, with outliers set to NaN.
 
         A recording of settled poses is returned unchanged, since successive poses may differ by any amount.
         """
@@ -218,25 +222,29 @@ class Experiment(Shown):
 
     @property
     def shown_in(self) -> tuple[str, float]:
-        """Return the unit for display of the compared values ("mm" or "deg"), and the factor to it from the SI unit."""
+        """Return the display unit of positions or angles ("mm" or "deg"), and the factor to it from the SI unit."""
         return ("deg", float(np.degrees(1.0))) if self.without_positions else ("mm", 1e3)
 
     @property
     def traces(self) -> Mapping[str, Trace]:
-        """Return the measured inputs by the model input that each drives; "" stands for a single unnamed input."""
+        """Return the measured inputs as a mapping from the name of the model input that each drives; "" for a single
+        unnamed one.
+        """
         return self.drives or ({} if self.pressure is None else {"": self.pressure})
 
     @property
     def peak(self) -> float:
-        """Return the extreme value of the measured input that changes most, or the nominal pressure level, SI."""
+        """Return the extreme value [SI] of the measured input that varies most, or else the nominal pressure."""
         return self.pressure.peak if self.pressure is not None else float(self.level)
 
     def driving(self, name: str) -> Trace | None:
-        """Return the measured input that drives the model input `name`, or None; a single unnamed input drives any."""
+        """Return the measured input that drives the model input `name`, or None.
+        A single unnamed input drives any name.
+        """
         return self.drives.get(name) if self.drives else self.pressure
 
     def synchronised(self, values: Mapping[str, float]) -> Experiment:
-        """Return the experiment with its measured inputs delayed by the parameter ``start`` [s]."""
+        """Return the experiment with its measured inputs delayed by the value of the parameter ``start`` [s]."""
         start = {**for_record(values, self.name), **self.known}.get("start", 0.0)
         if self.pressure is None or start == 0.0:
             return self
@@ -244,7 +252,9 @@ class Experiment(Shown):
         return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
 
     def turned(self) -> Experiment:
-        """Return the experiment turned by pi about the base tangent: x components and angles change sign."""
+        """Return the experiment turned by pi about the base tangent, as filmed from behind: x and
+        angles change sign.
+        """
         mirror = np.array([-1.0, 1.0])
         forces = tuple(f._replace(force=f.force * mirror) for f in self.forces)
         return replace(
@@ -254,26 +264,28 @@ class Experiment(Shown):
 
     @cached_property
     def first_places(self) -> Array:
-        """Return the median positions (S, 2) [m] of the observed points in the first five frames that show each."""
+        """Return the median position (S, 2) [m] of each marker over the first five frames that show the marker."""
         seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
         return np.array([np.median(p, axis=0) for p in seen])
 
     @property
     def own_parameters(self) -> tuple[str, ...]:
-        """Return the names of the edge-time parameters, such as ``name.start``, which no other recording shares."""
+        """Return the names of this recording's edge-time parameters, such as ``name.start``, which no other recording
+        shares.
+        """
         names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
         return tuple(f"{self.name}.{n}" for n in names)
 
 
 def farthest(seen: Array, *, poses: bool) -> float:
-    """Return the peak distance [m] of a path (T, d) from its start; for a single settled pose, from the base."""
+    """Return the peak distance [m] of a path (T, d) from its first point; for a single settled pose, from the base."""
     if poses and len(seen) == 1:
         return float(np.linalg.norm(seen[0]))
     return float(np.linalg.norm(seen - np.median(seen[: 1 if poses else 5], axis=0), axis=1).max())
 
 
 def seen_from_side(position: Array) -> Array:
-    """Return positions (..., 2) unchanged, and spatial ones (..., 3) in the vertical plane of largest motion."""
+    """Return spatial positions (..., 3) projected to the vertical plane of largest motion; planar ones unchanged."""
     if position.shape[-1] == 2:
         return position
     across = position[..., :2].reshape(-1, 2)
@@ -283,7 +295,7 @@ def seen_from_side(position: Array) -> Array:
 
 
 def check_extras(exp: Experiment) -> None:
-    """Raise InputError if angles, noise, held pose or arc lengths of an experiment do not match its positions."""
+    """Raise InputError if the angles, noise, held pose or arc lengths of an experiment do not match its positions."""
     if exp.dimension == 3 and exp.angle is not None:
         raise InputError(
             f"experiment {exp.name}: a recording in space has no angles: give orientation in place of angle"
@@ -300,7 +312,8 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name} compares angles alone, but has none: leave out angles_alone")
     if strange := [s for s in exp.noise if s not in exp.stations]:
         raise InputError(
-            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations"
+            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations: use one of "
+            f"{', '.join(exp.stations)}"
         )
     levels = [*exp.noise.values(), *(v for v in (exp.angle_noise, exp.orientation_noise) if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
@@ -310,7 +323,10 @@ def check_extras(exp: Experiment) -> None:
             f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles"
         )
     if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(f"experiment {exp.name}: held must be (station, axis), and belongs to a release only")
+        raise InputError(
+            f"experiment {exp.name}: held must be (station, axis), and belongs to a release only: correct it, or leave "
+            "it out"
+        )
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
@@ -318,7 +334,9 @@ def check_extras(exp: Experiment) -> None:
 
 
 def check_poses(exp: Experiment) -> None:
-    """Raise InputError if settled poses are combined with a planar body, a nominal excitation, forces or own_places."""
+    """Raise InputError if an experiment of settled poses is planar, or has a nominal pressure, known forces or
+    own_places.
+    """
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
             f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
@@ -354,5 +372,5 @@ def check_drives(exp: Experiment) -> None:
 
 
 def leading(drives: Mapping[str, Trace]) -> str:
-    """Return the name of the chamber whose pressure changes most."""
+    """Return the name of the chamber whose measured pressure varies most."""
     return max(drives, key=lambda name: float(np.ptp(drives[name].pressure)))

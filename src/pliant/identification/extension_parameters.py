@@ -1,4 +1,4 @@
-"""Parameters of extensible segments: ``name`` for all segments, ``segment.name`` for one."""
+"""Fit parameters of extensible segments: ``name`` applies to all segments, ``segment.name`` to one."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ OWN = ALWAYS | {f"axial_{name}": name for name in (*SPRING_TERMS, SPRING_BOUND)}
 
 
 def segments(model: Model) -> tuple[str, ...]:
-    """Return the names of the model's extensible segments, which prefix the parameters of one segment."""
+    """Return the names of the model's extensible segments, as used before the dot of a parameter name."""
     return tuple(e.name for e in model.extensions)
 
 
 def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the model changes that scale all stiffnesses so that the first joint gets `values["body_stiffness"]`.
+    """Return the changes of a model, as a dict, that scale all stiffnesses so that the first joint gets the value
+    "body_stiffness".
 
     The ratios between the joints' stiffnesses and the axial stiffnesses stay as they are. This fits one modulus of a
     body whose geometry is known.
@@ -50,7 +51,7 @@ def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, float]) -> tuple[Extension, ...]:
-    """Return the `extensions` with `values` put in; ``segment.name`` takes precedence over ``name``."""
+    """Return the extensible segments with the parameter `values` applied. ``segment.name`` overrides ``name``."""
     made = []
     for e in extensions:
         own: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}
@@ -64,8 +65,8 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
     mine = segments(model)
     if both := set(mine) & (others | set(owners(model))):
         raise InputError(
-            f"{min(both)!r} names a segment and a recording, station or chamber: rename one, their parameters would be "
-            "mixed"
+            f"{min(both)!r} names a segment and a recording, station or chamber, whose parameters would be mixed: "
+            "rename one"
         )
     for name in names:
         owner, dot, own = name.partition(".")

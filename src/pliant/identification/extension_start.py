@@ -17,7 +17,7 @@ FAR = 0.9  # of the peak displacement: frames beyond count as bent
 
 
 def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:
-    """Return start values of the extensible segments' parameters, with axial gains from the measured strain.
+    """Return start values, by name, of the extensible segments' parameters. Axial gains come from the measured strain.
 
     Each axial gain makes the largest torque lengthen the body as measured. `torques` holds the start coefficients of
     the chambers' torque laws.
@@ -37,7 +37,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
 
 
 def grown(exp: Experiment) -> float:
-    """Return the axial strain of the body at its peak displacement, from arcs through its stations; never negative."""
+    """Return the axial strain of the body at its peak displacement, from arcs through its stations; at least 0."""
     seen = np.isfinite(exp.position).all(axis=(1, 2))
     length, tip = arc_lengths(exp.position[seen]), exp.last_station[seen]
     if length.size < 10:

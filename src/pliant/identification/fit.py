@@ -39,7 +39,7 @@ NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
 class FitOptions(TypedDict, total=False):
-    """Keyword options shared by `fit` and `select_model`; see there for their meaning."""
+    """Keyword options shared by `fit` and `select_model`, where they are documented."""
 
     step: float
     loss: str
@@ -62,7 +62,7 @@ def fit(
     progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> FitResult:
-    """Fit parameters of a model to one or several experiments by least squares on the simulated motion.
+    """Fit the parameters of a model to one or several recordings, by least squares on the simulated motion.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def fit(
 
 
 def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
-    """Return a warning if the residuals far exceed the noise and no second start led to this optimum; '' otherwise."""
+    """Return a warning if the residuals far exceed the noise and no second start led to the optimum x; '' otherwise."""
     parts = np.split(problem.data_residual(x), problem.ends[:-1])
     ratio = max(noise_ratio(o, part) for o, part in zip(problem.observed, parts, strict=True))
     if agreeing or ratio <= ABOVE_NOISE:
@@ -154,7 +154,8 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
 def starts_of(
     problem: Problem, starts: int, rng: np.random.Generator, second: Array | None = None,
 ) -> list[Array]:
-    """Return the starts that can be simulated: the estimate, the `second` start if any, and points scattered about it.
+    """Return the start points of a fit that can be simulated: the estimate, the `second` start, and random points
+    around it.
 
     Each start (P,) holds scaled parameters. Raises FitError if no start can be simulated.
     """
@@ -172,7 +173,7 @@ def starts_of(
 
 
 def check_identifiable(problem: Problem) -> None:
-    """Raise FitError if the recordings do not determine every free parameter of the problem."""
+    """Raise FitError if the recordings do not determine every free parameter of a fit."""
     found = [d for d in examine(problem).directions if d.kind == "null"]
     if found:
         said = "; ".join(f"{d.sentence} ({d.cure})" for d in found)
@@ -182,7 +183,7 @@ def check_identifiable(problem: Problem) -> None:
 def predict_held_out(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3,
 ) -> tuple[dict[str, Any], FitResult]:
-    """Predict an experiment that the fit has not seen, with all parameters fixed except its own edge times.
+    """Predict an experiment that was not fitted, with the fitted parameters held and only its own edge times adjusted.
 
     `step` is the integration step, s. Returns the prediction (see `predict`) and the result of fitting the edge times;
     nothing is fitted for an experiment without edge times.
@@ -206,7 +207,7 @@ def predict_held_out(
 
 
 def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
-    """Return the release time of a held-out recording as a fixed parameter: the mean over the training recordings.
+    """Return the release time of a held-out recording as a fixed parameter, the mean over the fitted recordings.
 
     The list is empty if the recording is not a release or the training recordings have no ``release_time``. The turn of
     the base (`base_turn`) differs between recordings and stays 0.
@@ -220,7 +221,7 @@ def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
 
 
 def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[str, float]:
-    """Return start values [s] for a fit of the edge times, by parameter name, from a search over two periods.
+    """Return start values [s] of an experiment's edge times, by parameter name, from a search over two periods.
 
     The motion of a ringing body nearly repeats after a period, so that a fit of edge times has several local minima.
     Each edge is therefore moved in steps of a quarter of the first mode's period, up to two periods either way, and
@@ -237,7 +238,7 @@ def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[s
 
 
 def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], step: float) -> float:
-    """Return the RMS error [m, or rad] of an experiment at the edge `times` [s]; inf if it cannot be simulated."""
+    """Return the RMS error [m; angles: rad] of an experiment with edge `times` [s]; inf if it cannot be simulated."""
     try:
         shown = predict(fitted.model, experiment, {**fitted.values, **times}, step)["compared"]
     except PliantError:
@@ -247,21 +248,23 @@ def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, floa
 
 
 def check_choices(loss: str, weighting: str) -> None:
-    """Raise InputError for an unknown `loss` or `weighting`."""
+    """Raise InputError for an unknown `loss` or `weighting` of a fit."""
     for what, value, known in (("loss", loss, LOSSES), ("weighting", weighting, WEIGHTINGS)):
         if value not in known:
             raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
 
 
 def prior_mean(start: Parameter) -> float | None:
-    """Return the mean of a parameter's prior, which is its start value if only `prior_std` is given; else None."""
+    """Return the mean of a parameter's prior: the given `prior` or, if only `prior_std` is given, the start value.
+    None without a prior.
+    """
     return start.value if start.prior is None and start.prior_std else start.prior
 
 
 def finished(
     problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float,
 ) -> FitResult:
-    """Return the FitResult of an optimum: covariance, status, cautions, and the error of each recording."""
+    """Return the result of a fit at its optimum: covariance, status, warnings, and the error of each recording."""
     values = problem.values(best.x)
     found = covariance(problem, best.x, robust=loss != "linear")
     named = dict(zip(found.names, found.std, strict=True))
@@ -293,7 +296,7 @@ def finished(
 
 
 def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Return a warning where the integration step biases a parameter by half its standard error or more; [] otherwise.
+    """Return warnings about parameters that the simulation's time step biases by at least half of their standard error.
 
     The change of the residuals at half the step is turned into a change of the parameters to first order. For a method
     of second order, the whole error of the step is 4/3 of that change.
@@ -317,7 +320,7 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
-    """Return parameters from a mapping of names to a start value, "free", or a table of `Parameter` attributes."""
+    """Return fit parameters from a dict of name to a start value, "free", or a table of `Parameter` attributes."""
     parsed = []
     for name, entry in entries.items():
         if entry == "free" or entry is None:
@@ -330,7 +333,7 @@ def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
 
 
 def checked_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a parameter's table converted to their types; raise InputError for a wrong entry."""
+    """Return the attributes in a parameter's table converted to their types; raise InputError for a wrong one."""
     kinds: dict[str, type] = dict.fromkeys(NUMBERS, float) | {"free": bool, "source": str}
     checked = {}
     for key, value in table.items():

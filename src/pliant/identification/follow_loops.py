@@ -1,4 +1,4 @@
-"""Compiled loops of a fit: integrate the chain's motion and record the positions and angles of the observed points.
+"""Compiled loops of a fit: simulate the chain and record positions and angles of the observed points.
 
 This module is plain Python. `pliant.compiler.choose.twin` compiles it for real numbers, and
 `pliant.compiler.duals.dual_twin` for dual numbers, which carry several exact derivatives along.
@@ -20,7 +20,7 @@ from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspac
 
 
 class Course(NamedTuple):
-    """The time steps of a simulation with their torques and known forces; see `simulation.march_loops.Steps`."""
+    """Time steps of a simulation: length, mean torques and known forces of each, and its output row."""
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
@@ -30,7 +30,7 @@ class Course(NamedTuple):
 
 
 class Before(NamedTuple):
-    """The pose in which a chain is held during the first rows, before it moves."""
+    """Pose in which a chain is held during the first output rows, before it is let go or driven."""
 
     rows: int  # number of output rows in this pose
     phi: np.ndarray  # (n,) rad
@@ -38,7 +38,9 @@ class Before(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Positions of the observed points on the links of a planar chain."""
+    """Positions of the observed points on the links of a planar chain, with offset and angle reference of the
+    recording.
+    """
 
     chain: ObservedChain
     links: np.ndarray  # (5, n + 1) scratch of `place_links`
@@ -51,7 +53,7 @@ class Places(NamedTuple):
 
 
 class SpatialPlaces(NamedTuple):
-    """Positions of the observed points on the links of a chain in space."""
+    """Positions of the observed points on the links of a chain in space, with the offset of the recording."""
 
     body: SpatialBody
     work: SpatialWorkspace
@@ -63,14 +65,15 @@ class SpatialPlaces(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """The observed points and the output array `rows` (rows, S, 3) that the loop fills."""
+    """Observed points of the chain, with the array (rows, S, 3) to which a simulation writes their coordinates."""
 
     places: Places | SpatialPlaces
     rows: np.ndarray
 
 
 def follow(phi, w, course, before, body, joints, work, seen):
-    """Integrate the chain from phi and w (n,) over all steps of `course`, and write the observed rows to seen.rows.
+    """Simulate the chain from angles phi and rates w (n,) over all steps of `course`; the observed points go to
+    seen.rows. Angles and rates change in place.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
     keep[k] - 1 + before.rows where keep[k] >= 0.
@@ -90,7 +93,8 @@ def follow(phi, w, course, before, body, joints, work, seen):
 
 
 def follow_with_memory(phi, w, course, before, chain, past, work, seen):
-    """Integrate as `follow` does, with the hysteresis and creep states of the joints in `past`.
+    """Simulate a chain with hysteresis or creep over all steps of `course`, and write the observed points to seen.rows.
+    Angles phi, rates w and the states in `past` change in place.
 
     `chain` is (body, joints). Creep starts at rest at phi. Returns the index of the first step in which a link
     turns by more than a radian or the hysteresis branches do not converge, or -1.
@@ -112,7 +116,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
 
 
 def take_torques(k, phi, w, course, body, joints, work):
-    """Write the joint torques of step k to work.tau (n,) [N m]: those of the chambers and of the known forces."""
+    """Write the joint torques of step k, of chambers and known forces, to work.tau (n,) [N m]."""
     for c in range(len(course.gain)):
         share_out(c, course.torque[k, c], course.gain, work.tau)
     if len(course.load) > 0:
@@ -120,6 +124,6 @@ def take_torques(k, phi, w, course, body, joints, work):
 
 
 def look_before(before, seen):
-    """Write the observed rows of the held chain to the first rows of seen.rows."""
+    """Write the observed points of the held chain to the first rows of seen.rows, before the motion starts."""
     for row in range(before.rows):
         observe(before.phi, before.base_angle, seen.places, seen.rows[row])

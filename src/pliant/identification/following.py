@@ -1,4 +1,4 @@
-"""Simulation of a forward problem at its observed points, on floats and on dual numbers with derivatives."""
+"""Simulation of the observed points of one experiment of a fit, also with exact derivatives by dual numbers."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ REAL = NumberKind(copied, lambda a: a, twin)
 
 
 def dual_kind() -> NumberKind:
-    """Return the number kind of dual numbers (`pliant.compiler.duals`) for the compiled loops."""
+    """Return the number type of dual numbers for the compiled loops: its conversions and its compiler."""
     from pliant.compiler.duals import dual_twin, duals  # loads the compiler
 
     return NumberKind(duals, lambda a: a[..., 0], dual_twin)
 
 
 def observed_rows(forward: ForwardProblem, numbers: Numbers, rows: int) -> Array:
-    """Simulate a forward problem and return the observed rows (T, S, 3): x [m], y [m], angle [rad]; x, y, z in space.
+    """Simulate one experiment of a fit and return the observed rows (T, S, 3): x [m], y [m], angle [rad]; x, y, z [m]
+    in space.
 
     Raises
     ------
@@ -54,7 +55,9 @@ def observed_rows(forward: ForwardProblem, numbers: Numbers, rows: int) -> Array
 
 
 def observed_slopes(forward: ForwardProblem, numbers: Numbers, rows: int, count: int) -> Array:
-    """Return the first `count` derivatives (count, T, S, 3) of `observed_rows` that the dual `numbers` carry."""
+    """Simulate with dual numbers and return `count` derivatives (count, T, S, 3) of the observed
+    positions and angles.
+    """
     out = integrated_rows(forward, numbers, dual_kind(), rows)
     value, slopes = out[..., 0], np.moveaxis(out[..., out.shape[-1] // 2 :][..., :count], -1, 0)
     if forward.between is None:
@@ -68,7 +71,9 @@ def observed_slopes(forward: ForwardProblem, numbers: Numbers, rows: int, count:
 
 
 def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind, rows: int) -> Array:
-    """Simulate a forward problem with float or dual numbers; return the observed rows (T, S, 3) before sensor lag."""
+    """Simulate an experiment with float or dual numbers; return observed positions and angles (T, S, 3) before sensor
+    lag.
+    """
     model, chain = forward.model, mechanics_of(forward.model)
     n, *more = chain.sizes
     rows = rows if forward.between is None else forward.between[0].size
@@ -95,7 +100,9 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
 
 
 def step_error(forward: ForwardProblem, after: float, length: float, phi: Array) -> SimulationError:
-    """Return the error for a step of `length` [s] that fails `after` [s], with the links at phi (n,)."""
+    """Return the SimulationError for a step of `length` [s] that fails `after` seconds, with link angles phi (n,)
+    [rad].
+    """
     if reason := state.given_way(forward.model, phi):
         return SimulationError(f"{after:.6g} s after the start {reason}")
     return SimulationError(
@@ -105,7 +112,7 @@ def step_error(forward: ForwardProblem, after: float, length: float, phi: Array)
 
 
 def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Array:
-    """Return the hysteresis states at the start: zero, or those left by the pull into a measured pose."""
+    """Return the hysteresis states at the start of a simulation: zero, or those left by a pull to the held pose."""
     states: Array = kind.of(state.relaxed(forward.model, np.zeros(forward.model.size)))
     if not forward.pulled:
         return states
@@ -121,7 +128,9 @@ def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKi
 
 
 def initial_hysteresis_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind, states: Array) -> Array:
-    """Return `initial_hysteresis` of a chain in space, pulled straight from its unloaded to the measured pose."""
+    """Return the initial hysteresis states of a chain in space, pulled straight from its unloaded
+    to its measured pose.
+    """
     held = hysteresis_workspace(forward, numbers.joints, kind)
     held.dq[:] = numbers.phi[: len(held.dq)]
     law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))
@@ -130,7 +139,7 @@ def initial_hysteresis_in_space(forward: ForwardProblem, numbers: Numbers, kind:
 
 
 def hysteresis_workspace(forward: ForwardProblem, joints: Any, kind: NumberKind) -> Any:
-    """Return scratch arrays, in float or dual numbers, for the time steps of a model with hysteresis or creep."""
+    """Return scratch arrays, of floats or dual numbers, for time steps of a chain with hysteresis or creep."""
     workspace = mechanics_of(forward.model).held()
     rows = {name: kind.of(row) for name, row in workspace._asdict().items() if name != "springs"}
     if mechanics_of(forward.model).dimension == 3:

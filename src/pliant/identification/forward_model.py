@@ -1,4 +1,4 @@
-"""The forward problem of a fit: the arrays on which the compiled loops run, from model and experiment."""
+"""Preparation of a fit's simulations: from a model and an experiment to the arrays for the compiled loops."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def forward_problem(
     model: Model, exp: Experiment, values: Mapping[str, float], step: float,
     plans: Plans | None = None, rest: Array | None = None, drive: Drive | None = None,
 ) -> ForwardProblem:
-    """Return the forward problem of an experiment at the parameter `values`: initial state, steps, torques and points.
+    """Return the simulation inputs of an experiment at parameter `values`: initial state, steps, torques, observed
+    points.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def forward_problem(
 
 
 def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
-    """Return the forward problem of settled poses: no time steps, but the torques at each row's equilibrium."""
+    """Return the simulation inputs of settled poses: the torques of each row, without time steps."""
     model, plan, size = model_at.model, pose_inputs(model_at.model, exp), mechanics_of(model_at.model).size
     still = np.zeros(size), np.zeros(size)
     numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
@@ -81,7 +82,9 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
-    """Return the output times [s] on the pressure's clock; with a sensor lag, finer times and the frames' indices."""
+    """Return the times [s] at which a simulation outputs rows: those of the frames or, with a sensor lag, finer ones.
+    For finer times the indices of the frames are returned too.
+    """
     times = exp.time - params.get("latency", 0.0)
     between = between_frames(times) if lags_of(params, exp.stations).size else None
     return times if between is None else between[0], between
@@ -90,7 +93,7 @@ def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, t
 def release_problem(
     model_at: ModelAt, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> ForwardProblem:
-    """Return the forward problem of a body that is held, then let go, while the base may turn by ``base_turn``."""
+    """Return the simulation inputs of a body that is held and then let go, while its base may turn by ``base_turn``."""
     model = model_at.model
     base = (model.base_angle, model.base_angle + params.get("base_turn", 0.0))
     angles = mechanics_of(model).coordinates(held_angles(model_at, exp, params, plans))
@@ -111,7 +114,7 @@ def release_problem(
 
 
 def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
-    """Return the forward problem of a release with holding torques that fall to 0 within ``release_time``.
+    """Return the simulation inputs of a release with holding torques that fall to 0 within ``release_time`` [s].
 
     The torques fall along half a cosine. They enter as one more chamber, whose gains (n,) are the initial torques and
     whose torque is the fraction that remains.
@@ -128,7 +131,9 @@ def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[
 
 
 def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
-    """Return the joint torques (n,) [N m] that hold the body at rest in its initial pose, against link `loads`."""
+    """Return the joint torques (n,) [N m] that a hand must apply to hold the body in its initial pose, with link
+    `loads`.
+    """
     numbers = forward.numbers
     stretched = initial_hysteresis(forward, numbers, REAL)[:, len(numbers.memory.creep_time) :]
     rows, share = len(stretched), numbers.memory.slip_share
@@ -140,7 +145,7 @@ def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
 
 
 def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plans: Plans) -> Array:
-    """Return the joint angles (n,) of the held body: from measured positions, under ``hold_force``, or unloaded."""
+    """Return the joint angles (n,) [rad] of a held body: from measured positions, under ``hold_force``, or unloaded."""
     model = model_at.model
     if exp.held is not None:
         if not model.space:
@@ -155,7 +160,7 @@ def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float],
 
 
 def no_drive(model: Model) -> Drive:
-    """Return a `Drive` without time steps."""
+    """Return an empty `Drive`, for a simulation without time steps."""
     C = model.actuation.count
     return Drive(np.zeros(0), np.zeros((0, C)), model.actuation.columns, np.zeros(0, dtype=int), np.zeros((1, C)),
                  np.zeros(C))  # fmt: skip
@@ -164,7 +169,9 @@ def no_drive(model: Model) -> Drive:
 def actuation_steps(
     model: Model, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> Drive:
-    """Return the time steps and torques under the experiment's pressure, for frames at `times` [s] on its clock."""
+    """Return the time steps and torques of an experiment under its pressure, with outputs at `times` [s] on the
+    pressure's clock.
+    """
     start, stop = params.get("start", 0.0), params.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
     where = (exp.name, times[0], start, stop, *dead_times)
@@ -180,7 +187,7 @@ def forward_numbers(
     model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
     base: tuple[float, float],
 ) -> Numbers:
-    """Return the `Numbers` of a forward problem, with angles and base angle while held and at the start of motion."""
+    """Return all numbers of a simulation that may have derivatives: angles at the start, torques, constants, points."""
     model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.oriented)
     lags = lags_of(params, exp.stations)
     return Numbers(
@@ -197,12 +204,14 @@ def forward_numbers(
 
 
 def shift_of(params: Mapping[str, float], exp: Experiment) -> Array:
-    """Return the offset (d,) [m] of the recording's frame: the parameters ``base_x``, ``base_y`` and ``base_z``."""
+    """Return the offset (d,) [m] of the recording's frame: the parameters ``base_x``, ``base_y`` and, in space,
+    ``base_z``.
+    """
     return np.array([params.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
 
 
 def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
-    """Return the numbers with the markers attached where the first frames show them, for an experiment with own_places.
+    """Return simulation inputs in which the markers sit on the body where the first frames of the recording show them.
 
     Angles, lengths and base are those of `numbers`, which may be complex: no other entry that follows from the rest
     pose may be taken from elsewhere, or `sensitivity` misses its derivative.
@@ -217,7 +226,7 @@ def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
 
 
 def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:
-    """Return the numbers with the loads of the experiment's known forces; the steps begin at the time `first` [s]."""
+    """Return simulation inputs with the loads of the experiment's known forces. The time steps begin at `first` [s]."""
     if not exp.forces or not numbers.h.size:
         return numbers
     nodes = first + np.append(0.0, np.cumsum(numbers.h))
@@ -226,17 +235,20 @@ def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, be
 
 
 def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:
-    """Return the points of the model that the experiment observes, in the order of its stations."""
+    """Return the model's points that the experiment observes, in the order of its stations."""
     return [model_at.points[name] for name in exp.stations]
 
 
 def carriers(model_at: ModelAt, exp: Experiment) -> Array:
-    """Return the link index (S + 2 m,) of each observed point and of the axis points of the m oriented stations."""
+    """Return the index (S + 2 m,) of the link that carries each observed point.
+    The last 2 m points lie on axes of the m links whose orientation is observed.
+    """
     return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
 
 
 def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
-    """Return the joint angles (n,) [rad] that bring points of the model closest to `positions` (S, 2) [m].
+    """Return the joint angles (n,) [rad] at which S points of the model come closest to `positions` (S, 2) [m].
+    The result is cached.
 
     Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
     shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
@@ -252,7 +264,7 @@ def pose_through(model: Model, stations: list[Station], positions: Array, cache:
 
 
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
-    """Return the joint angles of `pose_through` without its cache."""
+    """Return the joint angles (n,) [rad] at which S points of the model come closest to `positions` (S, 2) [m]."""
     chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
     pull = LEAST_PULL * model.length * chain.to_joints
     unloaded = chain.coordinates(np.zeros(model.size))

@@ -1,4 +1,4 @@
-"""Construction of an `Experiment` from an aligned recording."""
+"""Construction of an `Experiment` for a fit from an aligned recording."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def experiment(
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
     poses: Poses = False, inputs: Mapping[str, float] | None = None,
 ) -> Experiment:
-    """Return an `Experiment` for fitting from an aligned recording, planar or spatial.
+    """Return an `Experiment` for a fit from an aligned recording in the plane or in space.
 
     Parameters
     ----------
@@ -75,11 +75,16 @@ def experiment(
     """
     check_recording(recording)
     if recording.attrs.get("frame") not in ("planar", "spatial"):
-        raise InputError(f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first")
+        raise InputError(
+            f"recording {name} is in the frame {recording.attrs.get('frame')!r}: align it first, by `pliant shape` or "
+            "pliant.align"
+        )
     available = [str(s) for s in recording.station.values]
     used = tuple(stations or available)
     if missing := [s for s in used if s not in available]:
-        raise InputError(f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}")
+        raise InputError(
+            f"recording {name} has no station {missing[0]!r}; it has {', '.join(available)}: use these names"
+        )
     excitation = excitation or ("trace" if inputs else default_excitation(name, recording))
     if poses == "median":
         recording = one_pose(recording)
@@ -106,20 +111,24 @@ def experiment(
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
-    """Return a recording of a single row that holds the median of the recorded positions, for a body at rest."""
+    """Return the recording of a body at rest as a single row, the median of the recorded positions."""
     first = recording.isel(time=slice(0, 1))
     return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))
 
 
 def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
-    """Return the positions (T, S, 2) [m] of the stations, (T, S, 3) in space; NaN throughout for angles only."""
+    """Return the positions (T, S, 2), in space (T, S, 3), [m] of S stations.
+    They are NaN for a recording of angles only.
+    """
     if "position" not in recording:
         return np.full((recording.sizes["time"], len(stations), 2), np.nan)
     return np.asarray(recording["position"].sel(station=list(stations)).values, dtype=float)
 
 
 def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...], *, wanted: bool) -> dict[str, Any]:
-    """Return the angles and their reference, or the orientations in space, as arguments of `Experiment`."""
+    """Return the recorded angles with their reference, or orientations in space, as keyword
+    arguments of `Experiment`.
+    """
     if not wanted:
         return {}
     if recording.attrs.get("frame") == "spatial":
@@ -134,7 +143,7 @@ def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...],
 
 
 def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
-    """Return the arc lengths (S,) [m] of the stations, or None unless the recording has them in rising order."""
+    """Return the arc lengths (S,) [m] of the stations if recorded in rising order; None otherwise."""
     if "arc_length" not in recording.coords or len(stations) < 2:
         return None
     s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
@@ -142,7 +151,9 @@ def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array 
 
 
 def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
-    """Return the times [s] and samples (P,) of the recording's only measured input, or raise InputError."""
+    """Return times (P,) [s] and samples (P,) of a recording's only measured input; raise InputError if there are
+    several.
+    """
     if "pressure" in recording and "actuation" not in recording:
         return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
     inputs = recorded_inputs(recording)
@@ -154,7 +165,7 @@ def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
 
 
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:
-    """Return the excitation that the recording's inputs imply: "trace" if measured, "pulse" for a nominal pressure."""
+    """Return the excitation that a recording implies: "trace" for a measured pressure, "pulse" for a nominal one."""
     if {"pressure", "actuation"} & set(recording):
         return "trace"
     if "nominal_pressure" in recording.attrs:

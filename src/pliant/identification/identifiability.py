@@ -1,4 +1,4 @@
-"""Identifiability before a fit: parameters that the recordings do not determine, and how to determine them."""
+"""Identifiability before a fit: which parameters the recordings do not determine, and which recording would."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ RECORD = (  # parameters of a direction, and the recording that would show it
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters that the recordings determine badly ("weak") or not at all ("null").
+    """A combination of parameters that the recordings determine badly (kind "weak") or not at all ("null").
 
     Attributes
     ----------
@@ -81,11 +81,11 @@ class Identifiability(Shown):
 
     @property
     def identifiable(self) -> bool:
-        """Return whether the recordings determine every combination of parameters."""
+        """Return whether the recordings determine every combination of the free parameters."""
         return not any(d.kind == "null" for d in self.directions)
 
     def card(self) -> Card:
-        """Return the expected standard errors and the undetermined directions as a table for display."""
+        """Return a display card: table of expected standard errors, and the combinations that are not determined."""
         std = ["not shown" if s is None else f"{s:.2g}" for s in self.expected_std]
         rows = [[n, s, kind_of(n).unit] for n, s in zip(self.names, std, strict=True)]
         title = "Every free parameter is determined" if self.identifiable else "Not every free parameter is determined"
@@ -101,7 +101,8 @@ class Identifiability(Shown):
 def identifiability(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
 ) -> Identifiability:
-    """Return how well the recordings determine each free parameter, from exact sensitivities at the start values.
+    """Return how well recordings determine each free parameter, from exact derivatives of the motion at the start
+    values.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def identifiability(
 
 
 def examine(problem: Problem) -> Identifiability:
-    """Return the identifiability at the start of a problem, confirmed at a second point where it seems poor.
+    """Return the identifiability of a fit's parameters at their start values.
+    A poor result is confirmed at a second point.
 
     At some start values, such as a torque of zero, every derivative vanishes, although a fit can move away from them.
     """
@@ -141,7 +143,7 @@ def examine(problem: Problem) -> Identifiability:
 
 
 def in_chambers(problem: Problem, found: Direction) -> Direction:
-    """Return the direction with a sentence about its chambers, if they were never driven or never driven separately."""
+    """Return the undetermined combination with a sentence about its chambers, if none was driven, or never alone."""
     findings = findings_of_chambers(found.names, problem.model, problem.experiments)
     if not findings:
         return found
@@ -150,7 +152,7 @@ def in_chambers(problem: Problem, found: Direction) -> Direction:
 
 
 def information(problem: Problem, x: Array) -> Identifiability:
-    """Return the null and weak directions of the Fisher information at the scaled parameters x (P,)."""
+    """Return which parameter combinations the Fisher information at x (P,) determines badly or not at all."""
     J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
     sizes = problem_sizes(problem, x)
     relative = J * (sizes / problem.scale)
@@ -181,18 +183,22 @@ def information(problem: Problem, x: Array) -> Identifiability:
 
 
 def problem_sizes(problem: Problem, x: Array) -> Array:
-    """Return the size (P,) of each free parameter, SI: its absolute value, or its typical size if it may be zero."""
+    """Return the size (P,) [SI] by which to scale each free parameter: its absolute value, or a typical one if it may
+    be 0.
+    """
     value = np.abs(x * problem.scale)
     return np.where(is_factor(problem) & (value > 0), value, problem.scale)
 
 
 def is_factor(problem: Problem) -> Array:
-    """Return which free parameters (P,) are judged relative to their value, since zero is no sensible value."""
+    """Return for each of P free parameters whether its error is judged relative to its value, as 0 makes no sense for
+    it.
+    """
     return np.array([kind_of(p.name).scale in (0.0, 1.0) or shared_name(p.name) in RATIOS for p in problem.free])
 
 
 def simplest(basis: Array) -> Array:
-    """Return a basis (R, P) of the same space whose vectors have few nonzero entries (Gauss-Jordan elimination)."""
+    """Return a basis (R, P) of the space spanned by `basis` with few nonzero entries, by Gauss-Jordan elimination."""
     rows = basis / np.abs(basis).max(axis=1, keepdims=True) if basis.size else basis
     taken: list[int] = []
     for k in range(len(rows)):
@@ -210,7 +216,9 @@ def simplest(basis: Array) -> Array:
 
 
 def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
-    """Return the direction `v` (P,) with a sentence that says which parameters it couples and how to separate them."""
+    """Return the parameter combination `v` (P,) with a sentence on the parameters it couples and
+    how to separate them.
+    """
     part = np.flatnonzero(np.abs(v) > TAKES_PART)
     mine, change = tuple(names[i] for i in part), v[part]
     listed = join_words(mine)
@@ -227,7 +235,7 @@ def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
 
 
 def weak_direction(names: tuple[str, ...], v: Array, expected: Array, weak: Array) -> Direction:
-    """Return the least certain direction with a sentence that gives the expected standard errors."""
+    """Return the least certain parameter combination with a sentence on the standard errors to expect."""
     v = v / np.abs(v).max()
     part = np.flatnonzero((np.abs(v) > 0.3) | weak)
     mine = tuple(names[i] for i in part)
@@ -238,7 +246,7 @@ def weak_direction(names: tuple[str, ...], v: Array, expected: Array, weak: Arra
 
 
 def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Return sentences on badly determined parameters of a fit and on those that can compensate for them.
+    """Return sentences on fitted parameters that are badly determined and on those that can compensate for them.
 
     The covariance of the fit includes model error, which `identifiability` before a fit does not.
     """
@@ -271,7 +279,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def cure(names: tuple[str, ...]) -> str:
-    """Return which parameter to fix, or which recording to add, so that the parameters can be told apart."""
+    """Return as text which parameter to fix, or which recording to add, so that `names` can be told apart."""
     stems = {shared_name(n): n for n in names}
     tail = {n: shared_name(n).rpartition(".")[2] for n in names}
     order = sorted(names, key=lambda n: FIX_FIRST.index(tail[n]) if tail[n] in FIX_FIRST else len(FIX_FIRST))

@@ -1,4 +1,6 @@
-"""Start values of a fit: stiffness and damping from free decays, torque laws from plateaus, others from the model."""
+"""Start values of a fit: stiffness and damping from free decays, torque laws from constant pressures, others from the
+model.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ MOST_BAND = 1e6  # high over low
 
 
 def free_decay(exp: Experiment) -> RingDown | None:
-    """Return frequency and damping of the free decay after the last edge or release; None if it is too short."""
+    """Return frequency and damping of the free decay after the last input edge or release; None if too short."""
     after = last_edge(exp)
     keep = (exp.time > after + 0.03) & np.isfinite(exp.last_station).all(axis=1)
     if keep.sum() < 16:
@@ -45,13 +47,14 @@ def free_decay(exp: Experiment) -> RingDown | None:
 
 
 def last_edge(exp: Experiment) -> float:
-    """Return the time [s] at which the pressure last changed or the body was let go."""
+    """Return the last time [s] at which the measured pressure changed or a held body was let go."""
     found = edges(exp)
     return max(found.values()) if found else last_jump(exp)
 
 
 def last_jump(exp: Experiment) -> float:
-    """Return the last time [s] at which a measured input is still 5 % of the widest input range off its final value.
+    """Return the last time [s] at which a measured input deviates from its final value by over 5 % of the widest input
+    range.
 
     The 5 % lie above the noise of a sensor.
     """
@@ -66,7 +69,7 @@ def last_jump(exp: Experiment) -> float:
 
 
 def registered(model: Model, experiments: Sequence[Experiment], values: dict[str, float]) -> Model:
-    """Return the model with a point for each station, positioned where the recordings first show it.
+    """Return the model with one observed point for each recorded station, at its place in the first recorded frames.
 
     The names link_1 ... link_n mean the link tips. Any other point is attached to the nearest link, the last station of
     an experiment to the last link. Its position comes from the first experiment that shows it: from the first frames,
@@ -96,7 +99,7 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
 
 
 def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) -> dict[str, Station]:
-    """Return, for an experiment with angles only, a point for each station at the tip of its link.
+    """Return one observed point per station for an experiment that has angles only: the tip of the station's link.
 
     The link is the one at the station's arc length. Without arc lengths, the stations are distributed evenly over the
     links, the last at the tip.
@@ -109,7 +112,7 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
-    """Return a station `name` at `point` (d,) [m] of the base frame, on `link` or, if None, on the nearest link."""
+    """Return a `Station` of the model at `point` (d,) [m], attached to `link` or, if None, to the nearest link."""
     length = np.concatenate([[model.base_length], model.link_length])
     beside = mechanics_of(model).beside_links(phi, point[None])[0]  # (n + 1, 3)
     apart = np.linalg.norm(beside - np.stack([np.clip(beside[:, 0], 0.0, length), *[0.0 * length] * 2], axis=1), axis=1)
@@ -118,7 +121,9 @@ def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) 
 
 
 def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> float:
-    """Return the joint stiffness [N m/rad] at which the loaded first mode rings at `frequency` [Hz]."""
+    """Return the joint stiffness [N m/rad] at which the model's first mode, under gravity, has this
+    `frequency` [Hz].
+    """
 
     def gap(log_k: float) -> float:
         m = apply(model, {**exp.known, "stiffness": float(np.exp(log_k))})
@@ -139,7 +144,7 @@ def stiffness_for_frequency(model: Model, exp: Experiment, frequency: float) -> 
 def estimate(
     model: Model, experiments: Sequence[Experiment], parameters: Sequence[Parameter],
 ) -> tuple[Model, list[Parameter]]:
-    """Return the model with a point for each station, and the parameters with all start values estimated.
+    """Return the model with an observed point for each station, and the fit parameters with all start values estimated.
 
     Raises FitError for a parameter whose start value cannot be estimated.
     """
@@ -181,7 +186,7 @@ def estimate(
 def prepare(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str],
 ) -> tuple[Model, list[Parameter]]:
-    """Return the model with a point for each station, and all parameters, edge times included, with start values."""
+    """Return the model with observed points, and all parameters of a fit, edge times included, with start values."""
     listed = each_joint((Parameter(p) if isinstance(p, str) else p for p in parameters), model.n)
     records = [e.name for e in experiments]
     if not records or len(set(records)) < len(records):
@@ -204,7 +209,9 @@ def prepare(
 
 
 def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]) -> dict[str, float]:
-    """Return start values of stiffness and damping from the free decays; the model's own without a free decay."""
+    """Return start values of stiffness and damping, by parameter name, from the free decays in the recordings.
+    Without a free decay the model's own values are returned.
+    """
     found = {"stiffness": float(model.stiffness.mean()), "damping": float(model.damping.mean())}
     if not wanted & {"stiffness", "damping"}:
         return found
@@ -219,7 +226,7 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
 
 
 def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Return start values of gains and tendon parameters from the model, and of wall limits from the peak pressure."""
+    """Return start values by parameter name: gains and tendons of the model, wall limits from the peak pressure."""
     found = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]
@@ -238,7 +245,9 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
 def bands_of_layouts(
     parameters: Sequence[Parameter], experiments: Sequence[Experiment], model: Model,
 ) -> list[Parameter]:
-    """Return fixed parameters for the ends of the ranges of the springpot and Payne's curve, unless they are given."""
+    """Return fixed parameters for the range that a springpot or Payne's curve covers, unless they are given.
+    The range is of frequencies [Hz] for the springpot and of joint rotations [rad] for the curve.
+    """
     names = {p.name for p in parameters}
     chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}
     found = []
@@ -256,14 +265,14 @@ def bands_of_layouts(
 
 
 def band_of_rates(experiments: Sequence[Experiment]) -> tuple[float, float]:
-    """Return the frequency range [Hz] of the recordings: one period in the longest to half the highest frame rate."""
+    """Return the lowest and highest frequency [Hz] in recordings: 1 / longest duration, half the frame rate."""
     low = 1.0 / max(float(np.ptp(e.time)) for e in experiments)
     high = 0.5 / min(float(np.median(np.diff(e.time))) for e in experiments)
     return low, min(high, MOST_BAND * low)
 
 
 def band_of_swings(experiments: Sequence[Experiment], model: Model) -> tuple[float, float]:
-    """Return the range of joint amplitudes [rad] of the recordings, up to twice the joint's peak rotation.
+    """Return the range of joint rotations [rad] in the recordings, up to twice the peak rotation of a joint.
 
     The peak rotation of a joint follows from the peak displacement of the tip, for a body bent evenly: the tip moves by
     half its angle times the length.

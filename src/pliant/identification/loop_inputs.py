@@ -1,4 +1,4 @@
-"""Inputs of the compiled loops of a fit: `Numbers` with derivatives, and the rest of a `ForwardProblem`, constant."""
+"""Arguments of the compiled simulation of a fit, with derivatives (`Numbers`) and without (`ForwardProblem`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most fo
 
 
 class Numbers(NamedTuple):
-    """All inputs of a forward problem with respect to which derivatives are taken, as numbers and arrays."""
+    """All quantities of one simulated experiment that depend on fitted parameters, so that derivatives are taken by
+    them.
+    """
 
     held: Any  # (n,) rad, absolute angles of the first rows
     held_base: Any  # rad
@@ -42,7 +44,7 @@ class Numbers(NamedTuple):
 
 
 class ForwardProblem(NamedTuple):
-    """A forward problem: `Numbers` of one experiment together with the quantities that have no derivative."""
+    """Everything that is needed to simulate one experiment of a fit: its `Numbers`, output times, model and points."""
 
     numbers: Numbers
     keep: Array  # (steps,) row of the output after the step, negative: none
@@ -60,14 +62,17 @@ class ForwardProblem(NamedTuple):
 
 
 def in_one_row(numbers: Numbers) -> Array:
-    """Return all entries of `numbers` except the `APART` ones as one vector, arrays first, then scalars."""
+    """Flatten `numbers` to one vector, arrays first, then scalars.
+    Steps, torques, loads and chambers (`APART`) are left out.
+    """
     entries = leaves(numbers)
     arrays = [e.ravel() for e in entries if isinstance(e, Array)]
     return np.concatenate([*arrays, np.array([e for e in entries if not isinstance(e, Array)])])
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
-    """Return the `Numbers` whose vector `in_one_row` is `row`; shapes and the `APART` entries come from `like`.
+    """Rebuild `Numbers` from the vector that `in_one_row` made.
+    Array shapes, steps, torques, loads and chambers are copied from `like`.
 
     A matrix `row` (N, W) gives arrays with a last axis of length W.
     """
@@ -88,6 +93,8 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
 
 
 def leaves(numbers: Numbers) -> list[Any]:
-    """Return every array and scalar of `numbers` as a flat list, except the `APART` ones."""
+    """Return the arrays and scalars of `numbers` as a flat list, without steps, torques, loads and
+    chambers (`APART`).
+    """
     short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in APART)
     return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]

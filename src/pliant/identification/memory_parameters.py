@@ -1,4 +1,6 @@
-"""Parameters of creep, hysteresis, viscoelastic lag and valve limits: names, bounds, start values and use."""
+"""Fit parameters of creep, hysteresis, viscoelastic lag and valve limits: names, bounds, start
+values, use in a model.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,7 @@ PAIRS = {"creep": ("share", "time"), "slip": ("share", "angle"),
 
 
 def usual_start(name: str) -> float | None:
-    """Return the default start value of a parameter of creep, hysteresis, lag or valve limit; None for any other name.
+    """Return the default start value of a creep, hysteresis, lag or valve-limit parameter; None for any other name.
 
     Branches of one kind get different start values, since a fit could not separate equal ones.
     """
@@ -87,19 +89,26 @@ def usual_start(name: str) -> float | None:
 
 
 def chamber_guess(highest: float) -> dict[str, float]:
-    """Return the start value of "inflation_limit" as a dict: twice the `highest` recorded pressure [Pa]."""
+    """Return the start value of the wall limit as {"inflation_limit": Pa}: twice the `highest`
+    recorded pressure [Pa].
+    """
     return {"inflation_limit": 2.0 * highest}
 
 
 def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the creep and slip branches into which the springpot and Payne's curve in `values` expand."""
+    """Return the creep and slip branches that the springpot and Payne's curve with the parameters in `values` expand
+    to.
+    """
     entries: dict[str, Any] = {}
     for law, (lay, fields, kind) in LAYOUTS.items():
         given = {field: values[f"{law}_{field}"] for field in fields if f"{law}_{field}" in values}
         if not given.keys() - {"low", "high"}:
             continue
         if missing := [f"{law}_{field}" for field in fields if field not in given]:
-            raise InputError(f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing")
+            raise InputError(
+                f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing; "
+                "add what is missing"
+            )
         if matching(f"{kind}_(share|time|angle)_[1-9]", tuple(values)):
             raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
         kernel_rows = lay(*(given[field] for field in fields))._asdict()
@@ -108,7 +117,9 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the changes of the model's creep, hysteresis and stiffening by `values`, as a dict for `Model.with_`."""
+    """Return the changes that `values` make to a model's creep, hysteresis and stiffening, as a
+    dict for `Model.with_`.
+    """
     changes: dict[str, Any] = {}
     for field in (*SPRING_TERMS, SPRING_BOUND):
         if field in values:
@@ -130,7 +141,7 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
         if lengths[0] != lengths[1]:
             raise InputError(
                 f"each {kind} branch needs a {kind}_{fields[0]}_<j> and a {kind}_{fields[1]}_<j>: "
-                f"there are {lengths[0]} and {lengths[1]}"
+                f"there are {lengths[0]} and {lengths[1]}; add the missing ones"
             )
     if entries:
         changes["memory"] = replace(model.memory, **entries)

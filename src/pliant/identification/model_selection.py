@@ -21,19 +21,19 @@ DETERMINED = 0.5  # standard error over value, above which a parameter is not de
 
 
 class Follows(NamedTuple):
-    """Quality of a fit on its training recordings, in units that are the same for all fits to these recordings."""
+    """How well a fit matches its training recordings, in units that are the same for all fits to these recordings."""
 
     mean_square: float  # of the residuals, weighted alike for every model
     numbers: float  # effective number of independent observed values, given the residuals' correlation
     free: int  # number of free parameters, edge times of the recordings included
 
     def bic(self, numbers: float) -> float:
-        """Return the Bayesian information criterion with `numbers` as the effective number of independent residuals."""
+        """Return the Bayesian information criterion of the fit, for `numbers` effective independent residuals."""
         return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
 
 
 def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
-    """Return the quality of `result` on the recordings `train`, with the weights of a first fit."""
+    """Return how well the fit `result` matches the training recordings, as residuals weighted equally for all fits."""
     problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])
@@ -42,7 +42,7 @@ def follows(train: Sequence[Experiment], result: FitResult, step: float, weighti
 
 
 def shared_bic(fits: Sequence[Follows]) -> list[float]:
-    """Return the BIC of models fitted to the same recordings, with the sample size of the best-fitting one for all.
+    """Return the BIC of several models fitted to the same recordings, all with the best model's effective sample size.
 
     Residuals of a poor model are correlated for longer and hold fewer independent values. With each model's own count
     the criteria could not be compared.
@@ -52,7 +52,7 @@ def shared_bic(fits: Sequence[Follows]) -> list[float]:
 
 
 def missed(exp: Experiment, result: FitResult, step: float) -> Array:
-    """Return the squared error (T,) of each frame of a held-out recording, in (% of peak displacement)^2.
+    """Return the squared error (T,) of each frame of a held-out recording, in (% of its peak displacement)^2.
 
     The mean over frames is the square of the recording's RMS error. Missing stations do not count.
     """
@@ -65,12 +65,12 @@ def missed(exp: Experiment, result: FitResult, step: float) -> Array:
 
 
 def error(records: dict[str, Array]) -> float:
-    """Return the mean RMS error over recordings, % of peak displacement, from the squared errors of `missed`."""
+    """Return the mean over recordings of the RMS error [% of peak displacement], from squared errors per frame."""
     return float(np.mean([np.sqrt(m.mean()) for m in records.values()]))
 
 
 def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
-    """Return by how much the error of model `one` exceeds that of `other`, and the standard error of the difference.
+    """Return by how much the mean error of one model exceeds another's, and the standard error of this difference.
 
     Both refer to the same held-out recordings and are in % of the peak displacement, from the frame-by-frame
     differences of `missed` with their autocorrelation taken into account. With several recordings, the scatter between
@@ -98,7 +98,7 @@ def lead(one: dict[str, Array], other: dict[str, Array]) -> tuple[float, float]:
 
 
 def undetermined(result: FitResult, added: Collection[str]) -> dict[str, str]:
-    """Return a sentence for each parameter of a fit that the recordings do not determine, by parameter name.
+    """Return, by parameter name, a sentence about each fitted parameter that the recordings do not determine.
 
     Checked are the parameters `added` by a model, and every other one that must be positive. Parameters of a recording
     or a station, those with a prior, and those at a bound (unless added) are not checked.
@@ -120,5 +120,5 @@ def undetermined(result: FitResult, added: Collection[str]) -> dict[str, str]:
 
 
 def of_size(p: Parameter) -> str:
-    """Return value, standard error and unit of a parameter as text: "0.12 +- 0.03 N m"."""
+    """Return a parameter's value, standard error and unit as text, such as "0.12 +- 0.03 N m"."""
     return f"{p.value:.3g} +- {p.std:.2g} {p.unit}".removesuffix(" 1")

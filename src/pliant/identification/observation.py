@@ -1,4 +1,4 @@
-"""Observed quantities of a fit: points, orientations and sensor lag, in float, complex or dual numbers.
+"""Quantities that a fit observes: points, orientations and sensor lag, also with complex or dual numbers.
 
 The orientation of a rigid body follows from a link's station and two further points of the link, one metre along it and
 one metre aside. They are observed like any point, so that the frame has exact derivatives and passes through the model
@@ -25,7 +25,7 @@ LEAST_LAG = 1e-9  # s: a shorter one is none
 
 
 class NumberKind(NamedTuple):
-    """A kind of numbers on which the compiled loops run: its conversions from and to floats, and its compiler."""
+    """A number type for the compiled loops (float, complex or dual), with its conversions and compiler."""
 
     of: Callable[[Any], Any]  # converts a float, or an array of floats, to a copy in this kind
     value: Callable[[Any], Any]  # converts back to floats
@@ -33,17 +33,17 @@ class NumberKind(NamedTuple):
 
 
 def copied(a: Any) -> Any:
-    """Return a float, or a writable copy of an array; read-only arrays would need kernels of their own."""
+    """Return a float unchanged, or an array as a writable copy."""
     return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
 
 
 def in_kind(record: Any, kind: NumberKind) -> Any:
-    """Return a named tuple with all its floats and arrays converted to a number kind (float, complex or dual)."""
+    """Return a named tuple with all floats and arrays converted to the number type `kind`: float, complex or dual."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
 def places_in_plane(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Places:
-    """Return the positions of the observed points on the links of a planar chain, converted to a number kind."""
+    """Return where the observed points lie on the links of a planar chain, in the number type `kind`."""
     links = kind.of(np.zeros((5, forward.model.n + 1)))
     return Places(
         ObservedChain(numbers.base_length, numbers.length, numbers.share), links, forward.carrier, numbers.along,
@@ -52,7 +52,7 @@ def places_in_plane(forward: ForwardProblem, numbers: Numbers, kind: NumberKind)
 
 
 def places_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> SpatialPlaces:
-    """Return the positions of the observed points on the links of a chain in space, converted to a number kind."""
+    """Return where the observed points lie on the links of a chain in space, in the number type `kind`."""
     work = in_kind(mechanics_of(forward.model).workspace(), kind)
     return SpatialPlaces(
         numbers.body, work, forward.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
@@ -60,27 +60,30 @@ def places_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind)
 
 
 def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
-    """Return the time constant (S,) [s] of each station's sensor from parameters by name; empty if none is given."""
+    """Return the time constant (S,) [s] of each station's sensor from the parameter values `own`; empty if none."""
     if not any(name.rpartition(".")[2] == "sensor_lag" for name in own):
         return np.zeros(0)
     return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
 
 
 def between_frames(times: Array) -> tuple[Array, Array]:
-    """Return times that refine `times` (T,) to steps of at most 5 ms, and the indices of `times` in them."""
+    """Return the frame times (T,) refined to at most 5 ms apart, and the indices of the frames in them."""
     parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
     frames = np.append(0, np.cumsum(parts))
     return np.interp(np.arange(frames[-1] + 1), frames, times), frames
 
 
 def behind_sensors(rows: Array, between: tuple[Array, Array], lags: Array) -> Array:
-    """Return frames (T, S, 3) of rows (R, S, 3) at the times of `between_frames`, after sensor lags (S,) [s]."""
+    """Return the observations (T, S, 3) of S lagging sensors at T frames, from rows (R, S, 3) at finer times.
+    `lags` (S,) [s] are the sensors' time constants.
+    """
     times, frames = between
     return np.asarray((lagged(rows, times, lags) if lags.size else rows)[frames])
 
 
 def lagged(rows: Array, times: Array, lags: Array) -> Array:
-    """Return rows (R, S, 3) after first-order sensors with time constants `lags` (S,) [s], settled at the first row.
+    """Return rows (R, S, 3) of S stations after first-order sensors with time constants `lags` (S,) [s].
+    Each sensor starts settled at the first row.
 
     tau y' = u - y is solved exactly for motions that are linear between two rows. The rows may be complex.
     """
@@ -101,19 +104,25 @@ def lagged(rows: Array, times: Array, lags: Array) -> Array:
 
 
 def with_axes(places: Array, oriented: Array) -> Array:
-    """Return the link coordinates (3, S + 2 m) of all points and of two axis points for each of the m `oriented`."""
+    """Return link coordinates (3, S + 2 m) of S observed points and 2 m auxiliary points.
+    The latter lie on two axes of each of m links whose orientation is observed.
+    """
     ends = places[:, oriented]
     ahead, aside = np.array([[1.0], [0.0], [0.0]]), np.array([[0.0], [0.0], [1.0]])
     return np.concatenate([places, ends + ahead, ends + aside], axis=1)
 
 
 def repeated(values: Array, oriented: Array) -> Array:
-    """Return per-point values (S + 2 m,) with those of the m `oriented` points repeated for their two axis points."""
+    """Return values (S + 2 m,) for S observed points, and for 2 m auxiliary points the values of their m stations.
+    The auxiliary points lie on two axes of each link whose orientation is observed.
+    """
     return np.concatenate([values, values[oriented], values[oriented]])
 
 
 def frames_of(rows: Array, oriented: Array) -> Array:
-    """Return link frames (..., T, m, 3, 3) from rows (..., T, S + 2 m, 3) with the axis points of `with_axes`."""
+    """Return the rotation matrices (..., T, m, 3, 3) of m links from positions (..., T, S + 2 m, 3).
+    The last 2 m points lie on two axes of each link.
+    """
     m = len(oriented)
     start, ahead, aside = rows[..., oriented, :], rows[..., -2 * m : -m, :], rows[..., -m:, :]
     z = unit(ahead - start)
@@ -123,12 +132,13 @@ def frames_of(rows: Array, oriented: Array) -> Array:
 
 
 def unit(v: Array) -> Array:
-    """Return vectors (..., 3) divided by their lengths; they may be complex."""
+    """Return vectors (..., 3) divided by their lengths; their components may be complex."""
     return np.asarray(v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True)))
 
 
 def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
-    """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled rotations since the first frame.
+    """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations.
+    Both orientations are rotations since the first frame.
 
     `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
     measured body.
@@ -139,12 +149,14 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
 
 
 def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Array) -> Array:
-    """Return derivatives (P, T, m, 3) of `turns_off`, given those (P, T, S + 2 m, 3) of the rows (complex steps)."""
+    """Return the derivatives (P, T, m, 3) of the rotation vectors of `turns_off` by P parameters.
+    `derivatives` (P, T, S + 2 m, 3) are those of the positions.
+    """
     return np.asarray(turns_off(rows + 1j * TINY * derivatives, oriented, measured).imag / TINY)
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Return rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), which may be complex.
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices R (..., 3, 3), which may be complex.
 
     The rotation vector is (theta / sin theta) v, where v is the vector of the matrix's skew part.
     """

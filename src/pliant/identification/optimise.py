@@ -1,4 +1,4 @@
-"""Optimiser of a fit: least squares with exact derivatives, from one or several starts."""
+"""Optimiser of a fit: nonlinear least squares with exact derivatives, from one or several start points."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ SAME = 1e-4  # of the least cost: tolerance within which a start is taken to rea
 
 
 class SameMinimumError(Exception):
-    """Raised when a start is about to reach a minimum that an earlier start has found."""
+    """Raised during an optimisation that is about to reach a minimum which is known from an earlier start."""
 
 
 def solve_all(
     problem: Problem, starts: Sequence[Array], loss: str, max_evaluations: int, progress: Callable[[str], None] | None,
 ) -> OptimizeResult:
-    """Return the best optimum of `solve` over several starts; a start that approaches a known minimum is stopped early.
+    """Minimise from several start points and return the best optimum.
+    A run that approaches a known minimum is stopped early.
 
     The attribute `agreeing` of the result counts the other starts that lead to the same minimum.
     """
@@ -56,7 +57,7 @@ def solve_all(
 def solve(
     problem: Problem, x0: Array, loss: str, max_evaluations: int, found: OptimizeResult | None = None,
 ) -> OptimizeResult:
-    """Minimise the residuals of a problem from the scaled parameters x0 (P,), with exact derivatives.
+    """Minimise the residuals of a least-squares problem from scaled start parameters x0 (P,), with exact derivatives.
 
     The unknowns are the changes from x0 in units of the parameters' typical sizes, so that the first step is at most of
     that size. A step scaled by the derivatives would be far too long for a parameter to which a start is insensitive.
@@ -106,7 +107,7 @@ def solve(
 
 
 def shifts(problem: Problem) -> Array:
-    """Return the offset of each free parameter before its logarithm is fitted; NaN where no logarithm is used.
+    """Return the offset added to each free parameter before its logarithm is fitted; NaN where no logarithm is used.
 
     In space, a step as long as a stiffness itself could reduce it to zero. With creep, fast motion determines
     K (1 + share) alone; with Payne's curve, small oscillations do. The valley of K and share is curved, and becomes
@@ -125,18 +126,21 @@ def shifts(problem: Problem) -> Array:
 
 
 def shares(problem: Problem) -> bool:
-    """Return whether the stiffness fraction of creep or of Payne's curve is free."""
+    """Return whether a fraction of the stiffness, that of creep or of Payne's curve, is a free parameter."""
     return any(p.name.rpartition(".")[2].startswith(SHARES) for p in problem.free)
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:
-    """Return whether x with this `cost` lies in the basin of the minimum `found`, by the curvature there."""
+    """Return whether parameters x with this `cost` will converge to the known minimum `found`, judged by the curvature
+    there.
+    """
     away = found.jac @ (x - found.x)
     return bool(cost < (1.0 + SAME) * found.cost and 0.5 * float(np.sum(away * away)) < SAME * found.cost)
 
 
 def condensed(problem: Problem) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """Return residual and Jacobian functions rotated so that only P + 1 rows are nonzero.
+    """Return residual and Jacobian functions for the optimiser, rotated so that only P + 1 rows are nonzero.
+    P is the number of free parameters.
 
     With [r J] = Q R, the first column of R is the norm of r followed by zeros. Sum of squares, gradient and singular
     values are those of r and J.

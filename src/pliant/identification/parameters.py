@@ -1,4 +1,4 @@
-"""The parameters of a fit: names, units, bounds, and functions that put their values into a model."""
+"""Parameters of a fit: their names, units and bounds, and functions that apply their values to a model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOSTLY_PRIOR = 0.7  # of the prior's standard deviation left after a fit: half o
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a fit, in SI units: a number of the model or of one recording.
+    """A fit parameter with value and bounds in SI units, which belongs to the model or to one recording.
 
     Its `unit`, and bounds that are always valid, follow from its name.
 
@@ -80,13 +80,16 @@ class Parameter:
             object.__setattr__(self, "value", float(np.clip(usual, self.lower, self.upper)))
             object.__setattr__(self, "source", self.source or "usual start")
         if not self.lower < self.upper:
-            raise InputError(f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}")
+            raise InputError(
+                f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}: change one"
+            )
         if self.value is not None and not (np.isfinite(self.value) and self.lower <= self.value <= self.upper):
             raise InputError(
-                f"parameter {self.name}: value {self.value} is not within its bounds {self.lower} ... {self.upper}"
+                f"parameter {self.name}: value {self.value} is not within its bounds {self.lower} ... {self.upper}: "
+                "change the value, or lower and upper"
             )
         if self.value is None and not self.free:
-            raise InputError(f"parameter {self.name} is fixed and needs a value")
+            raise InputError(f"parameter {self.name} is fixed and needs a value: give one, or free the parameter")
         if self.prior is not None and self.prior_std is None:
             raise InputError(f"parameter {self.name}: a prior needs a standard deviation too: give prior_std")
         if self.prior_std is not None and not self.prior_std > 0:
@@ -96,24 +99,28 @@ class Parameter:
                              "single joint, such as stiffness_2, has it")  # fmt: skip
 
     def with_(self, **changes: Any) -> Parameter:
-        """Return a copy of the parameter with the attributes named in `changes` replaced."""
+        """Return a copy of the parameter in which the given attributes are replaced."""
         return replace(self, **changes)
 
     @property
     def narrowed(self) -> float | None:
-        """Return the standard error after the fit over that of the prior (1: no information); None without a prior."""
+        """Return the parameter's standard error over that of its prior, 1 if the data add no information; None without
+        a prior.
+        """
         return None if self.prior_std is None or self.std is None else self.std / self.prior_std
 
     @property
     def moved(self) -> float | None:
-        """Return how far the data moved the value from its prior mean, in prior standard deviations, or None."""
+        """Return the difference of the fitted value from the prior's mean, in standard deviations of the prior, or
+        None.
+        """
         if self.prior_std is None or self.prior is None or self.value is None:
             return None
         return (self.value - self.prior) / self.prior_std
 
     @property
     def rests_on(self) -> str:
-        """Return a phrase for reports that says whether the value was given, or comes from the data or the prior."""
+        """Return a phrase on the source of the parameter's value: given, the data, or the prior."""
         if not self.free:
             return "given"
         if self.prior_std is None:
@@ -127,7 +134,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """Unit, bounds, typical size and meaning that a parameter has by its name."""
+    """Unit, bounds, typical size and meaning of a parameter, as its name determines them."""
 
     unit: str
     lower: float = -np.inf
@@ -188,7 +195,9 @@ OF_A_RECORD = frozenset({  # parameters of a recording that no model has
 
 @cache
 def kind_of(name: str) -> Kind:
-    """Return the unit, bounds and meaning of the parameter `name`, which may have a recording's or chamber's prefix."""
+    """Return the unit, bounds and meaning of a parameter by its `name`, with or without a recording's or chamber's
+    prefix.
+    """
     for candidate in (name, name.partition(".")[2]):
         for pattern, kind in KNOWN.items():
             if candidate and re.fullmatch(pattern, candidate):
@@ -208,26 +217,28 @@ def kind_of(name: str) -> Kind:
 
 
 def shared_name(name: str) -> str:
-    """Return a parameter's name without recording, chamber or joint number; a station's position keeps its name."""
+    """Return a parameter's name without recording, chamber or joint number, but whole if it is the position of a
+    station.
+    """
     of_station = name.endswith((".along", ".across", ".aside")) and name.count(".") == 1
     own = name if of_station else name.partition(".")[2] or name
     return re.sub(r"^(stiffness|damping|rest_angle|joint_gain|cross_gain)_\d+$", r"\1", own)
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
-    """Return the parameter values for one recording: the shared ones, replaced by ``RECORDING.name`` if given."""
+    """Return the parameter values of one recording: the shared ones, overridden by those named ``RECORDING.name``."""
     prefix = f"{record}."
     own = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
     return {**values, **own}
 
 
 def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Return the (name, value) pairs that belong to a model and not to a recording, as ``start`` or ``base_x`` do."""
+    """Return the (name, value) pairs of parameters of the model, without those of a recording such as ``start``."""
     return tuple(pair for pair in values.items() if pair[0].rpartition(".")[2] not in OF_A_RECORD)
 
 
 def apply(model: Model, values: Mapping[str, float]) -> Model:
-    """Return the model with the parameter `values` (SI) put in; names of parameters that no model has are ignored.
+    """Return the model with the parameter `values` (SI) applied. Names that belong to no model are ignored.
 
     Each value replaces the model's own, so that applying the same values twice changes nothing.
     """
@@ -261,7 +272,7 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
 
 
 def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the model's stations at the positions in `values`, as a change for `Model.with_`; {} if there are none."""
+    """Return the model's stations at the positions in `values`, as an argument of `Model.with_`; {} if none moves."""
     if not any(name.endswith((".along", ".across", ".aside")) for name in values):
         return {}
     axes = ("along", "across", "aside")
@@ -270,7 +281,9 @@ def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def moved_joints(model: Model, share: float) -> Model:
-    """Return the chain with each joint at the fraction `share` of its segment; stations keep their rest positions."""
+    """Return the chain with each joint at the fraction `share` of its body segment.
+    Stations keep their positions at rest.
+    """
     segment = model.length / model.n
     length = np.full(model.n, segment)
     length[-1] = (1.0 - share) * segment
@@ -286,7 +299,7 @@ def moved_joints(model: Model, share: float) -> Model:
 
 
 def turned_gravity(model: Model, angle: float) -> np.ndarray:
-    """Return gravity (2,) [m/s^2] with the model's magnitude, turned by `angle` [rad] from the base tangent +y."""
+    """Return a gravity vector (2,) [m/s^2] of the model's magnitude, at `angle` [rad] from the base tangent +y."""
     strength = float(np.hypot(*model.gravity))
     if strength == 0:
         raise InputError("the parameter gravity_angle turns gravity, but the model's gravity is zero: give the model "
@@ -295,7 +308,7 @@ def turned_gravity(model: Model, angle: float) -> np.ndarray:
 
 
 def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
-    """Return the parameters with each wildcard such as ``stiffness_*`` replaced by one parameter for every joint."""
+    """Return the parameters with wildcards such as ``stiffness_*`` expanded to one parameter per joint."""
     written = []
     for p in parameters:
         stem = p.name.removesuffix("_*")
@@ -304,10 +317,10 @@ def each_joint(parameters: Iterable[Parameter], joints: int) -> list[Parameter]:
 
 
 def check_names(parameters: Iterable[Parameter], model: Model, records: set[str], stations: set[str]) -> None:
-    """Raise InputError for a duplicate parameter, or one of an unknown joint, recording, station or chamber."""
+    """Raise InputError for a duplicate parameter, or one that names an unknown joint, recording, station or chamber."""
     parameters = list(parameters)
     if both := records & stations:
-        raise InputError(f"{min(both)!r} names a recording and a station: rename one, their parameters would be mixed")
+        raise InputError(f"{min(both)!r} names a recording and a station, whose parameters would be mixed: rename one")
     check_chamber_names([p.name for p in parameters], model, records | stations)
     extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
     space_parameters.check_space_names([p.name for p in parameters], model)
@@ -315,16 +328,16 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     seen: set[str] = set()
     for p in parameters:
         if p.name in seen:
-            raise InputError(f"parameter {p.name} is listed twice")
+            raise InputError(f"parameter {p.name} is listed twice: remove one of the two")
         seen.add(p.name)
         owner, dot, own = p.name.partition(".")
         if dot and owner not in known:
             what = "recording, station or chamber" if owners(model) else "recording or station"
             there = ", ".join(sorted(known))
-            raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; there are {there}")
+            raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; use one of {there}")
         number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)}|joint_gain)_(\d+)", own or owner)
         if number and not 1 <= int(number[1]) <= model.n:
-            raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}")
+            raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}; use one of their numbers")
     for start in ("", *(f"{name}." for name in owners(model))):
         if f"{start}gain" in seen and any(name.startswith(f"{start}joint_gain_") for name in seen):
             raise InputError(

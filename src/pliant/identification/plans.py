@@ -1,4 +1,4 @@
-"""Cache of intermediate results that forward problems share between recordings, derivatives and evaluations."""
+"""Cache of models, time steps and torques that the simulations of a fit share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class ModelAt(NamedTuple):
-    """A model with parameter values put in, its constants for the compiled kernels, and cached results."""
+    """A model with parameter values applied, its constants for the compiled loops, and cached results."""
 
     model: Model
     body: Any  # `Mechanics.body`
@@ -32,14 +32,18 @@ class ModelAt(NamedTuple):
     beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
 
     def torque_before(self, pressure: Array) -> Array:
-        """Return the static torques (n + S,) [N m] of joints and strains at the constant `pressure` (C,) [Pa]."""
+        """Return the generalised static torques (n + S,) [N m] of n joints and S strains at constant pressures (C,)
+        [Pa].
+        """
         key = pressure.tobytes()
         if key not in self.torques:
             self.torques[key] = self.model.actuation.joint_torques(pressure)
         return self.torques[key]
 
     def chambers(self, pressure: Array) -> Array:
-        """Return the constants (C, k) of the chambers at the initial `pressure` (C,) [Pa] behind their valves."""
+        """Return the constants (C, k) of C chambers for the compiled loops, starting from `pressure` (C,) [Pa] behind
+        the valves.
+        """
         key = pressure.tobytes()
         if key not in self.rows:
             rows = [row_of(c, float(p)) for c, p in zip(self.model.chambers, pressure, strict=True)]
@@ -48,13 +52,15 @@ class ModelAt(NamedTuple):
         return self.rows[key]
 
     def places(self, stations: tuple[str, ...]) -> Array:
-        """Return the coordinates (3, S) [m] of stations along, across and aside of the links that carry them."""
+        """Return the coordinates (3, S) [m] of S stations in the frames of their links: along, across and aside."""
         if stations not in self.beside:
             self.beside[stations] = np.array([self.points[name][2:] for name in stations]).T
         return self.beside[stations]
 
     def at_rest(self, pressure: Array) -> Array:
-        """Return the absolute angles (n,), followed by strains, at equilibrium under `pressure` (C,) [Pa] alone."""
+        """Return the absolute link angles (n,) [rad], then the strains, in equilibrium under
+        pressures (C,) [Pa] alone.
+        """
         key = pressure.tobytes()
         if key not in self.resting:
             self.resting[key] = mechanics_of(self.model).coordinates(equilibrium(self.model, pressure))
@@ -62,7 +68,7 @@ class ModelAt(NamedTuple):
 
 
 class Plans:
-    """Cache of models, time steps and torques that the forward problems of a fit share.
+    """Cache of models, time steps and torques that the simulations of a fit share.
 
     Recordings use the same model one after another. Derivatives with respect to parameters that change no pressure use
     the same steps and torques, and those with respect to valves and torque laws the same steps.
@@ -76,7 +82,9 @@ class Plans:
         self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
-        """Return the `model` with the values of one recording put in; equal values give the same cached object."""
+        """Return the `model` with the parameter values of one recording applied.
+        Equal values return the same cached object.
+        """
         key = of_the_model(values)
         if key not in self.models:
             m = apply(model, dict(key))
@@ -86,7 +94,7 @@ class Plans:
         return self.models[key]
 
     def forget(self, most: int) -> None:
-        """Empty each cache that has more than `most` entries."""
+        """Empty each cache of models, steps and torques that has more than `most` entries."""
         if len(self.models) > most:
             self.models.clear()
         if len(self.drives) > most:

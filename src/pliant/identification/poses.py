@@ -1,4 +1,4 @@
-"""Simulation of recordings whose rows are settled poses, with derivatives."""
+"""Simulation of recordings in which the body rests in every row (settled poses), with derivatives by parameters."""
 
 from __future__ import annotations
 
@@ -25,10 +25,14 @@ Array = np.ndarray
 
 
 def pose_inputs(model: Model, exp: Experiment) -> Drive:
-    """Return the model inputs under which each row of an experiment is at equilibrium, without time steps."""
+    """Return the pressures and chamber torques under which the body rests in each row of a
+    recording of settled poses.
+    """
     check_driven(model, [exp])
     if model.space is None:
-        raise InputError(f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar")
+        raise InputError(
+            f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar: leave out poses"
+        )
     traces = [exp.driving(name) for name in model.actuation.names]
     values = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
     torque = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
@@ -37,7 +41,7 @@ def pose_inputs(model: Model, exp: Experiment) -> Drive:
 
 
 def as_complex(value: Array | float) -> Array | complex:
-    """Return a float, or a copy of an array of floats, as complex numbers."""
+    """Return a float as a complex number, or an array of floats as a complex copy."""
     return np.array(value, dtype=complex) if isinstance(value, Array) else complex(value)
 
 
@@ -45,7 +49,8 @@ COMPLEX = NumberKind(as_complex, np.real, twin)
 
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:
-    """Return the equilibrium pose of every row, each found from the pose before; the first starts without any input.
+    """Return the equilibrium shape for each row of a recording of settled poses.
+    The search starts from the row before, for the first from no input.
 
     Raises
     ------
@@ -66,13 +71,17 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
 
 
 def commands(numbers: Numbers) -> Array:
-    """Return the torques and tendon commands (T + 1, N + R) of all poses, preceded by a row of zeros."""
+    """Return the torques and tendon commands (T + 1, N + R) of T settled poses: N coordinates, R tendons.
+    The first row is zero.
+    """
     rows = numbers.torque @ numbers.gain
     return np.concatenate([0.0 * rows[:1], rows])
 
 
 def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -> Array:
-    """Return the complex observed rows (T, S, 3) of `poses`; imaginary parts carry a derivative."""
+    """Return the observed points (T, S, 3) [m] of settled poses as complex numbers, whose imaginary parts carry a
+    derivative.
+    """
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
     work = mechanics_of(forward.model).workspace(complex)
@@ -82,7 +91,7 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
 
 
 def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
-    """Return the observed rows (T, S, 3) of settled poses: x, y, z [m].
+    """Return the observed points x, y, z (T, S, 3) [m] of S stations in T settled poses.
 
     Raises
     ------
@@ -93,6 +102,8 @@ def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
 
 
 def pose_slopes(forward: ForwardProblem, tilted: Sequence[Numbers]) -> Array:
-    """Return the derivatives (P, T, S, 3) of `pose_rows`, given numbers with `TINY` times theirs as imaginary parts."""
+    """Return the derivatives (P, T, S, 3) of the observed points of T settled poses by P parameters.
+    Each of `tilted` holds the inputs with `TINY` times their derivative as imaginary part.
+    """
     poses = equilibrium_poses(forward)
     return np.stack([observed_poses(forward, numbers, poses).imag / TINY for numbers in tilted])

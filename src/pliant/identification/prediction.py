@@ -1,4 +1,4 @@
-"""Prediction of an experiment by a model: positions, angles, and the values that a fit compares."""
+"""Prediction of a recording by a model: positions, angles, and the values that a fit compares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """Predict an experiment with a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
+    """Predict S stations of an experiment by a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
 
     Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
@@ -31,7 +31,7 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Predict the base, first joint and link tips (T, n + 2, d) [m] of the chain; arguments as for `predict`."""
+    """Predict the positions (T, n + 2, d) [m] of base, first joint and n link tips of the chain in an experiment."""
     forward = forward_problem(model, exp, values, step)
     along = np.concatenate([[0.0, forward.model.base_length], forward.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(forward.model.n)])
@@ -43,12 +43,16 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
-    """Return the compared values (..., T, S, d or 1) of observed rows (..., T, S, 3); see `Experiment.compared`."""
+    """Return the predicted values (..., T, S, d or 1) that a fit compares, from rows (..., T, S, 3) of the observed
+    points. They are positions, or angles for a recording of angles only.
+    """
     return referenced_angles(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
 
 
 def referenced_angles(exp: Experiment, rows: Array) -> Array:
-    """Return the angles (..., T, S) [rad] of observed rows (..., T, S, 3), from the experiment's reference."""
+    """Return the predicted angles (..., T, S) [rad], relative to the experiment's reference, from
+    rows (..., T, S, 3).
+    """
     angle = rows[..., 2]
     if exp.angle_reference == "joint":
         return np.diff(angle, axis=-1, prepend=0.0)

@@ -1,4 +1,4 @@
-"""Prediction intervals of motions, by the delta method, and of other quantities computed from fitted parameters."""
+"""Prediction intervals of motions and of other quantities computed from fitted parameters (delta method)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller o
 
 @dataclass(frozen=True, repr=False)
 class Band(Shown):
-    """A predicted motion with its prediction interval ("band").
+    """A predicted motion with its prediction interval, called its band.
 
     Attributes
     ----------
@@ -47,12 +47,12 @@ class Band(Shown):
     factor: float = 1e3
 
     def holds(self, position: Array) -> float:
-        """Return the fraction of the observed values in `position` (shape of the band) that lie within the band."""
+        """Return the fraction of the observed values in `position` that lie within the prediction interval."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
 
     def card(self) -> Card:
-        """Return a one-line summary of the band: its level, and its median and largest half-width."""
+        """Return a display card: the level of the prediction interval, and its median and largest half-width."""
         half = 0.5 * self.factor * (self.upper - self.lower)
         frames, stations = self.position.shape[:2]
         median, most = (f"{v:.3g} {self.unit}" for v in (np.nanmedian(half), np.nanmax(half)))
@@ -64,7 +64,7 @@ def prediction_band(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
     noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
-    """Return the predicted motion of an experiment with its prediction interval from the fit's covariance.
+    """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
 
     The interval follows by the delta method. The experiment's own parameters (edge times) are fitted to it, which
     compensates for part of the errors of the shared parameters.
@@ -97,7 +97,7 @@ def prediction_band(
         When the fit has no covariance, or the level is not between 0 and 1.
     """
     if fitted.covariance is None:
-        raise InputError("a prediction band needs a fit with free parameters: this one has no covariance")
+        raise InputError("a prediction band needs the covariance of a fit: fit with at least one free parameter")
     if not 0 < level < 1:
         raise InputError(f"the level of a band must lie between 0 and 1, got {level}")
     own = own or predict_held_out(experiment, fitted, step=step)[1]
@@ -130,7 +130,8 @@ def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
     weighting: str = "travel",
 ) -> Array:
-    """Return the standard deviation (T, S, 2 or 1) [m] of a prediction's residuals, from the training recordings.
+    """Return the standard deviation (T, S, 2 or 1) [m; angles: rad] of a prediction's residuals, learnt from training
+    recordings.
 
     The squared residuals of each coordinate are modelled as a non-negative sum of a constant, a term in the squared
     displacement of the tip, and a term in its squared speed, since a model errs differently at rest, while held, and in
@@ -158,7 +159,7 @@ def residual_noise(
 
 
 def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:
-    """Return the regressors (T, 3) of a motion: 1, squared displacement and squared speed of the tip.
+    """Return regressors (T, 3) of the residuals' variance: 1, squared displacement and squared speed of the tip.
 
     `rows` (T, S, ...) holds the motion, m; displacement and speed are divided by `unit`, m. The speed is 0 for settled
     poses.
@@ -169,7 +170,9 @@ def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = Fals
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:
-    """Return the expected squares (T, C) at regressors `own` (T, 3), fitted to squares (M, C) at `traits` (M, 3)."""
+    """Return the expected squared residuals (T, C) at regressors `own` (T, 3), fitted to M samples: `square` (M, C) at
+    `traits` (M, 3).
+    """
     from scipy.optimize import nnls
 
     size = np.sqrt(np.mean(traits**2, axis=0)) + 1e-300
@@ -185,7 +188,7 @@ def half_widths(
     fitted: FitResult, measure: Callable[[Mapping[str, float]], Array], *, level: float = 0.95,
     problems: list[str] | None = None,
 ) -> Array:
-    """Return half-widths of the confidence interval of quantities that `measure` computes from the parameters.
+    """Return the half-widths of the confidence intervals of quantities that `measure` computes from parameter values.
 
     The parameters are moved by one standard error to both sides along each principal direction of their covariance,
     within their bounds; half the difference of the results is that direction's contribution. This is exact for

@@ -28,12 +28,15 @@ FIRST_GUESS = 0.01  # of a peak displacement: assumed size of the residuals befo
 
 
 def root_mean_square(modelled: Array, measured: Array) -> float:
-    """Return the root-mean-square distance over stations and time, m (rad for angles); missing points are ignored."""
+    """Return the root-mean-square distance [m; angles: rad] between modelled and measured values.
+    Missing values are ignored.
+    """
     return float(np.sqrt(np.nanmean(np.sum((modelled - measured) ** 2, axis=-1))))
 
 
 class Problem:
-    """The residuals of all experiments as a function of the scaled free parameters x (P,), with their exact Jacobian.
+    """The least-squares problem of a fit: residuals of all experiments at scaled free parameters x (P,), and their
+    Jacobian.
 
     Each parameter is in units of its own scale. A residual is a distance over the peak displacement of its experiment,
     in metres, or in standard deviations of the noise; in the first two cases an experiment with many samples counts no
@@ -80,13 +83,15 @@ class Problem:
         return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
 
     def with_step(self, step: float) -> Problem:
-        """Return this problem with another integration step [s]: same recordings, weights and scales."""
+        """Return a copy of this problem with another integration step [s], with the same weights and scales."""
         other = copy.copy(self)
         other.step, other.plans, other.latest = step, Plans(), (b"", np.zeros(0))
         return other
 
     def residual(self, x: Array) -> Array:
-        """Return the residuals of the recordings, then of the priors; FAR for a recording that x cannot simulate."""
+        """Return the residuals of all recordings and priors at the scaled parameters x (P,).
+        A recording that cannot be simulated at x gets the residual FAR.
+        """
         rows, aim = self.all_known
         return np.concatenate([self.data_residual(x), self.size * (rows @ x - aim)])
 
@@ -106,11 +111,13 @@ class Problem:
         return np.concatenate(parts)
 
     def jacobian(self, x: Array) -> Array:
-        """Return the exact derivatives of `residual` with respect to the scaled parameters x (P,)."""
+        """Return the exact derivatives of all residuals, priors included, by the scaled parameters x (P,)."""
         return np.concatenate([self.data_jacobian(x), self.size * self.all_known[0]])
 
     def data_jacobian(self, x: Array) -> Array:
-        """Return the exact derivatives (N, P) of `data_residual` with respect to the scaled parameters x (P,)."""
+        """Return the exact derivatives (N, P) of the N weighted observation residuals by the scaled
+        parameters x (P,).
+        """
         if self.latest[0] == x.tobytes():
             return self.latest[1]
         values = self.values(x)
@@ -134,27 +141,31 @@ class Problem:
         return np.asarray(J)
 
     def acts_on(self, p: Parameter, exp: Experiment) -> bool:
-        """Return whether a parameter can affect an experiment; one of another recording alone cannot."""
+        """Return whether parameter `p` can affect an experiment; a parameter of another recording alone cannot."""
         owner = p.name.partition(".")[0]
         return owner == exp.name or owner not in self.names
 
     @property
     def learns(self) -> bool:
-        """Return whether a second fit would differ, because the residuals' size sets weights of priors or noise."""
+        """Return whether the problem sets weights of priors or noise from the size of the residuals, so that a second
+        fit differs.
+        """
         return len(self.all_known[1]) > 0 or self.weighting == "noise"
 
     def hold_to_start(self) -> None:
-        """Add a weak prior about the start value, as wide as its scale, for every parameter without a prior."""
+        """Add to every parameter without a prior a weak prior about its start value, as wide as its scale."""
         loose = [i for i, p in enumerate(self.free) if not p.prior_std]
         self.held = np.eye(len(self.free))[loose], self.start[loose]
 
     @property
     def all_known(self) -> tuple[Array, Array]:
-        """Return the linear residuals of priors and of values held at their start, as rows (R, P) and targets (R,)."""
+        """Return rows (R, P) and targets (R,) of the residuals of priors and of values held at their start, linear in
+        x.
+        """
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
     def learn_sizes(self, x: Array) -> None:
-        """Set the weight of the priors, and unknown noise levels, from the size of the residuals at x (P,).
+        """Set the weight of the priors and the unknown noise levels from the size of the residuals at x (P,).
 
         Residuals that are correlated over many frames count as few independent ones, so that the priors weigh more.
         """
@@ -175,7 +186,7 @@ class Problem:
 
 
 def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng: np.random.Generator) -> Array:
-    """Return a random start near the scaled parameters x (P,): all but the edge times changed by up to 30 %."""
+    """Return a random start point near the scaled parameters x (P,): each changed by up to 30 %, except edge times."""
     found = x.copy()
     for i, p in enumerate(free):
         if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
@@ -184,7 +195,7 @@ def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng:
 
 
 def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -> list[Parameter]:
-    """Return the parameters with random start values, all but the edge times changed by up to 30 %; see `scattered`."""
+    """Return the fit parameters with random start values: each changed by up to 30 %, except edge times."""
     free = [p for p in parameters if p.free and p.value is not None]
     scale = np.array([p.scale or 1.0 for p in free])
     bounds = np.array([(p.lower, p.upper) for p in free]).reshape(-1, 2).T / scale
@@ -196,14 +207,16 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 def with_held_mean(
     known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """Return the prior rows and targets with one more row, which holds a chamber's mean joint gain at its start."""
+    """Return prior rows (R, P) and targets (R,) with one more, which holds a chamber's mean joint gain at its start."""
     gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
-    """Return the linear residuals of priors and of shrinkage to the joints' mean, as rows (R, P) and targets (R,)."""
+    """Return rows (R, P) and targets (R,) of the residuals that priors, and joint values against their mean, add to a
+    fit.
+    """
     rows, aims = [], []
     for i, p in enumerate(free):
         if p.prior_std:

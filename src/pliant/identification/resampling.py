@@ -1,4 +1,6 @@
-"""Block bootstrap of a fit: refits to residuals resampled in blocks, which preserve their correlation in time."""
+"""Block bootstrap of a fit: refits to data whose residuals are resampled in blocks, which keep their correlation in
+time.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ def bootstrapped(
     experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, step: float = 2e-3,
     weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
 ) -> FitResult:
-    """Return the fit with covariance and standard errors from a block bootstrap, which reports and bands then use.
+    """Return the fit with covariance and standard errors estimated by a block bootstrap of its residuals.
 
     The arguments are those of `bootstrap`.
 
@@ -49,7 +51,8 @@ def bootstrap(
     step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
 ) -> tuple[tuple[str, ...], Array]:
-    """Return parameters of refits to the modelled motion plus its own residuals, resampled in blocks of frames.
+    """Return parameter names and values (replicates, P) of refits to the modelled motion plus residuals resampled in
+    blocks.
 
     Parameters
     ----------
@@ -92,12 +95,14 @@ def bootstrap(
 
 
 def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
-    """Return the experiment with other positions (T, S, 2), or angles (T, S, 1) for a recording of angles only."""
+    """Return the experiment with its observations replaced by `drawn`: positions (T, S, 2) [m] or angles (T, S, 1)
+    [rad].
+    """
     return replace(exp, angle=drawn[..., 0]) if exp.without_positions else replace(exp, position=drawn)
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """Return resampled observations (T, S, 2 or 1): the modelled motion plus its residuals in shuffled blocks.
+    """Return synthetic observations (T, S, 2 or 1): the modelled motion plus residuals in shuffled blocks of frames.
 
     A block has `width` frames. Blocks wrap around the end, so that every frame is drawn with equal probability.
     Residuals are not centred: the mean error of the model stays. Missing observations stay missing, and a missing

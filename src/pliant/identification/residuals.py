@@ -1,4 +1,4 @@
-"""Observations of an experiment in the layout of the compiled loop, with the weight of every residual."""
+"""Residuals of a model against the observed values of an experiment, with their weights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEAST_NOISE = 1e-9  # m and rad: recordings without noise keep finite weights
 
 
 class Observations:
-    """Observed positions and angles of one experiment, with the weights of their residuals.
+    """Observed positions and angles of one experiment, with the weight of each residual in a fit.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Observations:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
-        """Append the observed orientations, quaternions (T, m, 4), with the weights `share` (m,) of their stations."""
+        """Append the orientations of m stations, quaternions (T, m, 4), weighted by `share` (m,) of each station."""
         turn, seen = measured_turns(quaternion)
         self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
@@ -67,25 +67,28 @@ class Observations:
 
     @property
     def flat_weight(self) -> Array:
-        """Return the weight (N,) of each observed value."""
+        """Return the weights (N,) of all N observed values."""
         return self.weight[self.station, self.channel]
 
     def residual(self, rows: Array) -> Array:
-        """Return the weighted differences (N,) between modelled `rows` (T, S, 3) and the observations."""
+        """Return the weighted differences (N,) between modelled positions and angles (T, S, 3) and the N observed
+        values.
+        """
         off: Array = self.modelled(rows)[self.seen] - self.data[self.seen]
         turn = (self.channel == 2) & self.planar
         off[turn] = (off[turn] + np.pi) % (2 * np.pi) - np.pi
         return off * self.flat_weight
 
     def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
-        """Return the derivatives (P, N) of the residual, given the derivatives (P, T, S, 3) of the rows.
+        """Return derivatives (P, N) of N weighted residuals by P parameters, from those (P, T, S, 3) of positions and
+        angles.
 
         With observed orientations, `rows` (T, S, 3) themselves are needed too.
         """
         return self.modelled(derivatives, rows)[:, self.seen] * self.flat_weight
 
     def unknown_noise(self) -> list[tuple[int, tuple[int, ...]]]:
-        """Return the rows of `data`, with their channels, whose noise level was not given and must be estimated."""
+        """Return the stations and channels (x, y, angle) whose noise level was not given, so that it is estimated."""
         exp = self.exp
         places: tuple[int, ...] = (0, 1) if self.planar else (0, 1, 2)
         found = [(s, places) for s, name in enumerate(exp.stations) if name not in exp.noise]
@@ -96,7 +99,9 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Return modelled rows with angles and orientations expressed as they were observed."""
+        """Return modelled positions and angles in the form of the observed ones: angles and orientations from the same
+        reference.
+        """
         if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
             off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
@@ -107,7 +112,7 @@ class Observations:
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:
-    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and a mask (T, m) of those that exist."""
+    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and a mask (T, m) of those not missing."""
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(quaternion).all(axis=2)
@@ -116,7 +121,7 @@ def measured_turns(quaternion: Array) -> tuple[Array, Array]:
 
 
 def white_noise(data: Array) -> Array:
-    """Return the standard deviation (S, C) of white noise in data (T, S, C), from second differences in time."""
+    """Return the standard deviation (S, C) of white noise in time series (T, S, C), from their second differences."""
     bend = np.abs(np.diff(data, 2, axis=0))
     noise = np.full(data.shape[1:], 1.0)
     for place in np.ndindex(*noise.shape):
@@ -127,14 +132,16 @@ def white_noise(data: Array) -> Array:
 
 
 def angle_travel(exp: Experiment) -> float:
-    """Return the largest change of an observed angle, rad; 1 if no angle was observed."""
+    """Return the largest change [rad] of any observed angle of an experiment; 1 if none was observed."""
     if exp.angle is None:
         return 1.0
     return float(max(np.nanmax(np.nanmax(exp.angle, axis=0) - np.nanmin(exp.angle, axis=0)), 1e-9))
 
 
 def length_weights(exp: Experiment) -> Array:
-    """Return the weight (S,) of each station: the length of body that it represents, scaled to mean 1; else all 1."""
+    """Return weights (S,) of the stations in proportion to the body length that each represents, of mean 1.
+    Without arc lengths all weights are 1.
+    """
     if exp.arc_length is None:
         return np.ones(len(exp.stations))
     edges = np.concatenate([exp.arc_length[:1], 0.5 * (exp.arc_length[1:] + exp.arc_length[:-1]), exp.arc_length[-1:]])
@@ -143,7 +150,7 @@ def length_weights(exp: Experiment) -> Array:
 
 
 def noise_levels(exp: Experiment, data: Array) -> Array:
-    """Return the noise standard deviation (S, 3) [m or rad] of each channel: given, or from second differences.
+    """Return the noise standard deviation (S, 3) of x, y [m] and angle [rad] at S stations: given, or estimated.
 
     The quantisation of a coarse sensor counts as noise too, uniform over one step.
     """
@@ -161,7 +168,7 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
 
 
 def noise_ratio(observed: Observations, residual: Array) -> float:
-    """Return the root-mean-square residual of positions and angles in standard deviations of their noise."""
+    """Return the root-mean-square residual of positions and angles over the standard deviation of their noise."""
     stations = len(observed.exp.stations)
     noise = noise_levels(observed.exp, observed.data[:, :stations])
     mine = observed.station < stations
@@ -170,19 +177,19 @@ def noise_ratio(observed: Observations, residual: Array) -> float:
 
 
 def correlated_frames(observed: Observations, residual: Array) -> float:
-    """Return the correlation length of a residual in frames: 1 + 2 (sum of its autocorrelations), 1 for white noise."""
+    """Return the correlation length of a residual (N,) in frames: 1 + 2 (sum of its autocorrelations)."""
     return 1.0 + 2.0 * sum(autocorrelations(observed, residual))
 
 
 def autocorrelations(observed: Observations, residual: Array) -> list[float]:
-    """Return the autocorrelation of a residual (N,) at lags of 1, 2, ... frames, while it is significant."""
+    """Return the autocorrelation of a residual (N,) at lags of 1, 2, ... frames, up to the first insignificant one."""
     r = np.zeros(observed.seen.shape)
     r[observed.seen] = residual
     return falling_correlations(r.reshape(r.shape[0], -1), 2.0 / np.sqrt(residual.size))
 
 
 def falling_correlations(r: Array, least: float) -> list[float]:
-    """Return the autocorrelation of zero-mean channels (T, C) at lags of 1, 2, ... frames, while above `least`."""
+    """Return the autocorrelation of zero-mean time series (T, C) at lags of 1, 2, ... frames, while above `least`."""
     power = float(np.sum(r * r))
     found: list[float] = []
     if power <= 0 or r.shape[0] < 8:

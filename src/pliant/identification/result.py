@@ -1,4 +1,4 @@
-"""The result of a fit, with its status and warnings as text."""
+"""The result of a fit, with its status, warnings and summaries for display."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ USELESS = 0.3  # of a training recording's peak displacement: a larger error mea
 
 @dataclass(frozen=True, repr=False)
 class FitResult(Shown):
-    """A fitted model with parameter values, standard errors, errors of the training recordings and warnings.
+    """Result of a fit: model, parameter values with standard errors, errors of the recordings, and warnings.
 
     Attributes
     ----------
@@ -67,16 +67,16 @@ class FitResult(Shown):
 
     @property
     def values(self) -> dict[str, float]:
-        """Return the value (SI) of every parameter by name."""
+        """Return the values (SI) of all parameters by name."""
         return {p.name: float(p.value) for p in self.parameters if p.value is not None}
 
     @property
     def shown_in(self) -> tuple[str, float]:
-        """Return the unit for display of the errors ("mm" or "deg"), and the factor to it from the SI unit."""
+        """Return the display unit of the errors ("mm" or "deg"), and the factor to it from the SI unit."""
         return ("deg", float(np.degrees(1.0))) if self.turns else ("mm", 1e3)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as a dictionary of plain numbers and strings that JSON can hold."""
+        """Return the result of the fit as a dictionary of plain numbers and strings for JSON."""
         unit, factor = self.shown_in
         return {
             "status": self.status, "converged": self.converged, "notes": list(self.notes),
@@ -87,7 +87,7 @@ class FitResult(Shown):
         }
 
     def card(self) -> Card:
-        """Return the status, the parameters with standard errors and the training errors as a table."""
+        """Return a display card: status, table of parameters with standard errors, and training errors."""
         rows = [
             [p.name, "" if p.value is None else f"{p.value:.5g}", "" if p.std is None else f"+- {p.std:.2g}",
              p.unit.replace("^k", f"^{p.name[-1]}").replace("^1", ""), p.rests_on]
@@ -100,13 +100,13 @@ class FitResult(Shown):
 
 
 def covariance_dict(c: Covariance) -> dict[str, Any]:
-    """Return a covariance as a dictionary of plain numbers and strings that JSON can hold, in SI units."""
+    """Return a covariance of fitted parameters as a dictionary of plain numbers and strings for JSON, in SI units."""
     hidden = [bool(h) for h in c.hidden]
     return {"names": list(c.names), "matrix": c.matrix.tolist(), "hidden": hidden, "source": c.source}
 
 
 def parameter_dict(p: Parameter) -> dict[str, Any]:
-    """Return a parameter as a dictionary of plain numbers and strings that JSON can hold."""
+    """Return a fitted parameter as a dictionary of plain numbers and strings for JSON."""
     return {
         "value": p.value, "unit": p.unit, "free": p.free, "std": p.std, "source": p.source,
         "lower": p.lower if np.isfinite(p.lower) else None, "upper": p.upper if np.isfinite(p.upper) else None,
@@ -115,7 +115,7 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
 
 
 def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:
-    """Return a sentence on training recordings whose error exceeds 30 % of their peak displacement, or ''."""
+    """Return a sentence on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
     missed = {e.name: rmse[e.name] / e.travel for e in experiments if rmse[e.name] > USELESS * e.travel}
     if not missed:
         return ""
@@ -127,7 +127,7 @@ def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str
 
 
 def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: str = "") -> str:
-    """Return a sentence on how the fit ended, with warnings; `far` is the sentence of `far_off` about its optimum."""
+    """Return a sentence on how the optimiser ended, with warnings; `far` is the sentence from `far_off`."""
     if far:
         return f"The fit failed: {far}."
     end = {
@@ -148,14 +148,14 @@ def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: 
 
 
 def touches_bound(p: Parameter) -> bool:
-    """Return whether the value of a parameter lies on one of its bounds, to a millionth of its scale."""
+    """Return whether the value of a parameter lies on one of its bounds, within a millionth of its scale."""
     return p.value is not None and min(abs(p.value - p.lower), abs(p.value - p.upper)) < 1e-6 * (p.scale or 1.0)
 
 
 def cautions(
     model: Model, parameters: Sequence[Parameter], experiments: Sequence[Experiment], section_area: float | None,
 ) -> list[str]:
-    """Return warnings about an unphysical optimum: zero damping, implausible density, a lag longer than a pulse."""
+    """Return warnings about an unphysical fit: zero damping, implausible density, or a lag longer than a pulse."""
     values = {p.name: float(p.value) for p in parameters if p.value is not None}
     free = {p.name for p in parameters if p.free}
     none = sorted(n for n in free if n.startswith("damping") and values[n] <= 1e-9 * model.stiffness.mean())
@@ -186,7 +186,7 @@ def cautions(
 
 
 def pulse_width(exp: Experiment, values: dict[str, float]) -> float:
-    """Return the duration of the pressure pulse, s; the length of the recording for a step, infinity for a release."""
+    """Return the duration [s] of the pressure pulse: for a step the rest of the recording, for a release infinity."""
     if exp.excitation == "pulse":
         return values[f"{exp.name}.stop"] - values[f"{exp.name}.start"]
     return float(np.inf) if exp.excitation == "release" else float(np.ptp(exp.time))

@@ -1,4 +1,4 @@
-"""Exact derivatives of a simulated experiment with respect to its parameters, propagated with the time steps.
+"""Exact derivatives of a simulated experiment with respect to its fitted parameters, computed along with the motion.
 
 The constants of body, chambers and observed points are closed forms of the parameters. Their derivatives come from
 central differences, good to ten digits, since these functions are smooth and cheap. They are carried through valves,
@@ -40,7 +40,8 @@ ProblemAt = Callable[[float, Drive | None], ForwardProblem]
 
 
 class Slope(NamedTuple):
-    """Derivative of `Numbers` with respect to one parameter: one vector for all but the `APART` entries, and these.
+    """Derivative of all inputs of a simulation (`Numbers`) by one parameter.
+    Steps, torques, loads and chambers (`APART`) are separate.
 
     An entry of 0 means no change. A torque of None is computed later from the derivatives of `h` and `chambers`.
     """
@@ -55,7 +56,7 @@ class Slope(NamedTuple):
 def sensitivities(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
 ) -> tuple[Array, Array]:
-    """Return the observed rows (T, S, 3) of an experiment and their derivatives (P, T, S, 3) by parameters.
+    """Return the observed positions and angles (T, S, 3) of a simulated experiment, and their derivatives (P, T, S, 3).
 
     Parameters
     ----------
@@ -86,7 +87,9 @@ def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """Return the derivatives (P, T, S + 2 m, 3) of `sensitivities`, with those of the m oriented links' axis points."""
+    """Return the derivatives (P, T, S + 2 m, 3) of observed positions and angles by P parameters.
+    The last 2 m points lie on axes of the m links whose orientation is observed.
+    """
     plans = Plans() if plans is None else plans
     rows = exp.time.size
     forward = forward_problem(model, exp, values, step, plans)
@@ -124,7 +127,9 @@ def slopes_of(
 
 
 def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardProblem) -> tuple[Any, ...]:
-    """Return the cache key of recordings with equal derivatives, torques excluded; () if none can be shared."""
+    """Return a cache key that is equal for recordings with equal derivatives of their inputs, torques aside; () if
+    none.
+    """
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not forward.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
@@ -133,7 +138,9 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
 
 
 def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
-    """Return the numbered slopes with the missing derivatives of the torques, from those of steps and chambers."""
+    """Return derivatives of a simulation's inputs in which those of the torques are filled in.
+    They follow from the derivatives of time steps and chambers.
+    """
     done = {k: s if s.torque is not None else s._replace(torque=0.0, chambers=0.0) for k, s in slopes}
     left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
     if not (left and forward.drive and forward.drive.layout):
@@ -150,7 +157,9 @@ def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -
 
 
 def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, float], name: str) -> Slope | None:
-    """Return the derivative by an edge time of a nominal pressure; None for other parameters or at a step edge."""
+    """Return the derivative of a simulation's inputs by an edge time of a nominal pressure.
+    None for any other parameter, or if the derivative does not exist at this time.
+    """
     kind, layout = name.removeprefix(f"{exp.name}."), forward.drive.layout if forward.drive else None
     if layout is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
@@ -162,7 +171,7 @@ def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, fl
 
 
 def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the derivatives (P, T, S, 3) of the observed rows, given those of the forward problem's inputs."""
+    """Return the derivatives (P, T, S, 3) of observed positions and angles, from those of the simulation's inputs."""
     if forward.poses:
         return pose_slopes(forward, [with_imaginary_slope(forward, slope) for slope in slopes])
     from pliant.compiler.duals import WIDTH  # loads the compiler
@@ -172,7 +181,7 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
 
 
 def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the result of `propagated` for as many slopes as one run of the compiled loop can hold."""
+    """Return the result of `propagated` for as many parameters as one run with dual numbers can carry."""
     from pliant.compiler.duals import duals
 
     numbers = forward.numbers
@@ -182,14 +191,14 @@ def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: 
 
 
 def with_imaginary_slope(forward: ForwardProblem, slope: Slope) -> Numbers:
-    """Return the inputs of settled poses as complex numbers with `TINY` times their derivative as imaginary parts."""
+    """Return the inputs of settled poses as complex numbers: the imaginary part is `TINY` times their derivative."""
     numbers = forward.numbers
     row = in_one_row(numbers) + 1j * TINY * slope.row
     return from_one_row(row, numbers)._replace(torque=numbers.torque + 1j * TINY * slope.torque)
 
 
 def dual_array(value: Array, rates: Sequence[Any]) -> Array:
-    """Return a dual array with the given value (...) and derivatives (...), any of which may be the number 0."""
+    """Return an array of dual numbers from values and a list of derivatives of the same shape, or 0."""
     from pliant.compiler.duals import WIDTH, duals  # loads the compiler
 
     array = duals(value)
@@ -202,7 +211,8 @@ def dual_array(value: Array, rates: Sequence[Any]) -> Array:
 def input_slopes(
     problem_at: ProblemAt, forward: ForwardProblem, value: float, size: float, drive: Drive | None,
 ) -> tuple[ForwardProblem, Slope]:
-    """Return a forward problem and the finite-difference derivative of its numbers, by one parameter at `value`.
+    """Return the finite-difference derivative of a simulation's inputs by one parameter at `value`, and the inputs
+    there.
 
     The derivative is taken close beside `value` if the time steps change exactly there. With a `drive`, the derivative
     of the torques is left to that of the chambers where possible.
@@ -223,7 +233,7 @@ def input_slopes(
 def stencil_problems(
     problem_at: ProblemAt, value: float, size: float, stencil: Any, drive: Drive | None = None,
 ) -> list[ForwardProblem] | None:
-    """Return the forward problems at the points of a finite-difference stencil; None if one cannot be set up."""
+    """Return the simulation inputs at each point of a finite-difference stencil; None if one point is invalid."""
     try:
         return [problem_at(value + offset * size, drive) for offset, _ in stencil]
     except PliantError:
@@ -231,12 +241,12 @@ def stencil_problems(
 
 
 def same_steps(a: ForwardProblem, b: ForwardProblem) -> bool:
-    """Return whether two forward problems have the same time steps and output rows."""
+    """Return whether two simulations of an experiment have the same output row for every time step."""
     return a.still == b.still and np.array_equal(a.keep, b.keep)
 
 
 def finite_difference(problems: list[ForwardProblem], stencil: Any, size: float) -> Slope:
-    """Return the finite difference of the inputs of some forward problems, with the weights of a stencil."""
+    """Return the finite difference of several simulations' inputs, with the weights of a stencil."""
     weights = [weight / size for _, weight in stencil]
 
     def mix(*entries: Array) -> Any:
@@ -249,13 +259,15 @@ def finite_difference(problems: list[ForwardProblem], stencil: Any, size: float)
 
 
 def rest_stiffness(forward: ForwardProblem) -> Array:
-    """Return the derivative (N, N) of the generalised forces at equilibrium by the coordinates, negative definite."""
+    """Return the derivative (N, N) of the generalised forces by the coordinates at equilibrium.
+    It is negative definite.
+    """
     numbers = forward.numbers
     return mechanics_at(forward, numbers).static_slope(numbers.phi, numbers.load_before, numbers.torque_before)
 
 
 def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Slope:
-    """Return the slope with the derivative of the equilibrium added, and of everything that follows from it.
+    """Return the derivative `slope` of a simulation's inputs, completed by that of the initial equilibrium shape.
 
     `slope` was taken at constant equilibrium; `stiffness` is the `rest_stiffness` of the forward problem.
     """
@@ -267,7 +279,7 @@ def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Arr
 
 
 def equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Array:
-    """Return the derivative (N,) of the equilibrium coordinates, by the implicit function theorem.
+    """Return the derivative (N,) of the equilibrium coordinates by a parameter, by the implicit function theorem.
 
     `slope` is the derivative of the numbers of the forward problem, `stiffness` its `rest_stiffness`.
     """
@@ -278,5 +290,5 @@ def equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -
 
 
 def mechanics_at(forward: ForwardProblem, numbers: Numbers) -> Mechanics:
-    """Return the mechanics of a forward problem with the constants of `numbers`, which may be complex."""
+    """Return the equations of motion of an experiment's chain with the constants in `numbers`, which may be complex."""
     return mechanics_of(forward.model).with_constants(numbers.body, numbers.joints)

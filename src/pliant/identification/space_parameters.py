@@ -1,4 +1,4 @@
-"""Parameters of a chain in space: ratios of its stiffnesses, tilt of its base, rest rotations of its joints."""
+"""Fit parameters of a chain in space: stiffness ratios, tilt of the base, rest rotations of the joints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RATIOS = ("stiffness_ratio", "twist_ratio")
 
 
 def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
-    """Return the model's space data with `values` put in; the same object if `values` change none of them."""
+    """Return the model's data for motion in space with the parameter `values` applied; the same object if unchanged."""
     space = model.space
     changes: dict[str, Any] = {name: values[name] for name in RATIOS if name in values}
     for name, value in values.items():
@@ -40,12 +40,12 @@ def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
         return space
     if space is None:
         raise InputError(f"the parameter {min(changes)} needs a chain in space, and this model is planar: "
-                         "give the model its space")  # fmt: skip
+                         "leave it out, or give the model its space")  # fmt: skip
     return replace(space, **changes)
 
 
 def space_start(model: Model) -> dict[str, float]:
-    """Return the start values of the parameters of a chain in space, read off the model; {} for a planar model."""
+    """Return start values, by name, of the parameters of a chain in space, from the model; {} for a planar model."""
     space = model.space
     if space is None:
         return {}
@@ -56,7 +56,9 @@ def space_start(model: Model) -> dict[str, float]:
 
 
 def check_space_names(names: Iterable[str], model: Model) -> None:
-    """Raise InputError for spatial parameters of a planar chain, planar ones in space, or twist of a chain without."""
+    """Raise InputError for spatial parameters of a planar model or the reverse, or for twist of a
+    chain without twist.
+    """
     planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share")
     spatial = re.compile(f"{'|'.join(ROWS)}|base_z|gain_[xy]|cross_gain_.*|.+\\.aside")
     for name in names:
@@ -65,9 +67,11 @@ def check_space_names(names: Iterable[str], model: Model) -> None:
         if model.space is not None:
             wrong, owner, other = (planar, "in a plane", "in space")
         if any(map(wrong.fullmatch, own)):
-            raise InputError(f"parameter {name} needs a chain {owner}, but the model {model.name!r} is {other}")
+            raise InputError(
+                f"parameter {name} needs a chain {owner}, but the model {model.name!r} is {other}: leave it out"
+            )
         if "twist_ratio" in own and model.space is not None and not model.space.twist_ratio:
             raise InputError("parameter twist_ratio: this chain cannot twist; give the model a twist_ratio first")
         for own_name in own:
             if (found := re.fullmatch(TURN, own_name)) and not 1 <= int(found[2]) <= model.n:
-                raise InputError(f"parameter {name}: the model has joints 1 to {model.n}")
+                raise InputError(f"parameter {name}: the model has joints 1 to {model.n}; use one of their numbers")

@@ -1,4 +1,4 @@
-"""Fit of one stage of a model selection: alternatives, starts, fit, and which parameters are determined."""
+"""Fit of one stage of a model selection: alternative parameter sets, start values, and undetermined parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TRIAL = 12  # evaluations of a short fit that selects the best start
 
 @dataclass(frozen=True)
 class Step:
-    """Result of one stage of a model selection.
+    """Result of fitting one stage of a model selection: fit, errors, cost, and why it was rejected, if so.
 
     Attributes
     ----------
@@ -84,13 +84,15 @@ class Step:
 
     @property
     def error(self) -> float:
-        """Return the mean RMS error [% of peak displacement] of the held-out recordings, or else the training ones."""
+        """Return the mean RMS error [% of peak displacement] over held-out recordings or, without any, over training
+        ones.
+        """
         return float(np.mean(list((self.held_out or self.train or {"": float("inf")}).values())))
 
 
 @dataclass(frozen=True)
 class StageFitter:
-    """Data and settings with which every stage of a model selection is fitted and judged."""
+    """Recordings, model and settings with which every stage of a model selection is fitted."""
 
     train: Sequence[Experiment]
     held_out: Sequence[Experiment]
@@ -99,7 +101,9 @@ class StageFitter:
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """Fit a stage that adds to the parameters `free` of the step `below`; return its step and free parameters."""
+        """Fit the parameters that a stage adds to those `free` on the stage below; return the stage's result and free
+        parameters.
+        """
         began = clock.perf_counter()
         reason, found = "", []
         for choice in stage.frees or ((),):
@@ -120,7 +124,8 @@ class StageFitter:
     def prune(
         self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
     ) -> tuple[Step, dict[str, Entry]]:
-        """Fit the parameters `taken`; hold at the given model's values those that the recordings do not determine.
+        """Fit the parameters `taken`, then again with those that the recordings do not determine held at the given
+        model's values.
 
         Parameters are held one after another, the least certain first, while one of the stage's `choice` remains free.
         If some are still not determined then, the fit of all parameters is returned, with these listed in `open`.
@@ -145,13 +150,14 @@ class StageFitter:
     def fit_once(
         self, stage: Stage, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
     ) -> tuple[FitResult, dict[str, str]]:
-        """Fit the parameters `taken`; return the fit and the parameters that the recordings do not determine."""
+        """Fit the parameters `taken` once; return the fit, and a sentence on each parameter it does not determine."""
         result = self.multistart(list(taken.values()), stage, ended)
         added = {p.name for p in result.parameters} - set(below.freed) - set(self.common)
         return result, undetermined(result, added)
 
     def has_given(self, p: Parameter) -> bool:
-        """Return whether the given model has a value for a positive parameter, so that it need not be fitted.
+        """Return whether the model passed to the selection has a positive value for `p`, at which the parameter could
+        be held.
 
         It does not for the parameters of hysteresis or single joints. Coefficients of a torque law are left to the
         alternatives of a stage.
@@ -159,7 +165,7 @@ class StageFitter:
         return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
     def multistart(self, entries: Sequence[Entry], stage: Stage, ended: dict[str, Parameter]) -> FitResult:
-        """Fit some parameters from the best of several starts, selected by short fits.
+        """Fit parameters of a stage from the best of several start values, which short fits determine.
 
         The starts are the end of the stage below and fresh estimates, since parameters of the stage below may have
         compensated for those that this stage adds. Both are tried with each value of the stage's scan.
@@ -183,14 +189,14 @@ class StageFitter:
         return self.fitted([self.bounded(started(p, start)) for p in listed])
 
     def bounded(self, p: Parameter) -> Parameter:
-        """Return the parameter; a stiffness is bounded to what the integration step can follow."""
+        """Return the parameter; a joint stiffness gets an upper bound, above which the time step would be too long."""
         if not p.name.startswith("stiffness"):
             return p
         most = min(p.upper, simulable(self.model, self.options["step"]))
         return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))
 
     def fitted(self, listed: list[Parameter], most: int = 200) -> FitResult:
-        """Fit the parameters with at most `most` evaluations; without free ones, return the given model."""
+        """Fit the parameters with at most `most` evaluations. Without free parameters, the given model is returned."""
         if any(p.free for p in listed) or any(e.own_parameters for e in self.train):
             return fit(self.train, self.model, listed, **self.options, max_evaluations=most)
         model, filled = prepare(self.train, self.model, listed)
@@ -203,7 +209,7 @@ class StageFitter:
                          turns=self.train[0].without_positions)  # fmt: skip
 
     def judged(self, stage: Stage, result: FitResult) -> Step:
-        """Return the step of a fitted stage: its errors on all recordings and its cost."""
+        """Return the result of a fitted stage with its errors on all recordings and its simulation cost."""
         step = self.options["step"]
         failures, unseen = Failures(f"of stage {stage.title}"), {}
         for e in self.held_out:
@@ -220,7 +226,7 @@ class StageFitter:
 
 
 def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
-    """Return the wall time of one simulation step of an experiment, observation included, ns: the best of five runs."""
+    """Return the wall time [ns] of one simulation step of an experiment, observation included; best of five runs."""
     forward = forward_problem(result.model, exp, result.values, step)
     best = float("inf")
     for _ in range(5):
@@ -231,17 +237,18 @@ def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
 
 
 def doubt(p: Parameter) -> float:
-    """Return the relative standard error of a parameter; infinity if it lies at a bound or is not determined."""
+    """Return the relative standard error of a fitted parameter, infinite at a bound or if it is not determined."""
     return float("inf") if p.std is None or not p.value or touches_bound(p) else p.std / abs(p.value)
 
 
 def entry_name(entry: Entry) -> str:
-    """Return the name of an entry, which is a parameter or a name alone."""
+    """Return the name of an entry of a stage, which is a `Parameter` or only the name of one."""
     return entry if isinstance(entry, str) else entry.name
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """Return a parameter that starts where it, or the shared one of its kind, `ended` on a lower stage.
+    """Return a parameter that starts at the value with which it, or its counterpart for all joints or chambers, `ended`
+    on a lower stage.
 
     A parameter that ended at a bound starts afresh. Its scale stays that of the first start.
     """
@@ -253,7 +260,7 @@ def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
 
 
 def simulable(model: Model, step: float) -> float:
-    """Return the joint stiffness [N m/rad] above which the integration step could not follow the chain's first mode.
+    """Return the joint stiffness [N m/rad] above which the time step is too long for the chain's first mode.
 
     Without a ringing motion, a fit could increase stiffness, damping and torque together without limit.
     """
@@ -262,5 +269,5 @@ def simulable(model: Model, step: float) -> float:
 
 
 def ends(result: FitResult | None) -> dict[str, Parameter]:
-    """Return the parameters of a fit by name, with their end values; {} without a fit."""
+    """Return the fitted parameters by name, with their final values; {} without a fit."""
     return {p.name: p for p in result.parameters} if result else {}

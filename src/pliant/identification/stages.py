@@ -1,4 +1,4 @@
-"""The stages of a model selection: the parameters that each frees in addition to those of the stage below."""
+"""Definitions of the stages of a model selection. Each stage frees some parameters more than the stage below."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Scan = tuple[tuple[str, tuple[float, ...]], ...]  # names, and the values [SI] t
 
 
 class Stage(NamedTuple):
-    """A stage of a model selection: the parameters that it frees in addition to those of the stage on which it builds.
+    """A stage of a model selection: its name, the parameters that it frees, and the stage to whose parameters it adds.
 
     `frees` lists alternatives: among those that the recordings determine, the one of the lowest BIC is taken. `drops`
     names parameters of lower stages that this one replaces. `scan` gives start values, far apart, that are tried one
@@ -29,7 +29,7 @@ class Stage(NamedTuple):
 
 
 def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
-    """Return the entries for all chambers that ``*.name`` stands for, or just ``name`` for a single chamber."""
+    """Expand a parameter name ``*.name`` to one entry for each chamber of the model, ``chamber.name``."""
     name = entry if isinstance(entry, str) else entry.name
     if not name.startswith("*."):
         return (entry,)
@@ -38,7 +38,7 @@ def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
 
 
 def of_chambers(stage: Stage, model: Model) -> Stage:
-    """Return the stage with each ``*.name`` replaced by the parameters of all chambers of the model."""
+    """Return the stage with each wildcard ``*.name`` expanded to one parameter per chamber of the model."""
 
     def out(name: str) -> list[str]:
         return [n for n in each_chamber(name, model) if isinstance(n, str)]

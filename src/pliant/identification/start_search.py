@@ -1,4 +1,4 @@
-"""Search for the start of a fit of a chain in space without a given stiffness: several stiffnesses are tried.
+"""Search for start values of a fit in space without a given stiffness, by trying several stiffnesses.
 
 Few recordings in space contain a free decay, and a stiffness that is wrong by a factor of ten leads a fit into another
 optimum. Each stiffness that is tried gets the torques that fit the recordings best by linear least squares. A short fit
@@ -38,7 +38,7 @@ GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 def searched(
     experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> tuple[Model, list[Parameter]]:
-    """Return the model with its stations and the parameters with start values, from the best of several stiffnesses.
+    """Return the model and parameters with start values for a fit, the best of several joint stiffnesses.
 
     For a planar chain, or one whose stiffness is given or fixed, the estimate of `prepare` is returned.
     """
@@ -68,7 +68,7 @@ def searched(
 def independent_start(
     problem: Problem, model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> Array | None:
-    """Return scaled start values (P,) in space, searched for without the given stiffness and torques, or None.
+    """Return scaled start values (P,) of a fit in space that do not use the given stiffness and torques, or None.
 
     A second start there checks that the given one leads to the best optimum. None for a planar chain, if no start value
     of the stiffness is given, or if the search fails.
@@ -87,17 +87,17 @@ def independent_start(
 
 
 def is_sought(name: str) -> bool:
-    """Return whether the search determines the start value of the parameter `name`."""
+    """Return whether the search over stiffnesses determines the start value of the parameter `name`."""
     return shared_name(name) in ("stiffness", "damping") or bool(re.fullmatch(rf"{LAWS}|{GAINS}", last_part(name)))
 
 
 def last_part(name: str) -> str:
-    """Return the name of a parameter without its recording or chamber."""
+    """Return the name of a parameter without the prefix of its recording or chamber."""
     return name.rpartition(".")[2]
 
 
 class TrialStart(NamedTuple):
-    """A start that can be simulated, with its cost, stiffness, model and parameters."""
+    """Start values of a fit that can be simulated, with cost, stiffness, model and parameters."""
 
     cost: float
     stiffness: float
@@ -106,12 +106,12 @@ class TrialStart(NamedTuple):
 
 
 def best_of(candidates: Sequence[TrialStart]) -> list[TrialStart]:
-    """Return the candidates of least cost, at most `KEPT`."""
+    """Return the trial starts of least cost, at most `KEPT`."""
     return sorted(candidates, key=lambda c: c.cost)[:KEPT]
 
 
 def beginning(exp: Experiment, duration: float) -> Experiment:
-    """Return the experiment cut to `duration` [s] after its motion begins; settled poses are returned unchanged."""
+    """Return the experiment cut to `duration` [s] after its motion begins. Settled poses are returned unchanged."""
     if exp.excitation != "trace" or exp.poses:
         return exp
     moving = exp.time[int(np.argmax(displacement(exp) > MOVING * exp.travel))]
@@ -125,7 +125,9 @@ def beginning(exp: Experiment, duration: float) -> Experiment:
 
 
 def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: float) -> list[Parameter]:
-    """Return the parameters with this stiffness, and this damping ratio of the first mode, where they lack a value."""
+    """Return the parameters in which those without a value get this joint `stiffness` and damping `ratio` of the first
+    mode.
+    """
     omega = 2 * np.pi * float(modes(model.with_(stiffness=stiffness, gravity=0 * model.gravity))[0][0])
     own = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}
     return [
@@ -139,7 +141,8 @@ def candidate(
     experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, step: float,
     weighting: str,
 ) -> TrialStart | None:
-    """Return a start at the given stiffness, with the torques or gains that fit best in a linearised motion.
+    """Return a trial start at the given joint stiffness, with the torques or gains that fit a linearised motion best.
+    None if it cannot be simulated.
 
     The motion is linearised about zero torque. The estimated torques are kept if they fit better. None if neither can
     be simulated.
@@ -166,7 +169,9 @@ def candidate(
 
 
 def cost_at(problem: Problem, x: Array) -> float:
-    """Return half the sum of squared residuals at the scaled parameters x (P,); inf if they cannot be simulated."""
+    """Return half the sum of squared residuals at the scaled parameters x (P,); inf if the model
+    cannot be simulated.
+    """
     r = problem.residual(x)
     return float("inf") if problem.broken else 0.5 * float(np.sum(r * r))
 
@@ -174,14 +179,16 @@ def cost_at(problem: Problem, x: Array) -> float:
 def short_fit(
     start: TrialStart, step: float, weighting: str, experiments: Sequence[Experiment],
 ) -> tuple[float, dict[str, float]]:
-    """Return the cost and the parameter values after a fit of a few evaluations."""
+    """Run a fit of a few evaluations from a trial start; return its cost and parameter values by name."""
     problem = Problem(list(experiments), start.model, start.parameters, step, weighting)
     end = solve(problem, problem.start, "linear", TRIAL)
     return float(end.cost), problem.values(end.x)
 
 
 def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
-    """Return the free parameters without start value that scale the torques: coefficients of laws, else gains."""
+    """Return the names of free parameters without start value that scale the torques: law coefficients or, if none,
+    gains.
+    """
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
     laws = {name for name in names if re.fullmatch(LAWS, last_part(name))}

@@ -1,4 +1,4 @@
-"""Stepwise model selection: each stage frees more parameters, and held-out recordings choose among the stages."""
+"""Stepwise model selection: each stage frees more parameters, and the errors on held-out recordings choose one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SELECTION_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 
 @dataclass(frozen=True, repr=False)
 class ModelSelection(Shown):
-    """Result of `select_model`: all stages, the name of the chosen one, and the reason for the choice."""
+    """Result of `select_model`: all stages, the name of the chosen stage, and the reason for the choice."""
 
     steps: tuple[Step, ...]
     chosen: str
@@ -33,7 +33,7 @@ class ModelSelection(Shown):
 
     @property
     def step(self) -> Step:
-        """Return the chosen stage."""
+        """Return the result of the chosen stage."""
         (step,) = (s for s in self.steps if s.stage.name == self.chosen)
         return step
 
@@ -44,7 +44,7 @@ class ModelSelection(Shown):
         return self.step.result
 
     def card(self) -> Card:
-        """Return a table of the error, BIC and cost of every stage for display."""
+        """Return a display card: table of the error, BIC and cost of every stage."""
         rows = [[
             s.stage.title + " *" * (s.stage.name == self.chosen), str(len(s.freed)), shown(s.train), shown(s.held_out),
             f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
@@ -54,7 +54,7 @@ class ModelSelection(Shown):
         return Card("Model selection; * chosen", (self.reason, *refused), head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the selection as a dictionary of plain numbers and strings that JSON can hold."""
+        """Return the model selection as a dictionary of plain numbers and strings for JSON."""
         return {
             "chosen": self.chosen, "reason": self.reason,
             "stages": {
@@ -73,7 +73,8 @@ def select_model(
     stages: Sequence[Stage] = STAGES, late: bool = True, progress: Callable[[str], None] | None = None,
     **options: Unpack[FitOptions],
 ) -> ModelSelection:
-    """Fit models of increasing complexity and choose the simplest that is as good as the best on held-out recordings.
+    """Fit models of increasing complexity, and choose the simplest that predicts held-out recordings as well as the
+    best.
 
     Each stage frees further parameters and starts where a lower stage ended. A stage is passed over, and the next one
     does not build on it, if its BIC is higher than that of the stage on which it builds, or if the recordings do not
@@ -130,7 +131,8 @@ def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
 ) -> list[Step]:
-    """Fit all stages in order; if `late`, fit again at the end those passed over that refine other parameters.
+    """Fit all stages of a model selection in order.
+    With `late`, skipped stages that only refine other parameters are fitted again at the end.
 
     Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """
@@ -158,7 +160,7 @@ def fit_stages(
 
 
 def pays(step: Step, below: Step) -> bool:
-    """Return whether a stage has a lower BIC than the stage on which it builds."""
+    """Return whether a stage of a model selection has a lower BIC than the stage below, to which it adds parameters."""
     if below.follows is None or step.follows is None:
         return True
     mine, theirs = shared_bic([step.follows, below.follows])
@@ -166,7 +168,7 @@ def pays(step: Step, below: Step) -> bool:
 
 
 def chosen(steps: Sequence[Step]) -> ModelSelection:
-    """Choose the lowest stage that is as good as the best on held-out recordings, or of lowest BIC if none is held out.
+    """Choose the lowest stage as good as the best on held-out recordings or, without any, the stage of lowest BIC.
 
     "As good" means that its error exceeds the best by less than 5 % of it (`MATERIAL`), or by less than one standard
     error of the difference. Stages with undetermined parameters, and stages that cannot predict a held-out recording
@@ -199,13 +201,13 @@ def chosen(steps: Sequence[Step]) -> ModelSelection:
 
 
 def most_predicted(steps: Sequence[Step]) -> list[Step]:
-    """Return the stages that predict the largest set of held-out recordings."""
+    """Return those stages of a model selection that predict the largest set of held-out recordings."""
     most = max(steps, key=lambda s: len(s.held_out or ()))
     return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
 def refusal(step: Step, chosen: Step) -> str:
-    """Return why a fitted stage was not chosen; '' for the chosen one."""
+    """Return the reason why a fitted stage was not chosen, as text; '' for the chosen stage."""
     if step.stage.name == chosen.stage.name or not step.result:
         return ""
     if step.open:
@@ -223,7 +225,7 @@ def refusal(step: Step, chosen: Step) -> str:
 
 
 def as_good(step: Step, best: Step) -> str:
-    """Return in which sense a stage is as good as the best one on held-out recordings; '' if it is not."""
+    """Return as text in which sense a stage is as good as the best on held-out recordings; '' if it is worse."""
     if step is best:
         return "no other stage has a lower error"
     gap, error = lead(step.missed or {}, best.missed or {})
@@ -234,5 +236,5 @@ def as_good(step: Step, best: Step) -> str:
 
 
 def shown(errors: dict[str, float] | None) -> str:
-    """Return the mean of the errors as text with three digits; "-" without errors."""
+    """Return the mean of the errors [%] as text with three digits; "-" if there are none."""
     return f"{np.mean(list(errors.values())):.3g}" if errors else "-"

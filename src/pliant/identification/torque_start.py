@@ -1,4 +1,4 @@
-"""Start values of the torque laws of a fit, from the static plateaus of the pressure."""
+"""Start values of a fit's torque laws, from recordings in which the pressure stays constant for a while (plateaus)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_INFLATED = 10.0  # upper limit on the growth of the lever in a start value:
 def torque_starts(
     model: Model, experiments: Sequence[Experiment], wanted: set[str], values: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return start values of each chamber's torque law from the recordings in which it alone is driven.
+    """Return start values, by name, of each chamber's torque law from recordings in which only this chamber is driven.
 
     In a model of several chambers, one that is never driven alone gets a torque that bends a joint by 0.1 rad.
     """
@@ -53,7 +53,7 @@ def torque_starts(
 def torque_start(
     model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
 ) -> dict[str, float]:
-    """Return start values of one chamber's torque law from the plateaus, by least squares in relative error.
+    """Return start values, by name, of one chamber's torque law, fitted to the plateaus with least relative error.
 
     Coefficients in `values` are held constant.
     """
@@ -73,14 +73,16 @@ def torque_start(
 
 
 def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, float]:
-    """Return start values of a named law's parameters, from its static torques [N m] at pressures [Pa]."""
+    """Return start values, by name, of a torque law's parameters, from static torques [N m] at pressures [Pa]."""
     laws = [law for law in torque_laws() if law.own(dict.fromkeys(wanted, 0.0))]
     begun = {f"{law.name}_{p}": v for law in laws for p, v in law.start(pressure, torque).items()}
     return {n: v for n, v in begun.items() if n in wanted}
 
 
 def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
-    """Return the torque [N m] of a chamber that displaces the last station by `target` [m or rad] at equilibrium."""
+    """Return the torque [N m] of a chamber that displaces the last station by `target` [m; angles:
+    rad] in equilibrium.
+    """
     joints, c = mechanics_of(model).joints, [one.name for one in model.chambers].index(chamber.name)
     share = model.actuation.gain[c]
     k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
@@ -104,7 +106,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
 
 def plateau(exp: Experiment) -> tuple[float, float]:
-    """Return the extreme pressure [Pa] of a recording, and the last station's displacement [m, or rad] at it."""
+    """Return a recording's extreme pressure [Pa], and the last station's displacement [m; angles: rad] under it."""
     u = displacement(exp)
     if exp.pressure is None:
         stop = edges(exp).get("stop", float(exp.time[-1]))
@@ -118,12 +120,14 @@ def plateau(exp: Experiment) -> tuple[float, float]:
 
 
 def highest_level(experiments: Sequence[Experiment]) -> float:
-    """Return the largest absolute plateau pressure of all recordings, Pa; 0 without one."""
+    """Return the largest absolute pressure [Pa] of any plateau in the recordings; 0 if there is none."""
     return max([abs(plateau(exp)[0]) for exp in experiments if exp.excitation != "release"], default=0.0)
 
 
 def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Return typical sizes of parameters whose start is 0, such as the torque that bends a joint by 0.1 rad."""
+    """Return, by name, typical sizes of parameters that may start at 0, such as the torque that bends a joint by 0.1
+    rad.
+    """
     K = float(model.stiffness.mean())
     level = highest_level(experiments)
     torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}

@@ -15,7 +15,7 @@ COLOURED = 1.5  # correlation length in frames, below which residuals count as w
 
 
 class Covariance(NamedTuple):
-    """Covariance of the free parameters of a fit, with the correlation of the residuals on which it rests."""
+    """Covariance of the free parameters of a fit, with the correlation of the residuals that was assumed."""
 
     names: tuple[str, ...]
     matrix: Array  # (P, P) SI, with the correlation of the residuals taken into account
@@ -27,7 +27,7 @@ class Covariance(NamedTuple):
 
     @property
     def std(self) -> list[float | None]:
-        """Return the standard errors (SI) of the parameters; None for one that the data do not determine."""
+        """Return the standard errors (SI) of the fitted parameters; None for one that the data do not determine."""
         std = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
         return [None if h else float(v) for h, v in zip(self.hidden, std, strict=True)]
 
@@ -39,7 +39,7 @@ class Covariance(NamedTuple):
 
 
 def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covariance:
-    """Return the covariance of the free parameters at the optimum x (P,), with correlated residuals taken into account.
+    """Return the covariance of the free parameters at the optimum x (P,), which allows for correlated residuals.
 
     White residuals: (J'J)^-1 J' S J (J'J)^-1 with S the variance of each experiment's residuals, with `robust` from
     their median absolute value. Coloured ones: J'SJ is replaced by the sum of J_t' R_ts J_s over frames t, s as far
@@ -83,7 +83,9 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
 
 
 def along_channels(observed: Any, J: Array, residual: Array) -> Array:
-    """Return the sum (P, P) over frames of J_t' R_ts J_s, with the residuals' autocovariance R pooled over channels."""
+    """Return the sum (P, P) over frame pairs t, s of J_t' R_ts J_s, for the standard errors of a fit.
+    J is the Jacobian and R the autocovariance of the residuals, pooled over channels.
+    """
     dense = np.zeros((*observed.seen.shape, J.shape[1]))
     dense[observed.rows, observed.station, observed.channel] = J
     total = J.T @ J
@@ -94,7 +96,9 @@ def along_channels(observed: Any, J: Array, residual: Array) -> Array:
 
 
 def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
-    """Return the sum (P, P) of products of the scores of frames up to about twice the correlation length apart."""
+    """Return the sum (P, P) of products of the cost's gradients in any two frames up to two
+    correlation lengths apart.
+    """
     score = np.zeros((observed.seen.shape[0], J.shape[1]))
     np.add.at(score, observed.rows, J * residual[:, None])
     width = int(min(np.ceil(2 * frames), observed.seen.shape[0] // 4))

@@ -1,4 +1,4 @@
-"""Linearisation of a model about its equilibrium under pressure, as a state space from commanded pressures to outputs.
+"""Linearisation of a model about equilibrium, as a state space from commanded pressures to tip and joint outputs.
 
 State: absolute link angles phi (n,) and the strains (S,) of extensible segments, their rates (n + S,), then for each
 valve the pressure, and its rate if the valve is of second order. All are deviations from the equilibrium. Hysteresis
@@ -67,7 +67,10 @@ class LinearModel:
 
     def _only(self, values: Array) -> Any:
         if values.size > 1:
-            raise InputError(f"this needs a linear model of one pressure, got one of {values.size} pressures")
+            raise InputError(
+                f"this needs a linear model of one pressure, got one of {values.size} pressures: use a model with one "
+                "chamber"
+            )
         return values[0]
 
     @property
@@ -77,16 +80,16 @@ class LinearModel:
 
     @property
     def n(self) -> int:
-        """Return the number of links; in space, of joint coordinates."""
+        """Return the number of links; in space the number of joint coordinates."""
         return self.angle.size
 
     @property
     def position(self) -> Array:
-        """Return the angles at the equilibrium [rad], followed by the strains (n + S,)."""
+        """Return the equilibrium coordinates (n + S,): n absolute angles [rad], then S strains."""
         return np.concatenate([self.angle, self.strain])
 
     def row(self, output: str) -> Array:
-        """Return the row (N,) of C for the named output, such as "tip_x".
+        """Return the row (N,) of the output matrix C for the named output, such as "tip_x".
 
         Raises
         ------
@@ -98,7 +101,7 @@ class LinearModel:
         return self.C[self.outputs.index(output)]
 
     def poles(self) -> Array:
-        """Return the poles (N,) [1/s], slowest first."""
+        """Return the N poles [1/s] of the linear model, slowest first."""
         values = np.linalg.eigvals(self.A)
         return values[np.argsort(np.abs(values))]
 
@@ -107,7 +110,9 @@ class LinearModel:
         return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
     def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
-        """Return the frequency response y/u (W,) at angular frequencies `omega` (W,) [rad/s], dead time included."""
+        """Return the frequency response (W,) of an output to a commanded pressure at `omega` (W,) [rad/s], dead time
+        included.
+        """
         late = np.exp(-1j * omega * self.dead_times[chamber])
         return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
 
@@ -117,7 +122,7 @@ class LinearModel:
 
 
 def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
-    """Linearise a model about its equilibrium under constant pressures, valves included.
+    """Linearise a model, valves included, about its equilibrium under constant pressures.
 
     Parameters
     ----------
@@ -170,7 +175,7 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 
 
 def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the accelerations at equilibrium, by coordinates, by rates and by input torques.
+    """Return the derivatives of a chain's accelerations at the equilibrium x by coordinates, rates and input torques.
 
     Their shapes are (N, N), (N, N) and (C, N). `x` (N,) are the coordinates, `torque` the actuation torques [N m]. At
     equilibrium, derivatives of the inertia and terms quadratic in the rates vanish.
@@ -186,7 +191,9 @@ def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Ar
 
 
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
-    """Append the states of a valve to a state space, so that its input is the commanded pressure."""
+    """Append a valve's states to the state space A, B, so that its input becomes the commanded pressure.
+    The names of the new states are returned too.
+    """
     if valve.opening_time:
         raise InputError(
             "flow through a valve opening (opening_time) cannot be linearised: set opening_time to 0 and give the "
@@ -210,7 +217,7 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
 
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
-    """Return C (outputs, N) and its row names: tip position, sum of the joint angles (planar), joint coordinates."""
+    """Return the output matrix C (outputs, N) and its output names: tip position, bending angle, joint coordinates."""
     n, N, chain = model.n, model.size, mechanics_of(model)
     if chain.dimension == 3:
         C = np.zeros((3 + N, states))
@@ -225,7 +232,7 @@ def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, 
 
 
 def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
-    """Return the finite zeros [1/s] of c (s - A)^{-1} B, slowest first."""
+    """Return the finite zeros [1/s] of the transfer function c (s - A)^{-1} B, slowest first."""
     from scipy.linalg import eig, matrix_balance  # generalised eigenvalues of the balanced system pencil
 
     balanced, (scale, order) = matrix_balance(A, permute=False, separate=True)
@@ -248,13 +255,15 @@ def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
 
 
 def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
-    """Return c (i omega - A)^{-1} B (W,) at the angular frequencies `omega` (W,), rad/s."""
+    """Return the frequency response c (i omega - A)^{-1} B (W,) at W angular frequencies `omega` [rad/s]."""
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
     eye = np.eye(A.shape[0])
     return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])
 
 
 def frequency_and_damping(root: complex) -> tuple[float, float]:
-    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s]; negative in the right half-plane."""
+    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s].
+    The ratio is negative in the right half-plane.
+    """
     size = abs(root)
     return size / (2 * np.pi), float(-np.real(root) / size) if size else 1.0

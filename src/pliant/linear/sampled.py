@@ -27,7 +27,7 @@ class Sampled(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Stability margins of a feedback loop, opened at the commanded pressure."""
+    """Stability margins of a feedback loop that is opened at the commanded pressure."""
 
     gain_db: float  # dB, smallest factor above 1 that makes the loop unstable
     phase_deg: float  # degrees
@@ -43,7 +43,7 @@ class Margins(NamedTuple):
 
 
 def least_margins(each: Iterable[Margins]) -> Margins:
-    """Return the smallest of each margin over several loops, and the highest crossover frequency."""
+    """Return the smallest gain, phase and delay margin over several loops, and the highest crossover frequency."""
     gain, phase, delay, modulus, crossover = np.array(list(each)).T
     return Margins(
         float(gain.min()), float(phase.min()), float(delay.min()), float(modulus.min()), float(crossover.max())
@@ -59,7 +59,8 @@ class LoopCurve:
 
 
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
-    """Return the linear model sampled every `period` [s] with zero-order hold; dead time and `latency` [s] are exact.
+    """Return the discrete-time model for samples every `period` [s] with zero-order hold.
+    Dead time and `latency` [s] are treated exactly.
 
     Raises
     ------
@@ -91,7 +92,9 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
 
 
 def periods_late(late: float, period: float) -> tuple[int, float, int]:
-    """Split a dead time [s] into whole periods, the remaining part [s], and the number of delayed commands."""
+    """Split a dead time `late` [s] into whole periods and a remainder [s]; also return the number
+    of delayed commands.
+    """
     whole, part = divmod(late, period)
     part = 0.0 if part < 1e-9 * period else part
     if period - part < 1e-9 * period:
@@ -100,7 +103,7 @@ def periods_late(late: float, period: float) -> tuple[int, float, int]:
 
 
 def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """Return exp(A period), and its integral times B (N,) or (N, C), for commands held constant for `period` [s]."""
+    """Return exp(A period) and its integral times B, the discrete state and input matrices of a zero-order hold."""
     from scipy.linalg import expm
 
     N = A.shape[0]
@@ -112,7 +115,7 @@ def hold(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 
 
 def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -> LoopCurve:
-    """Return the open loop L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input.
+    """Return the open-loop frequency response L = gain (z - A)^{-1} B of a state feedback u = -gain x on one input.
 
     `gain` (N + D,) is that of the feedback, `period` [s] the sampling time. The frequencies run from 0.01 Hz to half
     the sampling rate. A is brought to triangular (Schur) form once; then the states at all frequencies follow by back
@@ -130,7 +133,7 @@ def loop_curve(plant: Sampled, gain: Array, period: float, points: int = 4000) -
 
 
 def margins(curve: LoopCurve) -> Margins:
-    """Return the margins of a stable closed loop, from its open-loop response up to half the sampling rate."""
+    """Return the stability margins of a closed loop from its open-loop response up to half the sampling rate."""
     L, omega = curve.value, curve.omega
     phase = np.unwrap(np.angle(L))
     turned = np.mod(phase, 2 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""Curves from curvature (exact arcs in the plane, exponential steps in space), and arcs through points.
+"""Curves from their curvature, in the plane and in space, and lengths of circular arcs through points.
 
 The base frame: origin, tangent t along +y, m1 along -x, m2 along +z, so that the first curvature component turns the
 tangent about +z, as everywhere in the plane. It is Bishop's frame: it does not turn about the tangent, and therefore
@@ -21,7 +21,8 @@ SMALL = 1e-4  # rad: below it the series of sin(x)/x and its like are exact in d
 
 
 def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: float = 0.0) -> NDArray[np.float64]:
-    """Return the points (T, S, 2) [m] of planar curves with given curvature, from the origin along +y.
+    """Return points (T, S, 2) [m] of T planar curves at S arc lengths, from their curvature (T, S) [1/m].
+    The curves start at the origin along +y, turned by the base angle.
 
     Between two stations the curvature is the mean of the two, and the curve is a circular arc:
     p_{k+1} = p_k + ds sinc(a / 2) e(phi_k + a / 2),  a = kappa ds,  e(phi) = (-sin phi, cos phi)
@@ -47,7 +48,7 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
 def spatial_curve(
     curvature: ArrayLike, arc_length: ArrayLike, *, twist: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points and frames of curves in space with given curvature, by fourth-order exponential steps (Magnus).
+    """Return points and frames of curves in space from their curvature and twist, by fourth-order exponential steps.
 
     g' = g xi,  xi = (omega, v) = ((k2, phi', k1), e_y); curvature and twist are linear between stations. Constant
     curvature is integrated exactly.
@@ -124,7 +125,8 @@ def tangents(angle: Array) -> Array:
 
 
 def arc_lengths(position: Array) -> Array:
-    """Return the lengths (T,) [m] of curves of circular arcs from the origin through the points (T, S, d), d = 2 or 3.
+    """Return the length (T,) [m] of each of T curves of circular arcs, from the origin through S points (T, S, 2 or 3)
+    [m].
 
     Each arc is tangent to the one before. The first begins at the origin along +y, in space along +z. The result is
     exact where the curvature between the points is constant.

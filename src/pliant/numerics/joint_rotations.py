@@ -1,4 +1,4 @@
-"""Swings, which are rotations by vectors (a, b, 0): the smallest rotation to a direction, and link frames.
+"""Rotations about axes across a link, as vectors (a, b, 0), and the frames of links in space.
 
 A swing (a, b) [rad] is the rotation vector (a, b, 0) in the frame of the link before. It takes z to (sin(v) b / v,
 -sin(v) a / v, cos(v)), v = |(a, b)|. Frames that follow a curve by swings alone do not twist about it (parallel
@@ -18,7 +18,7 @@ STRAIGHT = 1e-150  # sine of the angle below which a direction is taken as z
 
 
 def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., 3, 3) of swings (..., 2) [rad]."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (a, b, 0), given as `swing` (..., 2) [rad]."""
     v = np.asarray(swing, dtype=np.float64)
     angle = np.linalg.norm(v, axis=-1)
     sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # sin(v)/v, (1 - cos v)/v^2
@@ -32,7 +32,9 @@ def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
-    """Return the swings (..., 2) [rad], at most pi in size, that take z to directions (..., 3) of any length > 0."""
+    """Return the smallest rotations (a, b, 0) that turn z to directions (..., 3), as arrays (..., 2) [rad].
+    Their angle is at most pi.
+    """
     u = np.asarray(direction, dtype=np.float64)
     across = np.hypot(u[..., 0], u[..., 1])
     angle = np.arctan2(across, u[..., 2])
@@ -44,7 +46,8 @@ def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return the swings (..., n, 2) [rad] of a chain whose links have the directions (..., n, 3).
+    """Return the joint rotations (..., n, 2) [rad] of a chain in space whose n links point along directions (..., n,
+    3).
 
     Link k has the frame R_k = R_{k-1} R_rest,k exp([a_k, b_k, 0]^), R_{-1} the identity, and points along its z.
 
@@ -66,7 +69,9 @@ def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None)
 
 
 def link_frames(swings: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return the frames (..., n, 3, 3) of the links, from swings (..., n, 2) [rad] and rest rotations (n, 3, 3)."""
+    """Return the rotation matrices (..., n, 3, 3) of n links from joint rotations (..., n, 2) [rad].
+    `rest` (n, 3, 3) holds the rotations of the joints at rest.
+    """
     turns = swing_matrices(swings)
     turns = turns if rest is None else rest @ turns
     frames = np.empty_like(turns)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 
 def ldl_factor(A):
-    """Overwrite a symmetric matrix A (n, n) with its LDL^T factors; only its lower triangle is read.
+    """Overwrite a symmetric positive definite matrix A (n, n) by its LDL^T factors. Only its lower triangle is read.
 
     Strictly below the diagonal: L. On the diagonal: 1/D, so that a solve has no division. Above the diagonal: D L^T, so
     that the factorisation has one division a column.
@@ -28,7 +28,7 @@ def ldl_factor(A):
 
 
 def ldl_solve(A, b):
-    """Solve the linear system with the factors A (n, n) of `ldl_factor` in place; b (n,) becomes the solution."""
+    """Solve A x = b in place, with the factors A (n, n) that `ldl_factor` left; b (n,) becomes the solution."""
     n = A.shape[0]
     for i in range(1, n):
         value = b[i]

@@ -1,4 +1,4 @@
-"""Features of a time series: its peak, a damped sine fitted to a free decay, and the decay's large and small swings."""
+"""Analysis of a free decay: a fitted damped sine, and frequency and damping of its large and small swings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAST_SWING = 0.01  # of the range of the signal: least size of a swing
 
 
 class RingDown(NamedTuple):
-    """A damped sine fitted to a free decay."""
+    """Frequency, damping and amplitude of a damped sine fitted to a free decay."""
 
     frequency: float  # Hz, damped
     damping_ratio: float
@@ -30,7 +30,8 @@ class RingDown(NamedTuple):
 
 
 def ring_down(time: Array, signal: Array) -> RingDown | None:
-    """Fit offset + slow exponential + damped sine to a free decay; return None when there is no clear oscillation.
+    """Fit offset + slow exponential + damped sine to a signal (T,) at times (T,) [s].
+    Return None if it does not clearly oscillate.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def ring_down(time: Array, signal: Array) -> RingDown | None:
 
 @lru_cache(maxsize=256)
 def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
-    """Return the result of `ring_down` for arrays given as bytes; results are cached."""
+    """Return the result of `ring_down` for the bytes of the time and signal arrays. Results are cached."""
     from scipy.optimize import least_squares
 
     t, y = np.frombuffer(time), np.frombuffer(signal)
@@ -71,7 +72,7 @@ def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
 
 
 def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
-    """Return the damped sine of the fitted parameters x (3,), or None.
+    """Return the damped sine with fitted parameters x (3,) for a signal y (T,) at times t (T,) [s], or None.
 
     None where it explains too little of the signal, spans less than two periods, is damped too strongly or does not
     return.
@@ -97,7 +98,7 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
-    """Return the strongest spectral peaks [Hz] of the signal, at most `count`, after removing its slow part."""
+    """Return the frequencies [Hz] of the `count` strongest spectral peaks of a signal without its slow part."""
     slow = np.polynomial.Polynomial.fit(t, y, 3)(t)
     power = np.abs(np.fft.rfft((y - slow) * np.hanning(y.size), 4 * y.size))
     frequency = np.fft.rfftfreq(4 * y.size, float(np.median(np.diff(t))))
@@ -107,7 +108,7 @@ def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
 
 
 def decay_basis(x: Array, t: Array) -> Array:
-    """Return the columns (T, 4) with linear weights: damped cosine, damped sine, constant, slow exponential.
+    """Return the basis functions (T, 4) of a free decay: damped cosine, damped sine, constant, slow exponential.
 
     x (3,) are the logarithms of angular frequency [rad/s], decay rate [1/s] and time constant of the exponential [s].
     """
@@ -119,7 +120,7 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
-    """Return the residual (T,) with the best linear weights of `decay_basis` (variable projection)."""
+    """Return the residual (T,) of the decay y (T,) at parameters x (3,), with the best weights of `decay_basis`."""
     if not np.isfinite(x).all():  # MINPACK makes such a step where a column of the Jacobian vanishes
         return np.full_like(y, NOWHERE)
     left, _, _ = directions(decay_basis(x, t))
@@ -127,7 +128,7 @@ def decay_residual(x: Array, t: Array, y: Array) -> Array:
 
 
 def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
-    """Return the derivatives (T, 3) of `decay_residual` by x.
+    """Return the derivatives (T, 3) of the residual of `decay_residual` with respect to its parameters x (3,).
 
     Source: Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems
     """
@@ -147,14 +148,14 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
 
 
 def directions(basis: Array) -> tuple[Array, Array, Array]:
-    """Return the singular value decomposition of a basis without singular values at the level of rounding."""
+    """Return the singular value decomposition U, s, V^T of a matrix, without singular values of rounding size."""
     left, size, right = np.linalg.svd(basis, full_matrices=False)
     kept = size > len(basis) * np.finfo(float).eps * size[0]
     return left[:, kept], size[kept], right[kept]
 
 
 class Swings(NamedTuple):
-    """Frequency and damping of the swings of one size class; None where there are too few."""
+    """Frequency and damping of the large or of the small swings of a decay; None if there are too few."""
 
     amplitude: float | None  # half of the mean swing, unit of the signal
     frequency: float | None  # Hz, from the mean time between turning points
@@ -165,7 +166,7 @@ NONE = Swings(None, None, None)
 
 
 def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
-    """Return frequency and damping of the large swings and of the small swings of a free decay.
+    """Return frequency and damping of a free decay twice: of its large swings, and of its small swings.
 
     A swing is the motion between two successive turning points, so that the final position need not be known. Large
     swings exceed a third of the first one, small swings are below a sixth of it and clear of noise. The frequency is
@@ -192,7 +193,8 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
 
 
 def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
-    """Return frequency and damping of the swings first ... last - 1.
+    """Return frequency and damping of the swings `first` to `last - 1` of a decay, from times and heights of its
+    extremes.
 
     `at` are the times of the turning points [s], `way` the sizes of the swings between them.
     """
@@ -208,7 +210,8 @@ def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
 
 
 def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
-    """Return times and values of the extremes of y, at least `least` apart in value, beginning with the first sample.
+    """Return times (K,) [s] and values (K,) of a signal's extremes, neighbours at least `least` apart in value.
+    The first sample counts as an extreme.
 
     Each extreme is that of the parabola through the nearest three samples.
     """
@@ -235,5 +238,5 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
 
 
 def peak(values: Array) -> float:
-    """Return the value farthest from 0, with its sign, ignoring NaN (a vacuum has a negative peak)."""
+    """Return the value farthest from 0 with its sign, ignoring NaN. For a vacuum it is negative."""
     return float(values.ravel()[np.nanargmax(np.abs(values))])

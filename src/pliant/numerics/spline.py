@@ -1,4 +1,4 @@
-"""Cubic splines as matrices: with fixed knots, a spline is linear in its node values.
+"""Cubic splines and interpolation as matrices, which map values at fixed knots to values at other points.
 
 One matrix therefore serves all frames and all coordinates of a recording.
 """
@@ -21,7 +21,8 @@ BOUNDARIES = (NATURAL, NOT_A_KNOT, CLAMPED)
 def spline_matrix(
     knots: ArrayLike, at: ArrayLike, boundary: str, derivative: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the matrix of a cubic spline, whose values are ``B @ nodes + slope[:, None] * base_tangent``.
+    """Return the matrix B (P, N) and vector (P,) that map N knot values and a base slope to a cubic spline at P points.
+    The spline is ``B @ nodes + slope[:, None] * base_tangent``.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def spline_matrix(
 
 
 def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix (P, S) which interpolates values at `stations` (S,) to `at` (P,) by Lagrange cubics.
+    """Return the matrix (P, S) that interpolates values at `stations` (S,) to points `at` (P,) by Lagrange cubics.
 
     Each row holds at most four weights, those of the stations around the point; a point that falls on a
     station takes its value exactly. At least four stations, strictly increasing.
@@ -78,7 +79,9 @@ def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64
 
 
 def polynomial_slope_weights(x: ArrayLike, degree: int) -> NDArray[np.float64]:
-    """Return weights (S,) whose dot product with values at `x` is the slope at ``x[0]`` of their polynomial fit."""
+    """Return weights (S,) whose dot product with values at S points `x` is the slope at ``x[0]`` of a fitted
+    polynomial.
+    """
     points = np.asarray(x, dtype=np.float64)
     span = points[-1] - points[0]
     vandermonde = np.vander((points - points[0]) / span, degree + 1, increasing=True)

@@ -1,4 +1,4 @@
-"""Cosine and sine of one angle together, without a call of a library function.
+"""Cosine and sine of an angle computed together, without a call of a library function.
 
 Argument reduction by multiples of pi/2 in two parts, then the minimax polynomials of fdlibm (Sun Microsystems, k_cos.c
 and k_sin.c). A test checks that the absolute error is below 3e-16 for |x| < 1e5 rad.

@@ -1,4 +1,4 @@
-"""Simulation of a model under pressure inputs: whole motions, reference solutions, and single time steps."""
+"""Simulation of a model under pressure inputs: whole motions, reference simulations, and single time steps."""
 
 from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Trace, ramp, step, triangle

@@ -1,4 +1,4 @@
-"""Estimate of the error of a simulated tip position, by repeating the simulation with other steps.
+"""Error of a simulated tip position, estimated by repeating the simulation with a different time step.
 
 A second-order rule with the step 2h has four times the error of the step h, so that the difference of the two is three
 times the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). If this difference is small, the simulation
@@ -24,11 +24,11 @@ Again = Callable[[float], tuple[Array, Array]]
 
 
 class AccuracyWarning(UserWarning):
-    """The time step of a simulation is too long for its motion."""
+    """Warning that the time step of a simulation is too long for the motion."""
 
 
 def tip_error(again: Again) -> float:
-    """Return an upper estimate of the largest error of a motion's tip position, in the unit of `again`.
+    """Return an upper estimate of the largest error of a simulated tip position, as a fraction of the body's length.
 
     Parameters
     ----------
@@ -48,7 +48,9 @@ def tip_error(again: Again) -> float:
 
 
 def difference(again: Again, factor: float) -> float:
-    """Return the largest distance between a motion and its repetition; infinite where the repetition fails."""
+    """Return the largest tip distance between a motion and its repetition with other time steps, over the body's
+    length. The distance is infinite if the repetition fails.
+    """
     try:
         return distance(*again(factor))
     except SimulationError:
@@ -56,10 +58,10 @@ def difference(again: Again, factor: float) -> float:
 
 
 def distance(one: Array, other: Array) -> float:
-    """Return the largest distance between two arrays of positions (..., d)."""
+    """Return the largest distance between corresponding points of two arrays of positions (..., d)."""
     return float(np.sqrt(np.sum((one - other) ** 2, axis=-1).max(initial=0.0)))
 
 
 def step_for(error: float) -> float:
-    """Return the factor, 0.1 to 0.7, by which to shorten a step so that a relative `error` falls to half the limit."""
+    """Return the factor, 0.1 to 0.7, by which to shorten a time step so that the tip error falls to half its limit."""
     return float(np.clip(np.sqrt(0.5 * LIMIT / error), 0.1, 0.7))

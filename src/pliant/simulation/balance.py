@@ -1,4 +1,4 @@
-"""Energy balance of a computed motion, and warnings where energy appears or disappears.
+"""Energy balance of a simulated motion, with warnings if energy appears or disappears without cause.
 
 The implicit midpoint rule balances energy to second order in the step. Where links move too fast for the step, the
 computed chain gains energy without a source or loses energy without dissipation.
@@ -29,11 +29,12 @@ EVERY = 256  # steps between two balances of a `Stepper`
 
 
 class EnergyWarning(AccuracyWarning):
-    """The energy of a computed motion is not balanced."""
+    """Warning that the energy of a simulated motion is not balanced."""
 
 
 def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
-    """Return the energies that a motion gains without a source and loses without dissipation, as fractions.
+    """Return the energy that a motion gains without a source, and that it loses without dissipation, as fractions.
+    Both refer to the energy exchanged.
 
     They are relative to the exchanged energy: the largest change of any form of energy, or the energy dissipated by the
     dampers, whichever is larger.
@@ -57,7 +58,8 @@ def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
 
 
 def in_play(low: Array, high: Array, lost: float) -> float:
-    """Return the exchanged energy [J]: the largest range of a form of energy, or the dissipation `lost` if larger.
+    """Return the energy [J] exchanged in a motion: the largest range of any form of energy or, if larger, the
+    dissipation `lost`.
 
     `low` and `high` are the extremes of each form of energy [J].
 
@@ -68,7 +70,7 @@ def in_play(low: Array, high: Array, lost: float) -> float:
 
 
 class Defects(NamedTuple):
-    """Tip error and energy imbalance of a computed motion."""
+    """Tip error and energy imbalance of a simulated motion."""
 
     error: float  # of the tip, over the length; NaN: not estimated
     length: float  # m
@@ -77,7 +79,7 @@ class Defects(NamedTuple):
 
 
 def warn_of_defects(found: Defects, step: float, advice: str) -> None:
-    """Issue one warning where the tip error is above 1 % of the length, or the energy is not balanced.
+    """Issue one warning if a motion's tip error exceeds 1 % of the length or its energy is not balanced.
 
     The limit of the energy imbalance is 10 %, or 1 % where the error of the tip was not estimated.
     """
@@ -97,7 +99,7 @@ def warn_of_defects(found: Defects, step: float, advice: str) -> None:
 
 
 def missing_energy(gain: float, loss: float) -> tuple[float, str]:
-    """Return the larger of gain and loss, two fractions of the exchanged energy, and its description for a message."""
+    """Return the larger of energy gain and loss, as fractions of the exchanged energy, and its description as text."""
     if gain >= loss:
         return gain, f"gains {100 * gain:.3g} % of its energy without a source"
     return loss, f"loses {100 * loss:.3g} % of its energy without dissipation"
@@ -117,7 +119,7 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
 
 
 class EnergyWatch:
-    """Energy balance of a chain that is advanced step by step, computed every `EVERY` steps.
+    """Energy balance of a chain that is simulated step by step, checked every `EVERY` steps.
 
     Attributes
     ----------
@@ -133,12 +135,14 @@ class EnergyWatch:
         self.gain = self.loss = 0.0
 
     def forget(self) -> None:
-        """Restart the balance, after the state was changed from outside."""
+        """Restart the energy balance after the state of the chain was changed from outside."""
         self._first: Array | None = None
         self._low = self._high = np.zeros(4)
 
     def look(self, x: Array, v: Array, states: Array, length: float, steps: int = 1) -> None:
-        """Count `steps` steps of a `length` [s]; if a balance is due, compute it and warn of missing energy."""
+        """Count `steps` time steps of a `length` [s] each.
+        If a check is due, compute the energy balance and warn of missing energy.
+        """
         self._left -= steps
         if self._left > 0:
             return

@@ -1,4 +1,4 @@
-"""Time series of chamber pressures and torques under a command, interval by interval, as floats or dual numbers.
+"""Pressures and torques of chambers over the time steps of a simulation, as floats or dual numbers.
 
 A chamber with its valve enters the compiled loops as one row of numbers. For derivatives by any of these numbers, the
 row is given as dual numbers (`pliant.compiler.duals`), and the same loops are run.
@@ -24,7 +24,9 @@ BEFORE_LAW = OF_A_VALVE + 8  # number of entries before those of the torque law,
 
 
 class ValveConstants(NamedTuple):
-    """Constants of a valve for the compiled loops, as floats or dual numbers."""
+    """Constants of a valve for the compiled loops: lag, dead band, initial pressure and others, as floats or dual
+    numbers.
+    """
 
     lag: Lag
     settle_share: Any
@@ -37,7 +39,7 @@ class ValveConstants(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Lengths of the time steps and of the intervals into which they are divided, as floats or dual numbers."""
+    """Lengths of the time steps of a simulation and of the finer intervals within them, as floats or dual numbers."""
 
     h: Any  # (steps,) s
     lengths: Any  # (m,) s, lengths of the intervals
@@ -45,26 +47,26 @@ class Intervals(NamedTuple):
 
 
 def lag_of(valve: Valve) -> Lag:
-    """Return the first-order lag of a valve, for the compiled loops."""
+    """Return the lag constants of a valve in the form that the compiled loops take."""
     return Lag(
         float(valve.rise_time), float(valve.fall_time), valve.rise_rate or UNLIMITED, valve.fall_rate or UNLIMITED
     )
 
 
 def delivered(valve: Valve, command: float) -> float:
-    """Return the pressure [Pa] at which the valve settles under a constant command [Pa], considering its dead band."""
+    """Return the steady pressure [Pa] behind a valve under a constant command [Pa], dead band included."""
     return float(np.sign(command) * max(abs(command) - valve.dead_band, 0.0)) if valve.dead_band else command
 
 
 def valve_row(valve: Valve, before: float) -> Array:
-    """Return the constants of a valve, with its initial pressure `before` [Pa], as one row of numbers."""
+    """Return the constants of a valve and its initial pressure `before` [Pa] as one array of numbers."""
     omega = 2 * np.pi * valve.natural_frequency
     rest = valve.settle_share, valve.settle_time, omega, valve.damping_ratio, before, valve.dead_band
     return np.array([*lag_of(valve), *rest, valve.opening_time])
 
 
 def row_of(chamber: Chamber, before: float) -> Array:
-    """Return the constants of a chamber as one row of numbers, with its equilibrium at the pressure `before` [Pa].
+    """Return the constants of a chamber and its state at the initial pressure `before` [Pa] as one array of numbers.
 
     The entries are valve, rubber, slow states and law.
     """
@@ -73,13 +75,14 @@ def row_of(chamber: Chamber, before: float) -> Array:
 
 
 def valve_constants(row: Array) -> ValveConstants:
-    """Return the named entries of a `valve_row`, which may hold dual numbers (.., SLOTS)."""
+    """Return the named constants of a valve from an array of `valve_row`, whose numbers may be dual."""
     single = row[:OF_A_VALVE].tolist() if row.ndim == 1 else row[:OF_A_VALVE]
     return ValveConstants(Lag(*single[:4]), *single[4:])
 
 
 def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any, p: Any) -> None:
-    """Replace the commanded pressures p (m, 4) [Pa] by the pressures behind a valve, in place.
+    """Replace commanded pressures p (m, 4) [Pa] by those behind a valve, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
     ``run(kernel)`` returns the compiled form of a kernel. `constants` are the constants of the `valve`.
@@ -99,7 +102,8 @@ def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any,
 
 
 def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any, torque: Any, grown: Any) -> None:
-    """Write the mean torque of each step to torque (steps,) [N m], from the pressures p (m, 4) [Pa] behind the valve.
+    """Write the mean torque of a chamber in each time step to torque (steps,) [N m].
+    The pressures p (m, 4) [Pa] behind the valve are start, middle, end and mean of m intervals.
 
     `row` is the row of the chamber (`row_of`). If the chamber has slow states, grown (m + 1,) receives the fourth power
     of its hoop stretch between the intervals.
@@ -114,7 +118,8 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
-    """Return the derivatives (steps, WIDTH) of the mean torque of each step, for a `row` of dual numbers.
+    """Return WIDTH derivatives (steps, WIDTH) of a chamber's mean torque in each time step, from a `row` of dual
+    constants.
 
     They are the derivatives by the variables whose derivatives the dual numbers hold.
 

@@ -1,4 +1,4 @@
-"""Time steps of a simulation under pressure inputs, and the mean torque of each chamber in each step.
+"""Time steps of a simulation under pressure inputs, with the mean torque of each chamber in each step.
 
 The torque of a step is its mean over the step, integrated between the breakpoints of the input. Every jump of a
 pressure is the end of a step. The result therefore does not depend on how the edges of the input and the steps align.
@@ -37,7 +37,7 @@ _SAME = 1e-9  # of a step: times closer than this are equal but for rounding
 
 
 class Drive(NamedTuple):
-    """Input of the compiled time-stepping loop: steps and torques, with the pressures at the output times."""
+    """Time steps of a simulation with the mean torque of each chamber, and the pressures at the output times."""
 
     h: Array  # (steps,) s
     torque: Array  # (steps, C) N m, mean of each chamber over each step
@@ -51,7 +51,7 @@ class Drive(NamedTuple):
 
     @property
     def steps(self) -> Steps:
-        """The arrays of the time-stepping loop."""
+        """The arguments of the compiled time-stepping loop: step lengths, torques, output rows and loads."""
         return Steps(self.h, self.torque, self.gain, self.keep, self.load)
 
     @property
@@ -61,7 +61,7 @@ class Drive(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """The time steps between the output times, and the intervals into which they are divided."""
+    """Time steps between the output times of a simulation, and the finer intervals between the inputs' kinks."""
 
     corners: Array  # s, the output times and the jumps, between which all steps are equal
     nodes: Array  # (steps + 1,) s
@@ -70,7 +70,7 @@ class Grid(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """Torque, pressure and stretch of one chamber in the steps of a `Drive`."""
+    """Mean torque in each time step, and pressure and stretch at the output times, of one chamber."""
 
     torque: Array  # (steps,) N m, mean over each step
     pressure: Array  # (rows,) Pa, behind the valve, at the output times
@@ -78,7 +78,8 @@ class Driven(NamedTuple):
 
 
 class Layout:
-    """The time steps for given inputs, and the commands of the inputs in them.
+    """Time steps for given inputs, with the commanded pressures in them; pressures behind valves and torques are
+    cached.
 
     Of the chambers only the dead times affect the steps. Pressures behind valves and torques of chambers are cached,
     for models that differ only in other parameters.
@@ -96,17 +97,21 @@ class Layout:
         self._driven: dict[tuple[Any, ...], Driven] = {}
 
     def behind(self, c: int, valve: Valve) -> Array:
-        """Return the pressure (m, 4) [Pa] behind the valve of chamber `c`; see `through_valve`."""
+        """Return the pressure (m, 4) [Pa] of chamber `c` behind its valve in m time intervals.
+        The four columns are start, middle, end and mean.
+        """
         if (c, valve) not in self._behind:
             self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], self.resting(c, valve))
         return self._behind[c, valve]
 
     def resting(self, c: int, valve: Valve) -> float:
-        """Return the initial pressure [Pa] behind the valve of chamber `c`."""
+        """Return the initial pressure [Pa] of chamber `c` behind its valve."""
         return delivered(valve, float(self.initial[c]))
 
     def driven(self, c: int, chamber: Chamber) -> Driven:
-        """Return the torque, pressure and stretch of chamber `c` in all steps."""
+        """Return the mean torques of chamber `c` in all time steps, with its pressure and stretch
+        at the output times.
+        """
         key = (c, chamber.key)
         if key not in self._driven:
             behind = self.behind(c, chamber.valve)
@@ -123,7 +128,7 @@ class Layout:
         return self._driven[key]
 
     def jump_slope(self, c: int, k: int) -> Array | None:
-        """Return the derivative (steps,) of the steps' lengths by the time of jump `k` of chamber `c`, or None.
+        """Return the derivative (steps,) of the step lengths by the time of jump `k` of chamber `c`'s input, or None.
 
         Only the lengths of the steps next to the jump change. None if the jump does not exist, if its time is also an
         output time or is otherwise not the end of a step, or if inputs have breakpoints within steps.
@@ -143,7 +148,8 @@ class Layout:
         return slope
 
     def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
-        """Return the derivatives (steps, C, WIDTH) of the mean torques of all chambers, for rows of dual numbers.
+        """Return WIDTH derivatives (steps, C, WIDTH) of the mean torques of C chambers. `rows` and step lengths h are
+        dual numbers that carry the derivatives.
 
         `rows` has one row for each chamber (`row_of`). h (steps,) are the lengths of the steps, dual numbers too. Where
         inputs have breakpoints within steps, the derivatives of h must be 0.
@@ -153,7 +159,8 @@ class Layout:
 
 
 def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
-    """Return one input for each chamber as a tuple; `pressure` may be a single input if there is one chamber.
+    """Return the pressure inputs of a model as a tuple, one per chamber.
+    A single input is accepted for a single chamber.
 
     Raises
     ------
@@ -173,7 +180,8 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
 
 
 def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: float) -> Drive:
-    """Return time steps of at most `step` [s], which meet all `times` and jumps, with the mean torques of the chambers.
+    """Return the time steps, at most `step` [s] long, and the chambers' mean torques in them.
+    Steps end at all output `times` and pressure jumps.
 
     Parameters
     ----------
@@ -191,7 +199,7 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
 
 
 def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Layout:
-    """Return the layout of the steps for one input per chamber; arguments and errors are those of `drive`."""
+    """Return the time steps for one input per chamber, with the commanded pressures, but without torques."""
     times = check_times(times)
     if not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
@@ -209,7 +217,7 @@ def check_times(times: Array) -> Array:
 
 
 def driven(model: Model, layout: Layout) -> Drive:
-    """Return the `Drive` of a model's chambers for steps that are already laid out."""
+    """Return the time steps of `layout` with the mean torques of the model's chambers in them."""
     columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
     torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
@@ -221,7 +229,9 @@ def driven(model: Model, layout: Layout) -> Drive:
 
 
 def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
-    """Return the steps and intervals of `drive`, for inputs that the valves follow after their dead times [s]."""
+    """Return time steps of at most `step` [s] that end at all output times and at the inputs' jumps.
+    Each jump is delayed by the dead time [s] of its valve.
+    """
     same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
     jumps = np.concatenate([p.jumps + dead for p, dead in pairs])
@@ -235,12 +245,12 @@ def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, ste
 
 
 def before(pressure: Input, dead_time: float, times: Array) -> float:
-    """Return the pressure [Pa] of an input just before the first time."""
+    """Return the pressure [Pa] of an input, delayed by `dead_time` [s], just before the first of `times`."""
     return float(pressure(np.nextafter(times[0] - dead_time, -np.inf)))
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
-    """Return `times` and those of `moments` within them which are more than `same` from any other time, sorted."""
+    """Return the sorted union of `times` and those `moments` between them that are more than `same` from any other."""
     moments = np.unique(np.asarray(moments, dtype=float))
     moments = moments[(moments > times[0]) & (moments < times[-1])]
     moments = moments[np.diff(moments, prepend=-np.inf) > same]
@@ -250,7 +260,7 @@ def merge(times: Array, moments: Array, same: float) -> Array:
 
 
 def subdivide(corners: Array, step: float) -> Array:
-    """Return all `corners` [s] with equal steps of at most `step` [s] in between."""
+    """Return times [s] that contain all `corners` and divide each gap into equal steps of at most `step` [s]."""
     gap = np.diff(corners)
     parts = np.maximum(1, np.ceil(gap / step * (1 - 1e-9))).astype(int)
     start = np.repeat(np.arange(gap.size), parts)
@@ -260,7 +270,8 @@ def subdivide(corners: Array, step: float) -> Array:
 
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
-    """Return the pressure (m, 4) [Pa] behind a valve at start, middle and end of each interval, and its mean.
+    """Return the pressure (m, 4) [Pa] behind a valve in the m intervals between times `nodes` [s].
+    The four columns are start, middle, end and mean.
 
     `nodes` (m + 1,) [s] are the ends of the intervals.
 
@@ -270,7 +281,8 @@ def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) ->
 
 
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
-    """Return the command (m, 4) [Pa] at start, middle and end of each interval of `nodes`, and its mean.
+    """Return the pressure command (m, 4) [Pa], delayed by `dead_time` [s], in the m intervals between times `nodes`
+    [s]. The four columns are start, middle, end and mean.
 
     The command within an interval is the straight line through two inner points, so that a jump at a node counts on the
     right side.
@@ -290,14 +302,16 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
 
 
 def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
-    """Return the pressures of `through_valve` for `commands` (m, 4) [Pa] in intervals of h (m,) [s]."""
+    """Return the pressure (m, 4) [Pa] behind a valve for commands (m, 4) [Pa] in intervals of length h (m,) [s].
+    The four columns are start, middle, end and mean.
+    """
     out = commands.copy()
     pass_valve(twin, valve, valve_constants(valve_row(valve, before)), h, out)
     return out
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """Return the SimulationError for a step in which a link turns by more than 1 rad, or for another failure.
+    """Return the SimulationError for a failed time step: a link that turns by more than 1 rad, or another cause.
 
     `given_way` describes the other failure.
     """

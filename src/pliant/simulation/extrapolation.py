@@ -20,7 +20,7 @@ STAGES = 16
 
 
 def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
-    """Return the motion extrapolated from steps of at most `step` [s] and from half steps.
+    """Return the motion extrapolated from two simulations, with steps of at most `step` [s] and with half of them.
 
     The change of the tip by the extrapolation is its estimated error.
 
@@ -39,19 +39,23 @@ def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
 
 
 def extrapolated(coarse: Marched, fine: Marched) -> Marched:
-    """Return the fourth-order motion from two second-order motions, the finer one with half the step."""
+    """Combine two second-order motions, with a step and with half of it, to one of fourth order."""
     phi, w, work, states = ((4.0 * b - a) / 3.0 for a, b in zip(coarse, fine, strict=True))
     return phi, w, work, states
 
 
 def smooth(problem: InitialValueProblem) -> bool:
-    """Return whether the error of a simulation is a series in the square of its step."""
+    """Return whether the simulation's error is a power series in the square of the step, so that
+    extrapolation works.
+    """
     memory = problem.model.memory
     return not (memory.slip_share or memory.boucwen_share or memory.axial_slip_share or problem.forces)
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
-    """Return the steps of `drive` with ends at all breakpoints too, each step divided into `parts` equal ones."""
+    """Return time steps of at most `step` [s] that also end at all breakpoints of the inputs, each divided into
+    `parts`.
+    """
     model, times = problem.model, problem.times
     pairs = zip(problem.pressure, model.chambers, strict=True)
     bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])
@@ -67,7 +71,7 @@ def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
 
 
 def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) -> Solution:
-    """Return the motion whose tip error is at most `tolerance` times the length, starting with steps of `step` [s].
+    """Return a motion whose tip error is at most `tolerance` times the length; steps start at `step` [s] and shrink.
 
     Raises
     ------

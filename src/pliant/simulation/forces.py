@@ -1,4 +1,4 @@
-"""Known forces at points of the body, such as of a thread that pulls, and their loads on the links."""
+"""Known forces at points of the body, such as the pull of a thread, and the loads on the links that they cause."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 class PointForce(NamedTuple):
-    """A known force at a point that is fixed to the body, as a function of time.
+    """A known force at a point fixed to the body, given as a function of time.
 
     The force is linear between the given times, and constant before the first and after the last. Two equal times make
     a jump.
@@ -27,7 +27,7 @@ class PointForce(NamedTuple):
 
 
 def checked(whose: str, force: PointForce, dimension: int = 2) -> PointForce:
-    """Return the force with its own copies of the arrays; raise InputError if it is invalid.
+    """Return the force with copies of its arrays; raise InputError if it is invalid. `whose` begins the message.
 
     `whose` begins the message.
     """
@@ -43,31 +43,35 @@ def checked(whose: str, force: PointForce, dimension: int = 2) -> PointForce:
 
 
 def station_of(model: Model, force: PointForce) -> Station:
-    """Return the point of the chain at which a force acts."""
+    """Return the point of the chain at which a known force acts, as a `Station`."""
     if isinstance(force.at, Station):
         place = force.at
     else:
         points = {p.name: p for p in model.points}
         if force.at not in points:
-            raise InputError(f"a known force acts at {force.at!r}, but the model's points are {', '.join(points)}")
+            raise InputError(
+                f"a known force acts at {force.at!r}, but the model's points are {', '.join(points)}: use one of these"
+            )
         place = points[force.at]
     if not 0 <= place.link < model.n:
-        raise InputError(f"a known force acts on link {place.link + 1}, but the model has links 1 to {model.n}")
+        raise InputError(
+            f"a known force acts on link {place.link + 1}, but the model has links 1 to {model.n}: use one of these"
+        )
     return place
 
 
 def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
-    """Return the loads (T, ...) [N m] of the links under forces `values` (T, F, d) [N]; see `Mechanics.link_loads`."""
+    """Return the loads (T, ...) [N m] on the links under F known forces, of values (T, F, d) [N]."""
     return mechanics_of(model).link_loads([station_of(model, force) for force in forces], values)
 
 
 def at_time(force: PointForce, time: Array) -> Array:
-    """Return the force (..., d) [N] at times (...) [s]."""
+    """Return the value (..., d) [N] of a known force at times (...) [s]."""
     return np.stack([np.interp(time, force.time, column) for column in force.force.T], axis=-1)
 
 
 def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
-    """Return the loads of the links [N m] at one time [s], as the kernels take them."""
+    """Return the loads [N m] of known forces on the links at one time [s], in the form that the compiled loops take."""
     if not forces:
         return mechanics_of(model).no_loads()
     values = np.array([[at_time(force, np.array(time)) for force in forces]])
@@ -75,14 +79,14 @@ def loads_at(model: Model, forces: Sequence[PointForce], time: float) -> Array:
 
 
 def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Array:
-    """Return the mean loads of the links [N m] over each interval of `nodes` (m + 1,) [s], as `link_loads`."""
+    """Return the mean loads [N m] of known forces on the links over each of the m intervals of `nodes` (m + 1,) [s]."""
     impulse = [integral(force, nodes) for force in forces]
     means = [np.diff(rows, axis=0) / np.diff(nodes)[:, None] for rows in impulse]
     return link_loads(model, forces, np.stack(means, axis=1))
 
 
 def integral(force: PointForce, time: Array) -> Array:
-    """Return the exact integral (T, d) [N s] of the force from its first time to each `time` (T,) [s]."""
+    """Return the integral (T, d) [N s] of a known force from its first time to each `time` (T,) [s]."""
     knots, value = force.time, force.force
     area = 0.5 * (value[1:] + value[:-1]) * np.diff(knots)[:, None]
     total = np.concatenate([0.0 * value[:1], np.cumsum(area, axis=0)])

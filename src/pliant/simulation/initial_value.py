@@ -1,4 +1,4 @@
-"""The initial value problem of a simulation, and its integration by the midpoint rule."""
+"""Initial value problem of a simulation: its definition, and its integration by the midpoint rule."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Marched = tuple[Array, Array, Array, Array]  # angles, rates, work, hysteresis s
 
 
 class Solution(NamedTuple):
-    """A computed motion with its pressures, longest step and estimated error."""
+    """A simulated motion with its pressures, longest time step and estimated error."""
 
     pressure: Array  # (T, C) Pa, behind the valves
     marched: Marched
@@ -32,7 +32,7 @@ class Solution(NamedTuple):
 
 
 class InitialValueProblem(NamedTuple):
-    """A motion to be computed: model, inputs, output times, forces and initial state."""
+    """A simulation to be computed: model, inputs, output times, forces and initial state."""
 
     model: Model
     pressure: tuple[Input, ...]
@@ -43,7 +43,9 @@ class InitialValueProblem(NamedTuple):
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
-        """Return the problem with an initial state: joint angles, rates and hysteresis states, as in `simulate`."""
+        """Return the problem with its initial state set: joint angles, rates and hysteresis states,
+        as in `simulate`.
+        """
         model, load = self.model, loads_before(self.model, self.forces, self.times)
         rest = angle is None
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
@@ -52,30 +54,32 @@ class InitialValueProblem(NamedTuple):
         return self._replace(start=start, states=memory.first_states(model, q, states))
 
     def plan(self, step: float, times: Array | None = None) -> Drive:
-        """Return steps of at most `step` [s] that meet `times` (default: all output times), with torques and forces."""
+        """Return the time steps, at most `step` [s] long, that meet all `times`, with their mean torques and forces.
+        By default `times` are the output times.
+        """
         times = self.times if times is None else times
         return self.loaded(drive(self.model, self.pressure, times, step))
 
     def loaded(self, plan: Drive) -> Drive:
-        """Return `plan`, a `Drive`, with the mean loads of the known forces on the links added."""
+        """Return the time steps `plan` with the mean loads on the links by known forces added."""
         if not self.forces:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
         return plan._replace(load=mean_loads(self.model, self.forces, nodes))
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
-        """Integrate `plan`, a `Drive`, by the midpoint rule; return `rows` output rows (default: one per pressure)."""
+        """Integrate over the time steps `plan` by the midpoint rule; return the motion at `rows` output times."""
         rows = len(plan.pressure) if rows is None else rows
         if self.model.memory:
             return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
         return *march(self.model, plan, self.start, rows), self.states
 
     def tips(self, phi: Array) -> Array:
-        """Return the positions (T, 2) of the tip over the length of the body, in space (T, 3)."""
+        """Return the tip positions (T, 2), in space (T, 3), divided by the length of the body, from coordinates phi."""
         return np.asarray(mechanics_of(self.model).tips(phi)[:, -1] / self.model.length)
 
     def repeated(self, plan: Drive, phi: Array, factor: float) -> tuple[Array, Array]:
-        """Return tip positions of a motion and of its repetition with `factor` times the steps, at equal times."""
+        """Return tip positions of a motion and of its repetition with steps `factor` times as long, at equal times."""
         every = 2 if factor > 1.0 and self.times.size > 2 else 1  # half of the output times, since no step passes one
         other = self.plan(factor * float(plan.h.max()), self.times[::every])
         if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
@@ -86,7 +90,7 @@ class InitialValueProblem(NamedTuple):
 def posed(
     model: Model, pressure: Input | Sequence[Input], times: Array, forces: Sequence[PointForce]
 ) -> InitialValueProblem:
-    """Return the initial value problem of a simulation, without its initial state.
+    """Return the initial value problem for a model under inputs and known forces. Its initial state is set separately.
 
     Raises
     ------
@@ -101,12 +105,12 @@ def posed(
 
 
 def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
-    """Return the loads (n, 2) [N m] of the links just before the first time; None if there are no forces."""
+    """Return the loads (n, 2) [N m] of known forces on the links just before the first time, or None without forces."""
     return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
 
 
 def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
-    """Integrate `plan`, a `Drive`, by the midpoint rule; return absolute angles, rates and energies.
+    """Integrate over the time steps `plan` by the midpoint rule; return absolute angles, rates and energies.
 
     Angles and rates are (rows, n). The energies (rows, 2) [J] are input work and dissipation.
 

@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class Input(Protocol):
-    """The interface of a pressure input for `simulate`."""
+    """Interface of a pressure input for `simulate`: pressure [Pa] as a function of time, with its jumps and kinks."""
 
     @property
     def jumps(self) -> Array:

@@ -35,7 +35,7 @@ from pliant.simulation.pressure_loops import held_interval
 
 
 class Steps(NamedTuple):
-    """Input of a time-stepping loop: lengths, torques and loads of all steps."""
+    """Time steps as input of a compiled simulation: length, mean chamber torques, loads and output row of each step."""
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
@@ -45,7 +45,7 @@ class Steps(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Output of a time-stepping loop."""
+    """Output of a time-stepping loop: angles, rates, energies and hysteresis states, one row per output time."""
 
     phi: np.ndarray  # (rows, n) rad
     w: np.ndarray  # (rows, n) rad/s
@@ -55,7 +55,8 @@ class Rows(NamedTuple):
 
 
 def rows_for(rows, size, states, energies):
-    """Return a `Rows` of zeros for `rows` output rows, `size` coordinates and 2 or 3 `energies`.
+    """Return zeroed output arrays (`Rows`) of a simulation for a number of rows, coordinates, hysteresis states and
+    energies.
 
     `states` is the shape (n, branches) of the hysteresis states.
     """
@@ -64,7 +65,7 @@ def rows_for(rows, size, states, energies):
 
 
 class Drives(NamedTuple):
-    """Chambers and their states for a body that is advanced step by step; the arrays are updated in place."""
+    """Torque laws, valves, pressures and slow states of C chambers, updated in place at each simulated step."""
 
     actuation: ActuationConstants
     valve: np.ndarray  # (C, 4) the `Lag` of each chamber
@@ -73,7 +74,7 @@ class Drives(NamedTuple):
 
 
 def march(phi, w, steps, body, joints, work, out):
-    """Advance phi and w (n,) in place over all `steps` (a `Steps`), and write the output rows to `out` (a `Rows`).
+    """Integrate the chain over all `steps`; angles phi and rates w (n,) change in place, output rows go to `out`.
 
     For a body that lengthens, all arrays are (n + S,), with strains behind the angles, and the compiled loop uses the
     step of `equations.extension`.
@@ -106,7 +107,7 @@ def march(phi, w, steps, body, joints, work, out):
 
 
 def march_with_memory(phi, w, steps, body, joints, past, work, out):
-    """Advance a chain with hysteresis over all `steps`, as `march`; the states in `past` (`symbols.Past`) advance.
+    """Integrate a chain with hysteresis over all `steps`, as `march`; the states in `past` change in place.
 
     The states are output too, and the last column of the energy is the energy dissipated by hysteresis. Returns -1, the
     index k of a step that turns a link by more than 1 rad, or -2 - k if step k does not converge.
@@ -139,7 +140,8 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
 
 
 def take_torques(h, command, drives, tau):
-    """Write the mean torques of the joints to tau (n,) [N m] over h [s] under constant commands (C,) [Pa].
+    """Write to tau (n,) [N m] the mean joint torques over h [s] under constant pressure commands (C,) [Pa].
+    Pressures and slow states in `drives` advance by h.
 
     `drives` (a `Drives`) is advanced in place.
     """
@@ -153,7 +155,8 @@ def take_torques(h, command, drives, tau):
 
 
 def held_step(phi, w, h, command, drives, body, joints, work):
-    """Advance one step of h [s] behind valves, under constant commands (C,) [Pa]; return 0, or -1 if the step fails.
+    """Advance the chain by one step h [s] under constant commands (C,) [Pa] to the valves; return -1 if it fails, else
+    0. Angles phi and rates w (n,) change in place.
 
     phi, w (n,) and `drives` (a `Drives`) are updated in place.
     """
@@ -165,7 +168,8 @@ def held_step(phi, w, h, command, drives, body, joints, work):
 
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
-    """Advance one step of a chain with hysteresis, as `held_step`.
+    """Advance a chain with hysteresis by one step h [s] under constant commands (C,) [Pa]; return -1 if it fails, else
+    0. Angles phi, rates w and the states in `past` change in place.
 
     `chain` is (body, joints), `past` a `symbols.Past`.
     """
@@ -178,7 +182,8 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
 
 
 def hold(phi, w, held, drives, body, joints, work):
-    """Advance several steps of constant command and force, and return the index of the step that fails, or -1.
+    """Advance the chain by several steps under constant commands and force; return the index of a failed step, or -1.
+    Angles phi and rates w (n,) change in place.
 
     `held` is (h, steps, command, load, total). `load` (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
     none. Input work, loss of the dampers and loss of hysteresis [J] are added to `total` (3,). All records are plain
@@ -200,7 +205,9 @@ def hold(phi, w, held, drives, body, joints, work):
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
-    """Advance several steps of a chain with hysteresis, as `hold`; `chain` is (body, joints)."""
+    """Advance a chain with hysteresis by several steps under constant commands and force.
+    Angles, rates and the states in `past` change in place; the index of a failed step, or -1, is returned.
+    """
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
     chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
@@ -222,7 +229,7 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 @cache
 def of_records(kernel, body, joints, workspace, law=MemoryLaw):
-    """Return a kernel that uses other record types in place of `Body`, `Joints`, `Workspace` and `MemoryLaw`."""
+    """Return a copy of the loop `kernel` for other argument types than `Body`, `Joints`, `Workspace`, `MemoryLaw`."""
     if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
     scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}

@@ -1,4 +1,4 @@
-"""Simulation of chains with hysteresis, and the output of their hysteresis states."""
+"""Simulation of chains with hysteresis, and conversion of their hysteresis states to dataset variables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ Entry = tuple[tuple[str, ...], Array]
 def march_with_memory(
     model: Model, plan: Drive, start: tuple[Array, Array], states: Array, rows: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Integrate a chain with hysteresis; return coordinates, rates, energies and hysteresis states at the output rows.
+    """Integrate a chain with hysteresis over the steps `plan`; return coordinates, rates, energies and hysteresis
+    states.
 
     Coordinates and rates are (rows, N). Energies (rows, 3) [J] are input work, loss of the dampers and loss of
     hysteresis. States are (rows, m, branches). For a model without hysteresis the result equals, bit for bit, that of
@@ -44,7 +45,7 @@ def march_with_memory(
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:
-    """Return the initial hysteresis states: those `given`, else in equilibrium at the joint coordinates q0 (N,)."""
+    """Return the initial hysteresis states: those `given` or, if None, the equilibrium at the coordinates q0 (N,)."""
     rest = state.relaxed(model, q0)
     if given is None:
         return rest
@@ -60,14 +61,18 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
 
 
 def laws_of(model: Model) -> list[MemoryLaw]:
-    """Return the branches of each coordinate with hysteresis states: those of joints, behind them those of segments."""
+    """Return the hysteresis law of every coordinate that has hysteresis, first of the joints, then of the extensible
+    segments.
+    """
     joints, axial, segments = model.memory.law(), model.memory.axial.law(), len(model.extensions)
     rows = mechanics_of(model).remembering
     return [axial if i >= model.size - segments else joints for i in range(rows)]
 
 
 def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
-    """Return states, torque, stored and dissipated energy of hysteresis as dataset variables; {} if there is none."""
+    """Return dataset variables, by name, for hysteresis states, torque and energies; {} for a chain
+    without hysteresis.
+    """
     if not model.memory:
         return {}
     chain = mechanics_of(model)

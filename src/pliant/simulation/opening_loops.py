@@ -1,4 +1,4 @@
-"""Pressure of a chamber that fills and vents through an opening, in closed form: choked and subsonic flow of ISO 6358.
+"""Pressure of a chamber that fills and vents through an opening, in closed form: choked and subsonic flow (ISO 6358).
 
 The absolute pressure P of a rigid chamber follows P' = (U / T) psi(P / U) while the command U lies above it, and P' =
 -(P / T) psi(U / P) while it lies below, with psi(r) = 1 for r < b, else sqrt(1 - ((r - b) / (1 - b))^2), and b = 1/2. T
@@ -20,7 +20,8 @@ LEAST = 1.0  # Pa, smallest absolute command
 
 
 def through_opening(h, time, before, p):
-    """Replace the pressures p (m, 4) [Pa gauge] before an opening by those of the chamber behind it, in place.
+    """Replace pressures p (m, 4) [Pa gauge] upstream of an opening by those in the chamber behind it, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. Only the mean
     of the pressure before the opening is used, so that the result is exact where it is constant in each interval. The
@@ -35,7 +36,9 @@ def through_opening(h, time, before, p):
 
 
 def opening_interval(h, command, time, p):
-    """Return the pressure [Pa gauge] after h [s] at a constant command, starting from p, and its mean until then."""
+    """Return the pressure [Pa gauge] of a chamber behind an opening after h [s] at a constant command, and its mean.
+    It starts from p.
+    """
     supply = command + ATMOSPHERE
     if supply.real < LEAST:
         supply = LEAST + 0.0 * command
@@ -52,7 +55,7 @@ def opening_interval(h, command, time, p):
 
 
 def filled(s, x):
-    """Return x(s) and its integral for x' = 1 below 0, x' = sqrt(1 - x^2) from 0 to 1, starting from `x`.
+    """Return the solution x(s) of normalised filling, x' = 1 below 0 and sqrt(1 - x^2) up to 1, and its integral.
 
     x = 2 P / U - 1.
     """
@@ -71,7 +74,7 @@ def filled(s, x):
 
 
 def vented(s, x):
-    """Return x(s) and its integral for x' = -(1 + x) / 2 above 1, x' = -sqrt(x) from 1 to 0, starting from `x`.
+    """Return the solution x(s) of normalised venting, x' = -(1 + x) / 2 above 1 and -sqrt(x) below, and its integral.
 
     x = (P - U) / U.
     """

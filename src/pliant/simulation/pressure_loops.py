@@ -1,4 +1,4 @@
-"""Loops over time intervals for valves, lagged pressures and chamber torques.
+"""Compiled loops over time intervals for the pressure behind valves, lagged pressure, and chamber torque.
 
 The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
 """
@@ -14,7 +14,8 @@ UNLIMITED = 1e30  # Pa/s; not infinite, whose product with a lag of 0 is NaN
 
 
 def past_dead_band(band, p):
-    """Subtract the dead band [Pa] of a regulator from the commands p (m, 4) [Pa], in place.
+    """Replace commands p (m, 4) [Pa] by those that a pressure regulator with a dead band [Pa] follows, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the command at the start, middle and end of each interval, and its mean. The result is exact except
     for intervals in which the command crosses the band.
@@ -30,7 +31,8 @@ def past_dead_band(band, p):
 
 
 def first_order_valve(h, rise, fall, before, p):
-    """Replace the commands p (m, 4) [Pa] by the pressures behind a first-order lag, in place.
+    """Replace commanded pressures p (m, 4) [Pa] by those behind a valve with first-order lag, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. The pressure
     starts at `before` [Pa]. `rise` and `fall` [s] are the time constants while the command lies above or below the
@@ -42,7 +44,9 @@ def first_order_valve(h, rise, fall, before, p):
 
 
 def first_order_interval(h, u0, u1, rise, fall, p):
-    """Return the pressure [Pa] at start, middle and end of one interval of `first_order_valve`, and its mean."""
+    """Return the pressure [Pa] behind a first-order valve at start, middle and end of an interval, and its mean.
+    The command goes from u0 to u1 [Pa] in h [s].
+    """
     command = 0.5 * (u0 + u1)
     lag = rise
     if command.real < p.real:
@@ -57,7 +61,8 @@ def first_order_interval(h, u0, u1, rise, fall, p):
 
 
 def rate_limited_valve(h, lag, before, p):
-    """Replace the commands p (m, 4) [Pa] by the pressures behind a lag with limited rates, as `first_order_valve`.
+    """Replace commanded pressures p (m, 4) [Pa] by those behind a valve with lag and limited rates, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     `lag` is a `symbols.Lag`.
     """
@@ -67,7 +72,9 @@ def rate_limited_valve(h, lag, before, p):
 
 
 def rate_limited_interval(h, u0, u1, valve, p):
-    """Return the pressure [Pa] at start, middle and end of one interval of `rate_limited_valve`, and its mean."""
+    """Return the pressure [Pa] behind a rate-limited valve at start, middle and end of an interval, and its mean.
+    The command goes from u0 to u1 [Pa] in h [s].
+    """
     slope = (u1 - u0) / h
     lag = valve.rise
     rate = valve.rise_rate
@@ -86,7 +93,8 @@ def rate_limited_interval(h, u0, u1, valve, p):
 
 
 def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
-    """Return the pressure [Pa] at the time t [s], and its integral, at `rate` for the time `limited`, then lagging.
+    """Return the pressure [Pa] after t [s], and its integral, behind a valve that is limited to `rate` for a time
+    `limited` [s]. Afterwards the pressure follows the command with a first-order lag.
 
     It starts at p [Pa].
     """
@@ -102,7 +110,9 @@ def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
 
 
 def held_interval(h, command, valve, p):
-    """Return the `Interval` of pressure behind a valve (a `symbols.Lag`) over h [s] under a constant `command` [Pa]."""
+    """Return the pressure behind a valve at start, middle and end of h [s] under a constant `command` [Pa], and its
+    mean.
+    """
     if valve.rise_rate.real >= UNLIMITED and valve.fall_rate.real >= UNLIMITED:
         start, middle, end, mean = first_order_interval(h, command, command, valve.rise, valve.fall, p)
     else:
@@ -111,7 +121,8 @@ def held_interval(h, command, valve, p):
 
 
 def second_order_valve(h, omega, zeta, before, p):
-    """Replace the commands p (m, 4) [Pa] by the pressures behind a second-order valve, in place.
+    """Replace commanded pressures p (m, 4) [Pa] by those behind a second-order valve, in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     p'' + 2 zeta omega p' + omega^2 p = omega^2 u
 
@@ -151,7 +162,8 @@ def second_order_valve(h, omega, zeta, before, p):
 
 
 def settle(h, share, time, before, p):
-    """Delay a fraction `share` of the pressures p (m, 4) [Pa] in place, by a lag with the time constant `time` [s].
+    """Replace pressures p (m, 4) [Pa] by ones whose fraction `share` lags with the time constant `time` [s], in place.
+    The columns of p are start, middle, end and mean of m intervals.
 
     The columns are the values at the start, middle and end of each interval, and the mean. The lag starts in
     equilibrium at `before`. The result is exact for a pressure that is linear in each interval.
@@ -168,7 +180,8 @@ def settle(h, share, time, before, p):
 
 
 def law_torques(h, lengths, first, p, law, torque):
-    """Write the mean torque of each step to torque (steps,) [N m], for a polynomial law at pressures p (m, 4) [Pa].
+    """Write the mean torque of each time step to torque (steps,) [N m], by a polynomial law of the pressures p (m, 4)
+    [Pa]. The columns of p are start, middle, end and mean of m intervals.
 
     Step k of length h[k] [s] consists of the intervals first[k] ... first[k + 1] - 1, of `lengths` (m,) [s].
     """
@@ -180,7 +193,8 @@ def law_torques(h, lengths, first, p, law, torque):
 
 
 def slow_torques(h, lengths, first, p, chamber, state, torque, grown):
-    """Write the mean torque of each step to torque (steps,) [N m], for a chamber with slow states, as `law_torques`.
+    """Write the mean torque of each time step to torque (steps,) [N m], for a chamber with lagging pressure or wall.
+    The columns of p (m, 4) [Pa] are start, middle, end and mean of m intervals.
 
     The slow `state` (2,) is updated in place. grown (m + 1,) receives the fourth power of the hoop stretch between the
     intervals.

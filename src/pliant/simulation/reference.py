@@ -1,4 +1,4 @@
-"""Reference solutions by SciPy's adaptive solvers, with the compiled right-hand side and its exact Jacobian.
+"""Reference simulations by SciPy's adaptive solvers, for comparison with `simulate`.
 
 The paper solves with ode15s; BDF and LSODA are related methods. Valve pressures and energies are states of the solver
 here, so that only the equation of motion is shared with the fixed-step simulation.
@@ -30,7 +30,7 @@ SHORTEST_LAG = 1e-6  # s, for 0 where a valve lags in one direction only, becaus
 
 
 class Start(NamedTuple):
-    """Initial state of a reference solution."""
+    """Initial state of a reference simulation."""
 
     phi: Array  # (n,) rad
     w: Array  # (n,) rad/s
@@ -41,7 +41,8 @@ class Start(NamedTuple):
 def solve_reference(
     model: Model, pressure: Input | Sequence[Input], times: Array, start: Start, method: str, rtol: float
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return angles, rates, energies, hysteresis states and hoop stretch at `times`, by a SciPy solver.
+    """Simulate by an adaptive SciPy solver; return angles, rates, energies, hysteresis states and hoop stretch at
+    `times`.
 
     Absolute angles and rates are (T, n), energies (T, 3) [J] input work and the losses of dampers and hysteresis,
     states (T, n, branches), stretch (T, C). The solver restarts at each breakpoint of the pressures.
@@ -82,7 +83,7 @@ def solve_reference(
 
 
 def refuse_unfollowed(model: Model, method: str) -> None:
-    """Raise InputError where a model has laws that a variable-step `method` does not follow."""
+    """Raise InputError if the model has laws that the SciPy `method` with variable step cannot integrate."""
     if model.memory.has_axial:
         raise InputError(f"{method} does not follow hysteresis of segments that lengthen: use method='midpoint'")
     if model.memory.slip_share or model.memory.boucwen_share:
@@ -96,7 +97,7 @@ def refuse_unfollowed(model: Model, method: str) -> None:
 
 
 def first(model: Model, at: StateLayout, start: Start) -> Array:
-    """Return the initial state vector of the solver."""
+    """Return the state vector of the SciPy solver at the start of a simulation."""
     y = np.zeros(at.size)
     y[at.phi], y[at.w] = start.phi, start.w
     for c, chamber, p in zip(at.chambers, model.chambers, start.pressure, strict=True):
@@ -106,7 +107,7 @@ def first(model: Model, at: StateLayout, start: Start) -> Array:
 
 
 def tolerances(at: StateLayout, rtol: float) -> Array:
-    """Return the absolute tolerances of the solver's states."""
+    """Return the absolute tolerance of each state of the SciPy solver."""
     atol = np.full(at.size, rtol * 1e-3)  # rad and J
     for c in at.chambers:
         atol[c.p], atol[c.dp], atol[c.slow] = rtol * 1e2, rtol * 1e4, rtol * 1e2  # Pa and Pa/s
@@ -114,7 +115,7 @@ def tolerances(at: StateLayout, rtol: float) -> Array:
 
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
-    """Return an event that stops the solver where a spring loses its stiffness, or None for linear springs."""
+    """Return a SciPy event that stops the solver where a spring loses its stiffness, or None for linear springs."""
     springs = springs_of(model)
     if not springs.hardening.any():
         return None
@@ -127,7 +128,7 @@ def softest(model: Model) -> Callable[[float, Array], float] | None:
 
 
 class Place(NamedTuple):
-    """Indices of one chamber's states in the solver's state vector."""
+    """Indices of one chamber's pressure, lagged pressure and hoop stretch in the SciPy solver's state vector."""
 
     p: int
     dp: int
@@ -136,7 +137,7 @@ class Place(NamedTuple):
 
 
 class StateLayout(NamedTuple):
-    """Indices of the solver's states; a feature which the model lacks has no state."""
+    """Indices of angles, rates, chamber states, creep and energies in the SciPy solver's state vector."""
 
     phi: slice
     w: slice
@@ -148,7 +149,9 @@ class StateLayout(NamedTuple):
 
 
 def layout(model: Model) -> StateLayout:
-    """Return the indices of the states of `model`; strains come behind the angles, their rates behind the rates."""
+    """Return where the states of `model` are in the solver's state vector.
+    Strains follow the angles, their rates the rates.
+    """
     n, branches = model.size, len(model.memory.creep_share)
     places, end = [], 2 * n
     for c in model.chambers:
@@ -168,7 +171,8 @@ Valves = Callable[[int, float, Array], tuple[float, Array, Array]]  # pressure, 
 def right_hand_side(
     model: Model, inputs: Sequence[Input], left: float, right: float,
 ) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
-    """Return the functions for the derivative of the states and for its Jacobian, between two breakpoints of the input.
+    """Return the functions for the time derivative of the solver's states and for its Jacobian.
+    They are valid between two breakpoints of the input.
 
     The Jacobian is None for models with creep, viscoelastic lag, inflation or tendons: the solver then approximates it.
     """
@@ -207,7 +211,7 @@ def right_hand_side(
 
 
 def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -> tuple[Any, Array, list[float]]:
-    """Return joints whose springs include creep, the rates of the creep states, and their energy loss [W].
+    """Return the springs with creep included, the rates of the creep states, and the energy loss of creep [W].
 
     Creep acts as stiffer springs with other rest angles.
     """
@@ -224,7 +228,7 @@ def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -
 def torque_and_rates(
     own: symbols.ChamberConstants, p: float, slow: Array, wall: Array
 ) -> tuple[float, tuple[Array, Array]]:
-    """Return the torque [N m] of a chamber at the pressure p [Pa], and the rates of its slow states.
+    """Return the torque [N m] of a chamber at pressure p [Pa], and the rates of its lagged pressure and stretch.
 
     There is none or one of each slow state.
     """
@@ -234,7 +238,7 @@ def torque_and_rates(
 
 
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
-    """Return the exact Jacobian of the right-hand side as a function, for models without creep, lag or inflation."""
+    """Return a function for the exact Jacobian of the solver's states, for models without creep, lag or inflation."""
     n, at, gain = model.size, layout(model), model.actuation.gain
     body, joints, scratch = mechanics_of(model).parts()
     solve = twin(ldl_solve)
@@ -270,7 +274,9 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
 
 
 def behind_valve(valve: Valve, u: float, state: Array) -> tuple[float, Array, Array]:
-    """Return the pressure [Pa] behind a valve under the command u [Pa], and rates and Jacobian of its state (p, dp)."""
+    """Return the pressure [Pa] behind a valve under a command u [Pa], and the rates and Jacobian of the valve's state.
+    The state holds the pressure and its rate.
+    """
     p, dp = state
     if valve.natural_frequency:
         omega = 2.0 * np.pi * valve.natural_frequency

@@ -1,4 +1,4 @@
-"""The result of a simulation as a labelled dataset with units."""
+"""Conversion of a simulated motion to a labelled xarray dataset with units."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ LABELS = {
 
 
 class Motion(NamedTuple):
-    """Times, pressures, angles and rates of a simulation."""
+    """Arrays of a simulated motion over time: times, pressures, angles and angular rates."""
 
     times: Array  # (T,) s
     pressure: Array  # (T, C) Pa
@@ -59,7 +59,7 @@ def trajectory(
     model: Model, motion: Motion, energies: dict[str, Array], memory: Mapping[str, tuple[tuple[str, ...], Array]], *,
     method: str, step: float,
 ) -> xr.Dataset:
-    """Return the arrays of a simulation as a labelled dataset.
+    """Return a simulated motion as an xarray dataset with units, energies and hysteresis states.
 
     `memory` holds further variables: those of `memory.outputs`, and the stretch of chambers that inflate.
     """
@@ -95,7 +95,7 @@ def trajectory(
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:
-    """Return a variable with its unit and long name.
+    """Return values as an xarray variable with its dimensions, unit and long name.
 
     The fast path avoids xarray's import of Dask.
     """

@@ -1,4 +1,4 @@
-"""The function `simulate`: from a model and pressure inputs to a labelled trajectory."""
+"""The function `simulate`, which computes the motion of a model under pressure inputs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MOST_STEPS = 500_000  # with the automatic step, at most
 
 
 class Settings(NamedTuple):
-    """The arguments of `simulate` for method and accuracy."""
+    """Solver settings of `simulate`: method, step, tolerances, and whether to check the accuracy."""
 
     step: float | None
     method: str
@@ -59,7 +59,7 @@ def simulate(
     tolerance: float = 1e-4,
     check: bool = True,
 ) -> xr.Dataset:
-    """Simulate a model under pressure inputs, and return its motion. Paper: Eq. (5) [eq:eom], solver D14.
+    """Simulate a model under pressure inputs and return its motion as a dataset. Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def simulate(
 
 
 def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float) -> xr.Dataset:
-    """Return the motion with its tip error and energy imbalance as attributes; warn of them if `how.check`."""
+    """Return the motion with its tip error and energy imbalance as attributes; warn if either is too large."""
     gain, loss = energy_defects(motion)
     motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
     if np.isfinite(solution.error):
@@ -166,7 +166,7 @@ def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float)
 
 
 def solved(problem: InitialValueProblem, how: Settings) -> Solution:
-    """Return the motion of an initial value problem by the method in `how`."""
+    """Integrate an initial value problem by the method in the settings `how`; return the motion."""
     step = how.step or EVERY
     if problem.forces and how.method not in WITH_FORCES:
         raise InputError(f"forces need method='midpoint' or method='accurate', got {how.method!r}")
@@ -185,7 +185,7 @@ def solved(problem: InitialValueProblem, how: Settings) -> Solution:
 
 
 def first_step(problem: InitialValueProblem, how: Settings) -> float:
-    """Return the step [s] in `how`, or else the one that the model needs."""
+    """Return the time step [s] in the settings `how` or, if none is set, the step that the model needs."""
     if how.step is not None:
         return how.step
     model, duration = problem.model, float(np.ptp(problem.times))
@@ -194,7 +194,7 @@ def first_step(problem: InitialValueProblem, how: Settings) -> float:
 
 
 def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
-    """Return the motion by the midpoint rule; an automatic step is shortened until the tip is accurate.
+    """Integrate by the midpoint rule; an automatic step is shortened until the tip position is accurate.
 
     If the motion is too fast for the first automatic step, shorter ones are tried, and SimulationError is raised if
     none makes the tip accurate.
@@ -221,7 +221,7 @@ def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
 
 
 def output_times(duration: float | None, times: Array | None, step: float | None) -> Array:
-    """Return the output times [s]: `times`, or every `step` (default: every millisecond) of a duration."""
+    """Return the output times [s]: `times` if given, else every `step` (default 1 ms) for the `duration`."""
     step = EVERY if step is None else step
     if (duration is None) == (times is None):
         raise InputError("give either duration (s) or times (s), not both")
@@ -235,7 +235,7 @@ def output_times(duration: float | None, times: Array | None, step: float | None
 
 
 def check_step(model: Model, step: float | None, method: str) -> None:
-    """Raise InputError for a step that is not positive or too long for the first mode, and for an unknown method."""
+    """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the first mode."""
     if step is not None and not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if method in METHODS:
@@ -254,7 +254,7 @@ def check_step(model: Model, step: float | None, method: str) -> None:
 
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
-    """Return the energies (T,) [J] of a trajectory: kinetic, elastic, gravitational, input work, dissipated."""
+    """Return energies (T,) [J] by name: kinetic, elastic, gravitational, work of the inputs, dissipated."""
     stored = mechanics_of(model).energy(phi, w)
     return {
         "kinetic_energy": np.asarray(stored.kinetic),

@@ -1,4 +1,4 @@
-"""Equilibrium of a chain, its modes of vibration, equilibrium hysteresis states, and its typical pressure."""
+"""States of a chain: equilibrium shape, modes of vibration, hysteresis states, and typical pressure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e
 
 
 def relaxed(model: Model, q: Array) -> Array:
-    """Return the hysteresis states in equilibrium at the joint coordinates q (N,).
+    """Return the hysteresis states that are in equilibrium at the joint coordinates q (N,).
 
     Creep is relaxed, and the other branches are unstretched.
 
@@ -33,7 +33,7 @@ def relaxed(model: Model, q: Array) -> Array:
 
 
 def vector(model: Model, value: Any) -> Array:
-    """Return `value` as joint coordinates (N,); raise InputError unless it is N finite numbers."""
+    """Return `value` as an array of N joint coordinates; raise InputError unless it holds N finite numbers."""
     a = np.asarray(value, dtype=float)
     if a.shape != (model.size,) or not np.isfinite(a).all():
         counted = mechanics_of(model).counted
@@ -89,7 +89,8 @@ def equilibrium(
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
-    """Return a message on what fails at coordinates phi (N,), tendons or a softened spring, or ''.
+    """Return a message on what fails at coordinates phi (N,), the solution of the tendons or a softened spring; '' if
+    nothing does.
 
     Tendons fail where their iteration did not converge, a spring where its slope is at most `least` times K.
     """
@@ -104,7 +105,7 @@ def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
 
 
 def first_given_way(model: Model, times: Array, phi: Array) -> str:
-    """Return the message of `given_way` with the time, for the first failure of a spring in a trajectory, or ''.
+    """Return a message, with the time, on the first failure of a spring or tendon in a motion; '' if there is none.
 
     `phi` is (T, n), `times` (T,) [s].
     """
@@ -118,7 +119,8 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
 
 
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
-    """Return undamped natural frequencies [Hz] and damping ratios (n,), ascending, of small motions about a shape `q`.
+    """Return undamped natural frequencies (n,) [Hz], ascending, and damping ratios (n,) of small motions about the
+    shape `q`.
 
     The default shape is the equilibrium without pressure.
 
@@ -152,7 +154,8 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Return angular frequencies (n,) [rad/s], ascending, mode shapes (n, n) as columns, and decay rates (n,) [1/s].
+    """Return the angular frequencies (n,) [rad/s] of undamped modes, mode shapes (n, n) as columns, and decay rates
+    (n,) [1/s].
 
     M and K (n, n) are inertia and stiffness, as of `Mechanics.linear_parts`.
 
@@ -172,7 +175,7 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 
 def typical_pressure(model: Model, which: int = 0) -> float:
-    """Return the pressure [Pa] that bends the chain by half a radian, or 0.8 of its largest static pressure if less.
+    """Return the pressure [Pa] that bends the chain by half a radian, at most 0.8 of the largest that it can balance.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
     pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
@@ -199,12 +202,12 @@ def typical_pressure(model: Model, which: int = 0) -> float:
 
 
 def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
-    """Return pressures (C,) [Pa]: `pressure` in one chamber, the first by default, and 0 in the others."""
+    """Return the pressures (C,) [Pa] of C chambers: `pressure` in one of them, by default the first, else 0."""
     return np.asarray(pressure * np.eye(model.actuation.count)[which])
 
 
 def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> float | None:
-    """Return the bend [rad] from the rest shape under a pressure; None if the chain has no equilibrium.
+    """Return how far [rad] a pressure bends the chain from its rest shape; None if there is no equilibrium.
 
     In space it is the size of the bend in both directions.
     """

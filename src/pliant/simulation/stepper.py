@@ -1,4 +1,4 @@
-"""Simulation step by step for real-time use: the step of `simulate`, without allocation of memory."""
+"""Simulation step by step for use in real time, by the step of `simulate` without allocation of memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pliant.simulation.time_step import warn_too_coarse
 Array = np.ndarray
 
 class Snapshot(NamedTuple):
-    """State of a `Stepper`, from which it can continue."""
+    """Saved state of a `Stepper`, from which the simulation can continue."""
 
     angle: Array  # (n,) rad; (n + S,) with strains behind, for a body that lengthens
     rate: Array  # rad/s, of the same shape
@@ -32,7 +32,8 @@ class Snapshot(NamedTuple):
 
 
 class Stepper:
-    """A simulation that advances by one step of fixed length at each call. Paper: Eq. (5) [eq:eom], solver D14.
+    """A simulation that advances by one or more steps of fixed length at each call.
+    Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
@@ -114,7 +115,8 @@ class Stepper:
     def reset(
         self, pressure: float | Array = 0.0, *, joint_angle: Array | None = None, joint_rate: Array | None = None
     ) -> None:
-        """Reset the time to 0 and the state to equilibrium under `pressure` [Pa], or to given joint angles and rates.
+        """Reset the time to 0 and the state to equilibrium under `pressure` [Pa], or to the given joint angles and
+        rates.
 
         `joint_angle` and `joint_rate` are (n,) [rad, rad/s].
 
@@ -146,36 +148,43 @@ class Stepper:
 
     @property
     def position(self) -> Array:
-        """Coordinates (N,) as `mechanics_of` takes them, angles and then strains; updated in place by `step`."""
+        """Present coordinates (N,) of the chain, absolute angles [rad] and then strains; `step` updates the array in
+        place.
+        """
         return self._x
 
     @property
     def velocity(self) -> Array:
-        """Rates (N,) of `position`; updated in place by `step`."""
+        """Present rates (N,) of the chain's coordinates; `step` updates the array in place."""
         return self._v
 
     @property
     def energy_gain(self) -> float:
-        """Largest energy gained without a source, as a fraction of the largest change of any form of energy."""
+        """Largest energy that the simulation gained without a source, as a fraction of the largest change of any form
+        of energy.
+        """
         return self._watch.gain
 
     @property
     def energy_loss(self) -> float:
-        """Largest energy lost without dissipation, as a fraction of the largest change of any form of energy."""
+        """Largest energy that the simulation lost without dissipation, as a fraction of the largest change of any form
+        of energy.
+        """
         return self._watch.loss
 
     @property
     def pressure(self) -> Array:
-        """Pressures (C,) [Pa] behind the valves, as a copy."""
+        """Present pressures (C,) [Pa] of C chambers behind their valves, as a copy."""
         return self._drives.pressure.copy()
 
     @property
     def stretch(self) -> Array:
-        """Hoop stretch (C,) of the chambers, 1 for a rigid wall."""
+        """Present hoop stretch (C,) of C chambers, 1 for a rigid wall."""
         return np.asarray(self._drives.state[:, 1] ** 0.25)
 
     def push(self, force: Array | None, at: str | Station | None = None) -> None:
-        """Apply a constant force (2,) [N] in the base frame at a point of the body from now on; None removes it.
+        """Apply a constant force (2,) [N], in the base frame, at a point of the body from now on.
+        None removes the force.
 
         The force keeps its direction and follows its point. In each step it acts at the mid-step angles.
 
@@ -199,7 +208,7 @@ class Stepper:
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
     def step(self, pressure: float | Array, steps: int = 1) -> tuple[Array, Array]:
-        """Advance by one step, or by several `steps`, under a constant `pressure` [Pa] ((C,) for several chambers).
+        """Advance by `steps` time steps (default 1) under a constant `pressure` [Pa], (C,) for C chambers.
 
         Returns
         -------
@@ -227,22 +236,22 @@ class Stepper:
         return self.angle, self.rate
 
     def tips(self) -> Array:
-        """Return the present tips of the links (n, 2) [m]."""
+        """Return the present positions (n, 2) [m] of the tips of the n links."""
         return mechanics_of(self.model).tips(self._x)
 
     def stations(self) -> tuple[Array, Array]:
-        """Return the present positions (S, 2) [m] and angles (S,) [rad] of the observed points."""
+        """Return the present positions (S, 2) [m] and angles (S,) [rad] of the S observed points."""
         return mechanics_of(self.model).stations(self._x)
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of the whole state, for `restore`."""
+        """Return a copy of the whole state of the simulation, for `restore`."""
         return Snapshot(
             self._x.copy(), self._v.copy(), self.memory.copy(), self._drives.pressure.copy(),
             self._drives.state.copy(), self.time,
         )
 
     def restore(self, saved: Snapshot) -> None:
-        """Set the state to a `snapshot` of this stepper or of one with an equal model.
+        """Set the state to a `snapshot` of this stepper, or of another stepper with an equal model.
 
         Raises
         ------
@@ -253,7 +262,7 @@ class Stepper:
         if [a.shape for a in held] != [b.shape for b in saved[:5]]:
             raise InputError(
                 f"this snapshot is of a model with {saved.angle.size} coordinates or other hysteresis or chambers: "
-                "restore one of an equal model"
+                "restore a snapshot of an equal model"
             )
         for own, value in zip(held, saved[:5], strict=True):
             own[...] = value  # in place, since the compiled step refers to these arrays

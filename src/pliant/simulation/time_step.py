@@ -1,4 +1,4 @@
-"""The time step which a model needs, from the highest mode of vibration that matters at the tip.
+"""The longest time step for a model, from its highest mode of vibration that moves the tip noticeably.
 
 The midpoint rule slows a mode of angular frequency w by the fraction (w h)^2 / 12 (Hairer, Norsett and Wanner I, Sec.
 II.16, applied to an oscillator). The error of a mode that moves the tip by A and decays at the rate d is therefore at
@@ -29,7 +29,7 @@ NICE = (5.0, 2.0, 1.0)
 
 
 def time_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
-    """Return the longest step [s] that resolves every mode which matters at the tip.
+    """Return the longest time step [s] that resolves every mode of vibration which noticeably moves the tip.
 
     A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
     rest, or the given displacement, moves the tip in this mode by more than 0.15 % of the length. The step keeps the
@@ -62,7 +62,7 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
 
 
 def shared_step(models: Iterable[Model]) -> float:
-    """Return the shortest `time_step` [s] of several models; 1 ms for those without a stable equilibrium."""
+    """Return the shortest `time_step` [s] of several models. A model without a stable equilibrium counts as 1 ms."""
     steps = [EVERY]
     for model in models:
         with suppress(SimulationError):
@@ -71,21 +71,25 @@ def shared_step(models: Iterable[Model]) -> float:
 
 
 def longest_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
-    """Return the longest step [s] that resolves every mode which matters, infinite if none does; see `time_step`."""
+    """Return the longest time step [s], not rounded, that resolves every mode which noticeably moves the tip; or
+    infinity.
+    """
     return float(mode_steps(*tip_modes(model, displacement), duration).min())
 
 
 def mode_steps(
     omega: Array, decay: Array, moved: Array, duration: float = DURATION, tolerance: float = TOLERANCE
 ) -> Array:
-    """Return the step (N,) [s] at which each of `tip_modes` has the error `tolerance`; infinite for small modes."""
+    """Return for each mode of vibration the step (N,) [s] at which its error reaches `tolerance`.
+    It is infinite for modes that hardly move the tip.
+    """
     peak = np.minimum(duration, 1.0 / np.maximum(decay, 1e-300))
     error = moved * omega**3 / 12.0 * peak * np.exp(-decay * peak)  # over the square of the step
     return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)
 
 
 def warn_too_coarse(model: Model, step: float) -> None:
-    """Issue an `AccuracyWarning` if a step [s] gives an error above 1 % of the length in a mode that matters."""
+    """Issue an `AccuracyWarning` if a step [s] causes an error above 1 % of the length in any noticeable mode."""
     omega, decay, moved = tip_modes(model)
     longest = mode_steps(omega, decay, moved, tolerance=LIMIT)
     worst = int(longest.argmin())
@@ -99,7 +103,7 @@ def warn_too_coarse(model: Model, step: float) -> None:
 
 
 def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, Array, Array]:
-    """Return angular frequencies [rad/s], decay rates [1/s] and tip displacements (over the length) of all modes.
+    """Return for each mode its angular frequency [rad/s], decay rate [1/s], and tip displacement over the length.
 
     Each is (N,).
 
@@ -119,7 +123,7 @@ def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, A
 
 
 def nice(step: float) -> float:
-    """Return the largest number of the series 1, 0.5, 0.2, 0.1, ... ms that is not above `step` [s]; in s."""
+    """Round a time step [s] down to the series 1, 0.5, 0.2, 0.1, ... ms, in seconds."""
     step = max(step, SHORTEST)
     power = 10.0 ** np.floor(np.log10(step * (1 + 1e-9)))
     return float(f"{next(k * power for k in NICE if k * power <= step * (1 + 1e-9)):.6g}")

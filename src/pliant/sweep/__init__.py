@@ -1,4 +1,4 @@
-"""Parameter sweeps on one process, several cores or a cluster, which continue after a worker is lost."""
+"""Parameter sweeps on one process, several cores or a cluster, which continue after workers are lost."""
 
 from pliant.sweep.sweep import run_sweep
 

@@ -1,4 +1,4 @@
-"""Execution of a sweep in chunks, by any concurrent.futures executor: this process, its cores, or a cluster.
+"""Execution of a parameter sweep in chunks of samples, in this process, on its cores or on a cluster.
 
 An executor may fail at any time, when a worker is killed or a scheduler restarts. Chunks that it had not delivered are
 submitted to a new one; delivered chunks are on disk.
@@ -36,27 +36,27 @@ CONNECT_S = 30.0  # s, to wait for a Dask scheduler
 
 
 class Chunked(Protocol):
-    """Protocol of work in independent chunks: `Campaign`, or any class that a worker can unpickle."""
+    """Interface of a computation in independent chunks of samples, which a worker process can unpickle and run."""
 
     @property
     def chunks(self) -> int:
-        """Return the number of chunks."""
+        """Return the number of chunks into which the samples are divided."""
 
     def bounds(self, chunk: int) -> tuple[int, int]:
-        """Return the first sample of a chunk, and the one after its last."""
+        """Return the index of the first sample of a chunk, and the index after its last sample."""
 
     def work(self, chunk: int) -> Arrays:
-        """Compute one chunk; return its arrays by name, with samples along the first axis."""
+        """Compute one chunk of samples; return its result arrays by name, with the samples along the first axis."""
 
 
 def work(campaign: Chunked, chunk: int) -> Arrays:
-    """Compute one chunk of a campaign; this function is what an executor runs."""
+    """Compute one chunk of a campaign in a worker process; return its result arrays by name."""
     return campaign.work(chunk)
 
 
 @dataclass
 class Account:
-    """Counts of chunks and failures of a sweep, for the summary at its end."""
+    """Counts of a sweep's chunks: computed, already on disk, and submitted again after a failure of workers."""
 
     chunks: int
     found: int = 0  # complete on disk before the start
@@ -66,7 +66,7 @@ class Account:
     problems: list[str] = field(default_factory=list)
 
     def sentence(self) -> str:
-        """Return a one-line summary of the counts."""
+        """Return a one-line summary of how many chunks were computed and how many failed."""
         parts = [f"{self.chunks} chunks: {self.made} computed, {self.found} already on disk"]
         if self.restarts:
             parts.append(
@@ -77,12 +77,12 @@ class Account:
 
 
 class Local(Executor):
-    """An executor that runs each job at once in this process."""
+    """An executor like those of `concurrent.futures` that runs each job immediately in this process."""
 
     in_flight = 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run a job at once and return its finished future."""
+        """Run a job immediately in this process and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -92,7 +92,8 @@ class Local(Executor):
 
 
 def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]:
-    """Return a function that creates executors: ``local``, ``processes``, or ``tcp://host:port`` of a Dask scheduler.
+    """Return a function that creates executors. `scheduler` is ``local``, ``processes``, or ``tcp://host:port`` of a
+    Dask scheduler.
 
     Raises
     ------
@@ -138,19 +139,19 @@ def dask_executor(address: str) -> Iterator[Any]:
 
 
 class MonitoredExecutor:
-    """A Dask executor that reports when its scheduler is gone, where its futures would otherwise wait for ever."""
+    """A Dask executor that raises an error when its scheduler is lost, instead of waiting for results for ever."""
 
     def __init__(self, pool: Any, client: Any) -> None:
         self.pool = pool
         self.client = client
 
     def submit(self, *args: Any) -> Any:
-        """Submit a job to the executor."""
+        """Submit a job to the Dask cluster and return its future."""
         return self.pool.submit(*args)
 
     @property
     def gone(self) -> bool:
-        """Return whether the connection to the scheduler is lost."""
+        """Return whether the connection to the Dask scheduler is lost."""
         return self.client.status != "running"
 
 
@@ -158,7 +159,8 @@ def run_campaign(
     campaign: Chunked, store: Store, make_executor: Callable[[], Any], notify: Notify = lambda _line: None,
     count: Count | None = None,
 ) -> Account:
-    """Compute all chunks that are not on disk yet, and return the counts; finished chunks are kept in any case.
+    """Compute all chunks of a sweep that are not on disk yet, and return the counts.
+    Chunks that are finished stay on disk in any case.
 
     `notify` is called with one line of text for each failure of an executor and, without `count`, for each chunk.
     `count` is called with the fraction of finished chunks.
@@ -202,7 +204,7 @@ def one_round(
     campaign: Chunked, store: Store, make_executor: Callable[[], Any], todo: set[int], account: Account,
     written: Callable[[int], None],
 ) -> str:
-    """Submit the chunks `todo` to one executor and write the results; return the name of its failure."""
+    """Submit the chunks `todo` to one executor and store the results; return the cause if the executor failed."""
     broke = ""
     with make_executor() as pool:
         flow = Flow(campaign, pool, sorted(todo))
@@ -227,7 +229,7 @@ def one_round(
 
 
 def is_breakage(error: BaseException) -> bool:
-    """Return whether an error means that a worker or connection failed, and not the computation itself."""
+    """Return whether an error means that a worker process or connection failed, rather than the computation itself."""
     if isinstance(error, PliantError):
         return False
     broken = (BrokenExecutor, CancelledError, AsyncCancelledError, ConnectionError, TimeoutError)
@@ -235,7 +237,7 @@ def is_breakage(error: BaseException) -> bool:
 
 
 class Flow:
-    """Iterator that submits chunks a few at a time and yields their finished futures."""
+    """Iterator that submits chunks to an executor, a few at a time, and yields their futures as they finish."""
 
     def __init__(self, campaign: Chunked, pool: Any, chunks: list[int]) -> None:
         self.campaign = campaign
@@ -245,7 +247,7 @@ class Flow:
         self.broke = ""
 
     def fill(self) -> None:
-        """Submit chunks until enough are running; an executor that refuses one gets no more."""
+        """Submit chunks until enough are running. Stop for good when the executor refuses one."""
         while self.waiting and len(self.running) < getattr(self.pool, "in_flight", IN_FLIGHT):
             try:
                 future = self.pool.submit(work, self.campaign, self.waiting[-1])
@@ -267,7 +269,7 @@ class Flow:
             self.fill()
 
     def stop(self) -> None:
-        """Cancel all chunks that have not started."""
+        """Cancel all submitted chunks that have not started."""
         self.waiting.clear()
         for future in self.running:
             future.cancel()

@@ -1,4 +1,4 @@
-"""Definition of a parameter sweep: the [sweep] table of a study file, and the parameter values of every sample."""
+"""Definition of a parameter sweep: the [sweep] table of a study file, and the parameter values of each sample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PULSE = ("level", "start", "width")  # of the pressure pulse; can vary like para
 
 
 class Range(BaseModel):
-    """The values of one parameter (SI): one number, a list, a grid from `low` to `high`, or a distribution."""
+    """Values of one swept parameter (SI): a number, a list, a grid from `low` to `high`, or a distribution."""
 
     model_config = ConfigDict(extra="forbid")
     value: float | None = None  # the same for every sample
@@ -29,12 +29,12 @@ class Range(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def number(cls, entry: Any) -> Any:
-        """Convert a bare number to {"value": number}, the value of every sample."""
+        """Convert a bare number in the study file to the table {"value": number}, which gives it to every sample."""
         return {"value": entry} if isinstance(entry, (int, float)) else entry
 
     @model_validator(mode="after")
     def one_kind(self) -> Range:
-        """Check that exactly one kind of values is given: a number, a list, a grid or a distribution."""
+        """Check that the entry of a swept parameter gives exactly one of a number, a list, a grid or a distribution."""
         given = {n for n in ("value", "values", "low", "high", "count", "mean", "std") if getattr(self, n) is not None}
         if given not in ({"value"}, {"values"}, {"low", "high", "count"}, {"low", "high"}, {"mean", "std"}):
             raise ValueError("give a number; or values; or low, high and count; or low and high; or mean and std")
@@ -45,13 +45,13 @@ class Range(BaseModel):
         return self
 
     def grid(self) -> Array | None:
-        """Return the values of a list or a grid; None for a distribution or a single number."""
+        """Return the values of a parameter given as a list or a grid; None for a distribution or a single number."""
         if self.values is not None:
             return np.array(self.values, dtype=float)
         return np.linspace(self.low or 0.0, self.high or 0.0, self.count) if self.count else None
 
     def draw(self, rng: np.random.Generator) -> float:
-        """Return a random value of the distribution, or of the list or grid."""
+        """Return one random value from the parameter's distribution, or from its list or grid."""
         grid = self.grid()
         if grid is not None:
             return float(rng.choice(grid))
@@ -61,7 +61,7 @@ class Range(BaseModel):
 
 
 class Sweep(BaseModel):
-    """The [sweep] table of a study file."""
+    """The [sweep] table of a study file: kind of sweep, swept parameters and number of samples."""
 
     model_config = ConfigDict(extra="forbid")
     kind: Literal["design", "monte_carlo", "bootstrap", "multi_start"]
@@ -77,7 +77,7 @@ class Sweep(BaseModel):
 
     @model_validator(mode="after")
     def whole(self) -> Sweep:
-        """Check that a design has a grid, and every other kind of sweep a number of samples."""
+        """Check that a design sweep has a grid, and that any other sweep has a number of samples."""
         ranges = self.varied
         if self.kind in ("design", "monte_carlo") and not ranges:
             raise ValueError(f"a {self.kind} sweep needs parameters that vary")
@@ -99,14 +99,14 @@ class Sweep(BaseModel):
 
     @property
     def together(self) -> int:
-        """Return the number of samples in a chunk: `chunk` if given, else one fit, or 128 to 4096 simulations."""
+        """Return the number of samples in a chunk: `chunk` if set, else 1 for fits, or 128 to 4096 for simulations."""
         if self.chunk is not None:
             return self.chunk
         return 1 if self.kind in ("bootstrap", "multi_start") else int(np.clip(self.size // 32, 128, 4096))
 
     @property
     def size(self) -> int:
-        """Return the number of samples."""
+        """Return the total number of samples in the sweep."""
         if self.samples is not None:
             return self.samples
         grids = [r.grid() for r in self.varied.values()]
@@ -114,12 +114,12 @@ class Sweep(BaseModel):
 
 
 def generator(seed: int, sample: int) -> np.random.Generator:
-    """Return the random generator of one sample, which depends on `seed` and the number of the sample only."""
+    """Return the random generator of one sample. It depends only on `seed` and the index of the sample."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
 
 
 def table(sweep: Sweep, first: int, last: int) -> dict[str, Array]:
-    """Return the values (last - first,) of every varied parameter for the samples first ... last - 1."""
+    """Return the values (last - first,) of each varied parameter, by name, for the samples `first` to `last - 1`."""
     varied = sweep.varied
     if sweep.kind == "design":
         grids = [r.grid() for r in varied.values()]
@@ -140,7 +140,7 @@ def fixed(sweep: Sweep) -> dict[str, float]:
 
 
 def sweep_from(content: dict[str, Any]) -> Sweep:
-    """Return the `Sweep` that a [sweep] table defines; raise InputError for a wrong entry."""
+    """Return the `Sweep` from the content of a [sweep] table; raise InputError for an invalid entry."""
     from pydantic import ValidationError
 
     from pliant.errors import explain_validation

@@ -1,4 +1,4 @@
-"""Storage of chunks on disk: each file is complete or absent, so that no sample is lost or repeated.
+"""Storage of a sweep's chunks on disk. Each file is complete or absent, so that no sample is lost or repeated.
 
 A chunk is an .npz without pickled objects, which is safe to read from others.
 """
@@ -26,11 +26,11 @@ ABOUT, SAMPLE = "campaign", "sample"  # names in a chunk: key and version, and t
 
 
 class DiskError(PliantError):
-    """Raised when the disk does not accept a result; everything written before stays valid."""
+    """Raised when the disk does not accept a result of a sweep. All results written before stay valid."""
 
 
 def write_dataset(recording: xr.Dataset, path: Path) -> None:
-    """Write a dataset to `path` as netCDF, completely or not at all, and flush it to the disk.
+    """Write a dataset to `path` as netCDF so that the file is complete or absent, and flush it to the disk.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def write_dataset(recording: xr.Dataset, path: Path) -> None:
 
 
 def write_sealed(content: BytesIO, path: Path) -> None:
-    """Write bytes followed by their checksum, completely or not at all; see `write_dataset`."""
+    """Write bytes followed by their checksum to a file, completely or not at all."""
     try:
         with whole(path) as draft, draft.open("wb") as file:
             file.write(content.getbuffer())
@@ -58,7 +58,7 @@ def write_sealed(content: BytesIO, path: Path) -> None:
 
 
 class Store:
-    """The folder of one sweep, with its chunks and the file campaign.json.
+    """Folder of one sweep, with one file for each chunk of samples and campaign.json.
 
     Parameters
     ----------
@@ -74,7 +74,10 @@ class Store:
         try:
             self.chunks.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot write into {self.folder}: {error.strerror or error}") from None
+            raise InputError(
+                f"cannot write into {self.folder}: {error.strerror or error}; choose another folder, or free space and "
+                "check permissions"
+            ) from None
         note = self.folder / "campaign.json"
         if note.exists():
             try:
@@ -90,15 +93,15 @@ class Store:
         self.identity = identity
 
     def note(self, content: dict[str, Any]) -> None:
-        """Write campaign.json with the given content."""
+        """Write campaign.json of the sweep's folder with the given content."""
         write_text(self.folder / "campaign.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
 
     def path(self, chunk: int) -> Path:
-        """Return the path of a chunk's file."""
+        """Return the path of the file of a chunk."""
         return self.chunks / f"chunk_{chunk:06d}.npz"
 
     def save(self, chunk: int, first: int, arrays: Arrays) -> None:
-        """Write one chunk, completely or not at all; `first` is the number of its first sample.
+        """Write the result arrays of one chunk, completely or not at all; `first` is the index of its first sample.
 
         Raises
         ------
@@ -113,7 +116,9 @@ class Store:
         write_sealed(content, self.path(chunk))
 
     def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
-        """Return a chunk as a dataset if it is on disk, complete by its checksum, and of this sweep; None otherwise."""
+        """Return a chunk as a dataset if its file is complete, by its checksum, and belongs to this
+        sweep; else None.
+        """
         try:
             data = self.path(chunk).read_bytes()
             content, end = data[:-SEAL_BYTES], data[-SEAL_BYTES:]
@@ -133,7 +138,7 @@ class Store:
         )
 
     def combine(self, bounds: list[tuple[int, int]]) -> xr.Dataset:
-        """Return all chunks as one dataset, with every sample once and in order."""
+        """Return all chunks of a sweep as one dataset that contains every sample once and in order."""
         parts = []
         for chunk, (first, last) in enumerate(bounds):
             recording = self.load(chunk, first, last)

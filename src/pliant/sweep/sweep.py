@@ -1,4 +1,4 @@
-"""The function `run_sweep`: a whole parameter sweep in a folder, which continues there after an interruption."""
+"""The function `run_sweep`, which runs a parameter sweep in a folder and continues it there after an interruption."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Result of a sweep: the samples as a dataset, the counts of chunks, and the folder."""
+    """Result of a sweep: dataset of all samples, counts of chunks, and the folder that holds them."""
 
     samples: xr.Dataset
     account: Account
     folder: Path
 
     def summary(self) -> dict[str, Any]:
-        """Return counts, and median, 95 % interval and unit of every variable with one number per sample."""
+        """Return the counts of chunks, and for every variable with one number per sample its median, 95 % interval and
+        unit.
+        """
         bad = self.samples["failed"].values.astype(bool)
         numbers = {}
         for name, a in self.samples.data_vars.items():
@@ -53,7 +55,7 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """Keyword options of `run_sweep` for its executor; documented there."""
+    """Keyword options of `run_sweep` that select processes or a cluster; documented there."""
 
     scheduler: str
     workers: int | None
@@ -75,7 +77,7 @@ def run_sweep(
     progress: Notify | None = None,
     **who: Unpack[Workers],
 ) -> SweepResult:
-    """Run a design sweep, a Monte Carlo run, a bootstrap or a multi-start fit, or continue an interrupted one.
+    """Run a parameter sweep (design, Monte Carlo, bootstrap or multi-start fit), or continue an interrupted one.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def run_sweep(
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a variable of the samples, "1" if unknown."""
+    """Return the unit of a result variable of a sweep, such as "Pa"; "1" if unknown."""
     from pliant.identification.parameters import kind_of
 
     parameter = name.removeprefix("parameter_")
@@ -163,7 +165,7 @@ def unit_of(name: str) -> str:
 
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
-    """Raise InputError for parameters that do not fit the model, before any worker starts."""
+    """Raise InputError, before any computation starts, if a sweep has parameters that the model lacks."""
     from pliant.batch.batch import one_by_one
     from pliant.batch.one_by_one import check_names
     from pliant.batch.samples import repeated

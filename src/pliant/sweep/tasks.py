@@ -1,4 +1,4 @@
-"""Computation of one chunk of samples by a worker, as functions of their arguments without side effects."""
+"""Functions with which a worker process computes one chunk of a sweep's samples."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Arrays = dict[str, Array]
 
 @dataclass(frozen=True)
 class Campaign:
-    """Everything that a worker needs to compute chunks: the sweep, the model, and the data of a fit."""
+    """Everything that a worker process needs to compute a sweep: its definition, the model, and recordings to fit."""
 
     sweep: Sweep
     model: Model
@@ -33,23 +33,23 @@ class Campaign:
     threads: int | None = 1  # threads of a batch; None: all cores, if one job runs at a time
 
     def bounds(self, chunk: int) -> tuple[int, int]:
-        """Return the first sample of a chunk, and the one after its last."""
+        """Return the index of the first sample of a chunk, and the index after its last sample."""
         first = chunk * self.sweep.together
         return first, min(first + self.sweep.together, self.sweep.size)
 
     @property
     def chunks(self) -> int:
-        """Return the number of chunks."""
+        """Return the number of chunks into which the samples of the sweep are divided."""
         return -(-self.sweep.size // self.sweep.together)
 
     def work(self, chunk: int) -> Arrays:
-        """Compute one chunk; return its arrays by name, with samples along the first axis."""
+        """Compute one chunk of samples; return its result arrays by name, with the samples along the first axis."""
         kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
         return kinds.get(self.sweep.kind, simulated)(self, *self.bounds(chunk))
 
 
 def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Simulate samples; return the tip of each against time, its peak displacement, and its parameters."""
+    """Simulate the samples `first` to `last - 1`; return tip positions over time, peak displacements and parameters."""
     from pliant.batch import simulate_batch
     from pliant.simulation import Pulse
     from pliant.simulation.time_step import shared_step
@@ -80,7 +80,7 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
 
 
 def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
-    """Return the free parameters and the error of one fit; NaN if the fit fails."""
+    """Return the fitted parameters and the error of one sample of a sweep of fits; NaN if the fit fails."""
     free = [p.name for p in start if p.free]
     options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
     try:
@@ -94,12 +94,14 @@ def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment],
 
 
 def stacked(rows: Sequence[Arrays]) -> Arrays:
-    """Stack the arrays of single samples along a new first axis."""
+    """Combine the result arrays of several samples into one array per name, with the samples along a new first axis."""
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Fit samples of the base fit's prediction plus its residuals, resampled in blocks that preserve correlation."""
+    """Refit the samples `first` to `last - 1`, each to the base fit's motion plus its residuals,
+    resampled in blocks.
+    """
     base = campaign.base
     if base is None:
         raise ValueError("a bootstrap needs the fit whose residuals it resamples")
@@ -119,12 +121,12 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
 
 
 def frames_in(exp: Experiment, seconds: float) -> int:
-    """Return the number of frames in a block of some seconds, at least one and at most the whole recording."""
+    """Return the number of frames in a block of `seconds`, at least one and at most all frames of the recording."""
     return int(np.clip(round(seconds / np.median(np.diff(exp.time))), 1, exp.time.size))
 
 
 def multi_start(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Fit the recordings from random starts, to see whether all fits reach the same optimum."""
+    """Fit the recordings from random start values, once per sample, to see whether all reach the same optimum."""
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)
