@@ -183,7 +183,7 @@ def test_a_packet_says_how_long_it_holds_and_old_ones_are_read():
     old = OLD_HEAD.pack(b"PLN1", 5, 1, 0, 1) + b"x" + b"\x01\0\0\0" + np.array([2.0]).tobytes()
     assert unpack(old).hold == 0.0
     assert unpack(old).array.tolist() == [2.0]
-    with pytest.raises(InputError, match="hold of a sample must be"):
+    with pytest.raises(InputError, match="hold time of a sample must be"):
         pack(sample("command", 1.0, 5, hold=-1.0))
 
 

@@ -176,7 +176,7 @@ def test_jumping_orientations_are_refused_or_undone():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"base": "foot"}, "base is 'foot', but there is no such station; available: s0"),
+        ({"base": "foot"}, "base is 'foot', but there is no such station: set base to one of s0"),
         ({"base": "s11"}, "last station is the base"),
         ({"tangent": "up"}, "tangent must be 'chord', 'clamp'"),
         ({"tangent": [0, 0, 0]}, "not all zero"),

@@ -71,7 +71,7 @@ def test_pressures_of_some_chambers_may_be_missing():
     np.testing.assert_array_equal(made["pressure"].values, pressure)
     assert "9 samples to the times of the shape, 1 samples missing" in made.attrs["history"]
     for part in (make_recording(EIGHTHS, ramp()), make_recording(pressure=np.arange(3.0), pressure_time=EIGHTHS[:3])):
-        with pytest.raises(InputError, match="needs a recording with a shape and a pressure"):
+        with pytest.raises(InputError, match="needs a shape and a pressure, but the recording lacks one of them"):
             pressure_on_shape_clock(part)
 
 

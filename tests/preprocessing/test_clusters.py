@@ -78,7 +78,7 @@ def test_markers_on_one_line_have_no_orientation():
 @pytest.mark.parametrize(
     ("mapping", "message"),
     [
-        ({"tip": ["Tip - 9"]}, "'Tip - 9' that is not in the recording; available: Base - 1"),
+        ({"tip": ["Tip - 9"]}, "'Tip - 9' that is not in the recording: correct the name; available: Base - 1"),
         ({"base": "Base*", "tip": ["Base - 4", "Tip*"]}, "belongs to two stations, 'base' and 'tip'"),
         ({"base_left": ["Base - 1"], "base_right": ["Base - 2"]}, "2 clusters have the role base"),
         ({"a": {"markers": ["Tip*"], "role": "base"}, "base": "Base*"}, "2 clusters have the role base"),

@@ -79,7 +79,8 @@ def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
     ds = read(path, mapping={**mapping, "pressure_unit": "kPa"})
     assert ds["station"].values.tolist() == ["end"]
     assert float(ds["pressure"].max()) == pytest.approx(0.5e3 * 59)
-    with pytest.raises(InputError, match="no topic '/mocap/nose' of a known type; it has /mocap/base"):
+    with pytest.raises(InputError, match="no topic '/mocap/nose' of a known type: "
+                                         "choose in its mapping among /mocap/base"):
         read(path, mapping={"topics": {"end": "/mocap/nose"}})
 
 

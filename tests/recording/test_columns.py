@@ -55,7 +55,7 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
     ("change", "message"),
     [
         ({"select": {"column": "ID", "value": 7}}, "no row .* the column holds 0, 3"),
-        ({"select": {"column": "trial", "value": 3}}, "no column 'trial'; available: ID"),
+        ({"select": {"column": "trial", "value": 3}}, "no column 'trial': correct the mapping; available: ID"),
         ({"stations": {"tip": {"position": [1, 2, 99]}}}, "no column 99"),
         ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
         ({"stations": None, "pressure": None}, "stations, points or angles; or, for a log without a shape, pressure"),
@@ -68,7 +68,7 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
         ({"colour": "red"}, "unknown key 'colour'; the known keys are delimiter"),
         ({"rows": [0, 9]}, "is not within the 2 rows"),
         ({"header": False}, "line 1, cell 1 .* 'ID'"),
-        ({"delimiter": ";"}, "no column 'ID'; available: ID,x1,y1"),
+        ({"delimiter": ";"}, "no column 'ID': correct the mapping; available: ID,x1,y1"),
         ({"skip_lines": 50}, "no table row after"),
         ({"arc_length": [0, 0.1, 0.2]}, "do not match"),
         ({"time": "ID", "rate_hz": None}, "increase strictly"),

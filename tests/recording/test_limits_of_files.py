@@ -107,7 +107,8 @@ def test_an_npz_takes_no_more_memory_than_its_size_allows(tmp_path):
 
 @pytest.mark.parametrize("shape", [(10**12,), (10**6, 10**6, 10**6), (3, 10**9)])
 def test_an_array_of_an_npz_that_announces_more_than_it_has_is_refused(tmp_path, shape):
-    with pytest.raises(InputError, match=r"damaged: its array 'position' states the shape .*, but has \d+ bytes$"):
+    with pytest.raises(InputError, match=r"damaged: its array 'position' states the shape .*, "
+                                         r"but has \d+ bytes; copy it again$"):
         read(npz(tmp_path, time=npy((3,)) + bytes(24), position=npy(shape) + bytes(100)))
 
 

@@ -93,7 +93,8 @@ def test_text_in_an_encoding_that_there_is_not_is_refused(tmp_path):
     data = (tmp_path / "a.nc").read_bytes()
     assert b"utf-8" in data
     (tmp_path / "a.nc").write_bytes(data.replace(b"utf-8", b"utf.8"))
-    with pytest.raises(InputError, match=r"a\.nc cannot be read as netCDF; it may be damaged: unknown encoding"):
+    with pytest.raises(InputError, match=r"a\.nc cannot be read as netCDF; it may be damaged, "
+                                         r"so copy it again: unknown encoding"):
         read(tmp_path / "a.nc")
 
 

@@ -126,7 +126,8 @@ def test_the_headline_names_what_is_worst_of_all_records(done: tuple[StudyOutcom
     """By hand: each flaw put into a record's metrics is what is named, when it is the greatest."""
     (record,) = (r for r in done[0].fits[0].records if r.role == "held_out")
     for key, value, said in (
-        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0}, "model overshoot +9 points relative to measured"),
+        ("overshoot_percent", {"measured": 20.0, "modelled": 29.0},
+         "model overshoot +9 percentage points relative to measured"),
         ("frequency_hz", {"measured": 5.0, "modelled": 4.0}, "model frequency -20 % relative"),
         ("damping_ratio", {"measured": 0.1, "modelled": 0.16}, "model damping ratio +60 % relative to measured 0.1"),
         ("within_band_percent", 50.0, "the 95 % prediction band contains only 50 %"),

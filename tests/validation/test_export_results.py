@@ -209,7 +209,7 @@ def test_inputs_of_several_chambers_are_those_that_drove_each(outcome):
 @pytest.mark.parametrize(("change", "words"), [
     ({"target": "bag"}, "mcap or lerobot"),
     ({"fit": "cubic"}, "these results have no fit 'cubic': choose from linear"),
-    ({"records": ["x"]}, "no recording 'x'; it has later, first"),
+    ({"records": ["x"]}, "no recording 'x': choose from later, first"),
     ({"path": "nowhere/arm.mcap"}, "does not exist; create it first"),
     ({"path": "arm.bag"}, "must end in .mcap"),
     ({"fps": 30}, "fps is an option of lerobot"),

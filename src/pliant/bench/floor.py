@@ -30,7 +30,7 @@ POINTER = ctypes.POINTER(ctypes.c_double)
 
 @cache
 def library() -> Any:
-    """Return the compiled C library; None if there is no C compiler."""
+    """Compile floor.c and return it as a library; None if there is no C compiler."""
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     if compiler is None:
         return None
@@ -43,7 +43,7 @@ def library() -> Any:
 
 
 def constants(model: Model) -> Array:
-    """Return all numbers of the chain in the order of `Chain` in floor.c."""
+    """Return the parameters of a model of five links as one array, in the order of the C struct `Chain` in floor.c."""
     body, joints = mechanics_of(model).body, mechanics_of(model).joints
     second, third, scale = joints.hardening  # the law in the form that floor.c uses
     parts = (
@@ -54,13 +54,13 @@ def constants(model: Model) -> Array:
 
 
 class Floor:
-    """The C kernels for one model of five links."""
+    """The functions of floor.c, called for one model of five links."""
 
     def __init__(self, model: Model) -> None:
         self.constants, self.code = constants(model), library()
 
     def call(self, name: str, count: int, *arguments: Array | float) -> None:
-        """Call a function of floor.c `count` times, in a loop in C."""
+        """Call the function `name` of floor.c `count` times, in a loop that runs in C."""
         given = [
             a.ctypes.data_as(POINTER) if isinstance(a, np.ndarray) else ctypes.c_double(a)
             for a in (self.constants, *arguments)
@@ -69,7 +69,8 @@ class Floor:
 
 
 def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, float]:
-    """Return the times [ns] of the C step, right-hand side, and right-hand side with Jacobian.
+    """Return the times [ns] that plain C takes for one time step, for one evaluation of the accelerations, and for one
+    with their Jacobian.
 
     The result is empty if there is no C compiler or the model does not have five links.
     """

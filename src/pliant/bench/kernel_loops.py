@@ -13,7 +13,9 @@ from pliant.equations.motion import acceleration, acceleration_jacobian
 
 @cache
 def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
-    """Return a loop of this module, compiled with the fastest version of its kernel for this number of links."""
+    """Return a loop of this module compiled by Numba, with the fastest version of the kernel that it calls for this
+    number of links.
+    """
     from numba import njit
 
     few = links <= MOST_LINKS
@@ -21,14 +23,16 @@ def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
 
 
 def many_accelerations(count, phi, w, torque, parts, a):
-    """Compute `count` right-hand sides; phi changes slightly each time, so that no call is optimised away."""
+    """Compute the joint accelerations `count` times into `a`. The angle phi[0] changes slightly each time, so that the
+    compiler cannot skip a call.
+    """
     for _ in range(count):
         acceleration(phi, w, torque, parts[0], parts[1], parts[2], a)
         phi[0] = phi[0] + 1e-18 * a[0]
 
 
 def many_jacobians(count, phi, w, torque, parts, out):
-    """Compute `count` right-hand sides with their full Jacobian."""
+    """Compute the joint accelerations and their Jacobian `count` times into `out`."""
     for _ in range(count):
         acceleration_jacobian(phi, w, torque, parts[0], parts[1], parts[2], out)
         phi[0] = phi[0] + 1e-18 * out.a[0]

@@ -24,8 +24,8 @@ STEP = 1e-3  # s
 
 
 def kernels(links: int = 5) -> dict[str, float]:
-    """Return the times [ns] of an implicit step, a right-hand side, and one with Jacobian, and the ratios
-    to plain C.
+    """Return the times [ns] of one implicit time step, one evaluation of the accelerations and one with their Jacobian.
+    Where plain C can be measured, its times and the ratios to them are added.
     """
     model = chen2018.model(links=links)
     n, parts = links, mechanics_of(model).parts()
@@ -48,7 +48,7 @@ def kernels(links: int = 5) -> dict[str, float]:
 
 
 def step_ns(model: Model) -> float:
-    """Return the time [ns] of one implicit step in a whole simulation, with its energies."""
+    """Return the mean time [ns] of one implicit time step in a simulation of 4 s that also computes the energies."""
     pressure = Pulse(chen2018.PULSE_PRESSURE, chen2018.PULSE_START, chen2018.PULSE_WIDTH)
     ends = np.array([0.0, 4.0])
     plan = drive(model, pressure, ends, STEP)

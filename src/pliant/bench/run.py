@@ -69,7 +69,7 @@ def measure(
     parts: Mapping[str, Part], meaning: Mapping[str, str] = MEANING, *,
     message: Callable[[str], None] = lambda _line: None,
 ) -> dict[str, Any]:
-    """Measure the parts one after the other and return their results.
+    """Run the parts of the benchmark one after the other and return all their numbers in one dict.
 
     Parameters
     ----------
@@ -95,7 +95,9 @@ def measure(
 
 
 def chosen(name: str | None) -> dict[str, Part]:
-    """Return the part with this name, or all for None; InputError for an unknown name."""
+    """Return the part of the benchmark with this name and its function as a dict, or all parts for None. An unknown
+    name raises InputError.
+    """
     if name is None:
         return PARTS
     if name not in PARTS:
@@ -104,7 +106,7 @@ def chosen(name: str | None) -> dict[str, Part]:
 
 
 def lines(numbers: Mapping[str, Any], meaning: Mapping[str, str] = MEANING) -> list[str]:
-    """Return a line of text for each number: its name in the JSON, its value and its description."""
+    """Return the lines of the printed table: name, value and meaning of each number."""
     return [f"  {name:<30} {shown(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 

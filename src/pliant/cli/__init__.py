@@ -43,7 +43,7 @@ class Panels(TyperGroup):
     """A group of commands that lists them under headings, in plain text, since drawing boxes would be slow."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
-        """Write each command with the first line of its help, heading by heading."""
+        """Write the list of commands in the help, grouped under headings, each with the first line of its help."""
         widest = max(map(len, self.commands))
         for panel, names in JOURNEY.items():
             with formatter.section(panel):
@@ -65,7 +65,7 @@ def version(asked: bool) -> None:
 def common(
     _version: bool = typer.Option(False, "--version", callback=version, is_eager=True, help="Show all versions."),
 ) -> None:
-    """Declare the options of the program itself, which come before the command."""
+    """Declare the options of `pliant` itself, such as `--version`, which are written before the command."""
 
 
 JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # headings of the help, in the order of an analysis
@@ -84,7 +84,7 @@ COMMANDS = {name: command for panel in JOURNEY.values() for name, command in pan
 
 @cache
 def app_of(*names: str) -> typer.Typer:
-    """Return the command line with the commands of these names."""
+    """Return the Typer application that has the commands with these names."""
     app = typer.Typer(
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,

@@ -70,7 +70,9 @@ def contact(
 
 
 def report(result: xr.Dataset) -> dict[str, float | int | str]:
-    """Return the summary of a contact result: numbers and sentences by name."""
+    """Return a dict that summarises the detected contacts: their number, time of onset [s], position [mm] and force
+    [N].
+    """
     a = result.attrs
     said = "extrapolated beyond it" if a["threshold_extrapolated"] else "within it"
     numbers: dict[str, float | int | str] = {

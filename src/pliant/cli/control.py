@@ -103,12 +103,16 @@ def control(
 
 
 def columns(log: Any, name: str) -> Any:
-    """Return the columns of a log whose names begin with `name`: target, error, command or pressure."""
+    """Return the columns of a control log whose names begin with `name` and an underscore, where `name` is such as
+    "error".
+    """
     return log[[c for c in log.columns if c.startswith(f"{name}_")]]
 
 
 def reached_by_several(done: TaskResult) -> dict[str, Any]:
-    """Return the tracking errors of each output, the highest commands and the counters of the loop."""
+    """Return the results of a run that controls several outputs, by name: errors of each output, highest commands, and
+    counters of the loop.
+    """
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
     numbers: dict[str, Any] = {}
@@ -127,12 +131,14 @@ def reached_by_several(done: TaskResult) -> dict[str, Any]:
 
 
 def counters(done: TaskResult) -> dict[str, Any]:
-    """Return the fault of a run and the counters and sentences of its loop."""
+    """Return the fault of a control run ("none" without one), and the counters and remarks of its loop, by name."""
     return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
 def reached(done: TaskResult) -> dict[str, Any]:
-    """Return the settling times, the errors, the activity of the command and the counters of the loop."""
+    """Return the results of a control run by name: settling times [s], tip errors [mm], highest command, how much the
+    command varies, and counters of the loop.
+    """
     import numpy as np
 
     from pliant.control.activity import command_activity
@@ -171,7 +177,7 @@ def unmodelled(done: TaskResult) -> list[str]:
 
 
 def report(plant: str, done: TaskResult) -> str:
-    """Return the summary of a run as Markdown."""
+    """Return the summary of a control run as Markdown text."""
     lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
     lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",
               *(f"{line}  " for line in str(done.prepared.rehearsal).splitlines()), ""]

@@ -45,8 +45,8 @@ def print_design(plan: Design) -> None:
     from pliant.cli.output import aligned
 
     say(
-        f"Least certain: {', '.join(plan.direction)}, standard error {100 * plan.now.weakest:.3g} % along the worst "
-        f"combination; mean over all combinations {100 * plan.now.volume:.3g} %."
+        f"Least certain parameters: {', '.join(plan.direction)}. Standard error: {100 * plan.now.weakest:.3g} % in "
+        f"their worst combination, {100 * plan.now.volume:.3g} % on average over all combinations of parameters."
     )
     rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
     say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))

@@ -78,7 +78,7 @@ def estimate(
 
 
 def of_joints(estimated: xr.Dataset, name: str, end: str = "") -> np.ndarray:
-    """Return a variable of all joints (T, N).
+    """Return one variable of an estimate, such as the joint rates, as an array (T, N) of all N joints over T frames.
 
     In space, N counts all joints about one axis, then all joints about the next.
     """
@@ -91,7 +91,9 @@ def of_joints(estimated: xr.Dataset, name: str, end: str = "") -> np.ndarray:
 
 
 def report(estimated: xr.Dataset) -> dict[str, float | int | str]:
-    """Return the summary of an estimate: numbers and sentences by name."""
+    """Return a dict that summarises an estimate: frames, consistency of the innovations, largest rates and disturbance
+    torques.
+    """
     import numpy as np
 
     a = estimated.attrs

@@ -43,12 +43,13 @@ def export(
     for entry in options or ():
         name, equals, value = entry.partition("=")
         if not equals:
-            raise InputError(f"--set takes NAME=VALUE, got {entry!r}")
+            raise InputError(f"--set needs NAME=VALUE, such as --set fps=30, got {entry!r}")
         chosen[name] = value
     with busy("exporting"):
         if to in TARGETS:
             if approximate or fit:
-                raise InputError(f"--approximate and --fit are for models: with {to} use --set fit=, records=, fps=")
+                raise InputError(f"--approximate and --fit are for models, and {to} exports the results of a run: "
+                                 "remove them, or select by --set fit=NAME and --set records=NAME")
             done: Any = results_written(model, to, output, chosen)
         else:
             from pliant.exporters import export as write
@@ -60,7 +61,9 @@ def export(
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
-    """Write the results of a run in the target's format; the values of `options` are text."""
+    """Write the measured and modelled motion of a run as an MCAP file or a LeRobot data set. The values in `options`
+    are text.
+    """
     from pliant.cli.figures import split
     from pliant.validation.export_results import export_results
 

@@ -76,7 +76,7 @@ def vector(text: str | None) -> list[float] | None:
 
 
 def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
-    """Print the file written, the warnings, the open questions and the next command."""
+    """Print the name of the study file written, its warnings and open questions, and the next command."""
     if as_json:
         import json
 

@@ -67,7 +67,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
 
 
 def base_of(model: Model) -> list[list[float]]:
-    """Return the positions of the origin and of the first joint (2, 2) [m]."""
+    """Return the positions in the plane of the body's origin and of its first joint, [[x, y], [x, y]] [m]."""
     return [[0.0, 0.0], model.first_joint.tolist()]
 
 
@@ -86,7 +86,9 @@ def largest(pressure: np.ndarray) -> float:
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:
-    """Return numbers that summarise a trajectory, most of them on its tip."""
+    """Return a dict that summarises a simulated trajectory: duration, frames, tip displacement [mm], highest pressure
+    [kPa] and time step [ms].
+    """
     import numpy as np
 
     tip = trajectory["tip_position"].to_numpy()[:, -1]

@@ -1,4 +1,6 @@
-"""Parsing of pressures on the command line: a level for each chamber, and which recorded pressure drives which."""
+"""Parsing of pressures in command-line options: the pressure of each chamber, and the recorded pressure that drives
+each chamber.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,15 @@ DRIVE = "For several chambers: which recorded pressure drives which, as left=p1,
 
 
 def levels(model: Model, text: str) -> list[float]:
-    """Return the pressure [Pa] of each chamber from text in kPa, in the order of the chambers or by name."""
+    """Return the pressure [Pa] of each chamber from a text in kPa: "30,20" in the order of the chambers, or "left=30"
+    by name with 0 for the others.
+    """
     names = [c.name for c in model.chambers]
     if "=" in text:
         given = pairs("--level-kpa", text)
         if strange := [name for name in given if name not in names]:
-            raise InputError(f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}")
+            raise InputError(f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}: use "
+                             "these names")
         return [1e3 * number(given.get(name, "0")) for name in names]
     pressures = [1e3 * number(part) for part in text.split(",")]
     if len(pressures) != len(names):
@@ -31,7 +36,7 @@ def levels(model: Model, text: str) -> list[float]:
 
 
 def number(text: str) -> float:
-    """Return the number [kPa] that a text holds."""
+    """Return the number in a text such as "30", a pressure in kPa. A text that is no number raises InputError."""
     try:
         return float(text)
     except ValueError:
@@ -39,7 +44,7 @@ def number(text: str) -> float:
 
 
 def pairs(option: str, text: str) -> dict[str, str]:
-    """Return the pairs of ``name=word,name=word`` as a dictionary."""
+    """Parse a text such as "left=p1,right=p2" and return its pairs as a dictionary."""
     parts = [part.partition("=") for part in text.split(",")]
     entries = {name.strip(): word.strip() for name, _, word in parts}
     if not all(entries) or not all(entries.values()) or len(entries) != len(parts):
@@ -48,7 +53,7 @@ def pairs(option: str, text: str) -> dict[str, str]:
 
 
 def drives(text: str) -> dict[str, str | int] | None:
-    """Return the recorded pressure (name, or index from 0) that drives each chamber of the model; None for an empty
+    """Parse which recorded pressure (name, or index from 0) drives each chamber of the model; return None for an empty
     text.
     """
     if not text:

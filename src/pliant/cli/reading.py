@@ -52,7 +52,7 @@ def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None
 
 
 def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the history of a recording, one sentence for each processing step."""
+    """Return the processing history of a recording, one sentence for each step."""
     return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 

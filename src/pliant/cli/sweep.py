@@ -59,7 +59,9 @@ def sweep(
 
 
 def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Model, dict[str, Any]]:
-    """Return the sweep, the model that it starts from, and for fits the recordings and parameters."""
+    """Return the sweep stated in the file `path`, the model to start from and, for a sweep of fits, the recordings,
+    parameters and options of the fit.
+    """
     from pliant.errors import InputError
     from pliant.files import read_entries
     from pliant.model import load_model
@@ -107,7 +109,7 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
         )
     name = wanted.fit or next(iter(study.fits))
     if name not in study.fits:
-        raise InputError(f"[sweep] names the fit {name!r}, but the study has {', '.join(study.fits)}")
+        raise InputError(f"[sweep] names the fit {name!r}, but the study has {', '.join(study.fits)}: choose one")
     entry = study.fits[name]
     ready = prepare_all(study, lambda _line: None)
     start = load_model(model) if model else ready.model

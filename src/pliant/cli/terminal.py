@@ -26,7 +26,7 @@ def say(text: object = "", *, error: bool = False) -> None:
 
 
 def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with the option ``--quiet`` added before its ``--json``."""
+    """Return the command with the option ``--quiet`` added, by which it prints only its result."""
 
     @wraps(command)
     def run(*args: Any, quiet: bool = False, **options: Any) -> None:
@@ -62,7 +62,7 @@ class ExampleCommand(TyperCommand):
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Show a line with `what` and the elapsed time on a terminal, if the block takes more than one second."""
+    """Show the text `what` and the elapsed time on a terminal, if the block inside takes more than one second."""
     if QUIET.get() or not sys.stderr.isatty():
         yield
         return
@@ -84,7 +84,7 @@ def busy(what: str) -> Iterator[None]:
 
 @contextmanager
 def progress_lines() -> Iterator[Callable[[str], None]]:
-    """Yield a function that prints a line of progress to standard error, with a clock if that is a terminal.
+    """Yield a function that prints one line of progress to standard error, with the elapsed time if that is a terminal.
 
     With `--quiet` the function prints nothing.
     """
@@ -116,7 +116,8 @@ def mention(line: str) -> None:
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[float], None]]:
-    """Yield a function that shows progress, called with the fraction done (0 to 1).
+    """Yield a function that shows the progress of a long computation when it is called with the completed fraction (0
+    to 1).
 
     A terminal shows a bar after one second, a pipe gets a line for each quarter, and `--quiet` shows nothing.
     """

@@ -29,7 +29,7 @@ from pliant.equations.symbols import (
 
 # Scratch arrays which a kernel leaves as results for its caller; for kernels not listed, only work.a.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
-KEPT = {"build_step": tuple(f"work.{name}" for name in POSE), "factor_taut": ("work.B",)}
+KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
 
 
 CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
@@ -234,7 +234,7 @@ def spatial_arguments(
     behind = (zeros(tendons, size), *constants, zeros(size, n), zeros(n + 1, segments))
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
-        "total": zeros(3), "f": zeros(size),
+        "total": zeros(3), **{name: zeros(size) for name in ("t", "f", "pull")}, "B": zeros(size, size),
         "body": SpatialBody(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),

@@ -376,22 +376,20 @@ def build_taut(h, body, work):
                     work.B[i, j] = work.B[i, j] + row * body.lever[r, j]
 
 
-def factor_taut(work):
-    """Replace the symmetric matrix work.B (N, N) of a step with taut tendons by its LDL^T factors, in place.
+def factor_taut(B):
+    """Replace the symmetric matrix B (N, N) of a step with taut tendons, from `build_taut`, by its LDL^T factors."""
+    ldl_factor(B)
 
-    `build_taut` writes the matrix.
+
+def solve_taut(h, t, f, pull, B, a):
+    """Write the rate changes over a step of h [s] to a (N,): the solution of B a = h (t - f + pull).
+
+    t, f, pull (N,): torques of springs and inputs, of inertia, and of the tendons for unchanged rates [N m]. B (N, N)
+    holds the factors of `factor_taut`. Exact while no tendon turns slack or taut.
     """
-    ldl_factor(work.B)
-
-
-def solve_taut(h, work):
-    """Write the rate changes over a step of h [s] to work.a (N,), with the factored step matrix in work.B (N, N).
-
-    work.pull (N,) holds the torques of the tendons for unchanged rates. Exact while no tendon turns slack or taut.
-    """
-    for i in range(len(work.a)):
-        work.a[i] = h * (work.t[i] - work.f[i] + work.pull[i])
-    ldl_solve(work.B, work.a)
+    for i in range(len(a)):
+        a[i] = h * (t[i] - f[i] + pull[i])
+    ldl_solve(B, a)
 
 
 def step(x, v, h, torque, body, joints, work):
@@ -415,13 +413,13 @@ def step(x, v, h, torque, body, joints, work):
         mean_tensions(v, h, body, work)
         pull_without_friction(body, work)
         build_taut(h, body, work)
-        factor_taut(work)
+        factor_taut(work.B)
     for _ in range(2):  # terms quadratic in the rates: at the start, then in mid-step
         for i in range(len(x)):
             work.v[i] = v[i] + 0.5 * work.a[i]
         inertial_forces(work.q, work.v, body, work, work.f)
         if linear > 0.5:
-            solve_taut(h, work)
+            solve_taut(h, work.t, work.f, work.pull, work.B, work.a)
             linear = mean_tensions(v, h, body, work)
         if linear < 0.5 and solve_step(x, v, h, torque, body, work) < 0.5:
             for i in range(len(x)):

@@ -14,7 +14,8 @@ OF_INPUT = {"Pa": PASCAL, "N": NEWTON, "m": METRE, "rad": RADIAN}  # units that 
 
 
 class Stream:
-    """Checks the incoming readings of one sensor and keeps the times of the newest one.
+    """Checks the readings that arrive from one sensor, rejects invalid ones, and keeps the time of the newest complete
+    reading.
 
     Parameters
     ----------
@@ -70,7 +71,9 @@ class Stream:
 
     @property
     def reference_time(self) -> int:
-        """Time [ns] from which the newest complete reading's age counts: the earlier of its stamp and its arrival."""
+        """Time [ns] from which the age of the newest complete reading is counted: the earlier of its time stamp and its
+        arrival.
+        """
         return min(self.stamp, self.arrival)
 
     def _fits(self, array: Array) -> bool:
@@ -81,7 +84,8 @@ class Stream:
 
 
 def streams(skew: int, now: int, axes: int = 2, unit: str = "Pa") -> tuple[Stream, Stream]:
-    """Return the streams of shapes and of inputs in `unit` for a loop that starts at `now` [ns].
+    """Return two `Stream` objects for a loop that starts at `now` [ns]: one checks the incoming shapes, the other the
+    inputs in `unit`.
 
     `axes` is the number of coordinates of a point, and `skew` [ns] the time by which stamps may be ahead.
     """

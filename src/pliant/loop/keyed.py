@@ -77,7 +77,8 @@ def read_key(path: str | Path) -> bytes:
     try:
         return checked_key(bytes.fromhex(text.decode("ascii") if len(text) <= 1024 else ""))
     except ValueError:
-        raise InputError(f"the key file {path} has no key: expected hexadecimal digits, as new_key writes") from None
+        raise InputError(f"the key file {path} has no key of hexadecimal digits: write a new one by pliant.loop.new_key"
+                         ) from None
 
 
 def tag_of(key: bytes, data: bytes) -> bytes:
@@ -119,7 +120,7 @@ class Sealer:
         return data + tag_of(self._own_key, data)
 
     def take_challenge(self, answer: bytes) -> bool:
-        """Use a receiver's challenge for the session's key; return False when the challenge is not valid.
+        """Derive a new session key from a receiver's challenge; return False if the challenge is not valid.
 
         A challenge is valid if its tag is right, it belongs to a packet of this session, and it is newer than the last
         one.
@@ -136,7 +137,9 @@ class Sealer:
 
 
 class Opened(NamedTuple):
-    """Result of opening a packet: its content and session, or a reply to send back, or neither."""
+    """Result of checking an incoming packet: its content and session if accepted, else a challenge to send back, or
+    nothing.
+    """
 
     packet: bytes = b""
     session: bytes = b""
@@ -148,7 +151,9 @@ class _Session:
         self.key, self._newest, self._seen = key, counter, 1
 
     def first_time(self, counter: int) -> bool:
-        """Return True if the packet with this counter is new and at most `WINDOW` behind the newest."""
+        """Return True if no packet with this counter was accepted before and the counter is less than `WINDOW` behind
+        the newest.
+        """
         ahead = counter - self._newest
         if ahead > 0:
             self._seen = (self._seen << min(ahead, WINDOW) | 1) & OLDEST

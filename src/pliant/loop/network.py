@@ -61,7 +61,8 @@ class UdpSource:
         except (OSError, OverflowError) as error:
             self._socket.close()
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot listen at {address[0]}:{address[1]}: {reason}") from None
+            raise InputError(f"cannot listen at {address[0]}:{address[1]}: {reason}; choose another port, or an "
+                             "address of this machine") from None
         self._socket.setblocking(False)
         self.address: Address = self._socket.getsockname()
         self._malformed = 0
@@ -151,7 +152,7 @@ def numeric(host: str) -> str:
     try:
         return socket.gethostbyname(host)
     except OSError as error:
-        raise InputError(f"cannot resolve the host {host!r}: {error.strerror or error}") from None
+        raise InputError(f"cannot resolve the host {host!r}: {error.strerror or error}; give an IPv4 address") from None
 
 
 def refuse_open_host(host: str, *, private_link: bool) -> None:

@@ -32,7 +32,7 @@ def pack(sample: Sample) -> bytes:
     if array.ndim > MOST_DIMENSIONS:
         raise InputError(f"a sample may have at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
     if not 0 <= sample.hold * 1e6 <= LONGEST_HOLD:
-        raise InputError(f"the hold of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
+        raise InputError(f"the hold time of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
     hold = math.ceil(sample.hold * 1e6 - 1e-3)  # never 0 where a time was given
     data = HEAD.pack(MAGIC, sample.time_ns, hold, len(name), len(unit), array.ndim) + name + unit
     data += struct.pack(f"<{array.ndim}I", *array.shape) + array.tobytes()
@@ -52,8 +52,10 @@ def unpack(data: bytes, sender: Sender | None = None) -> Sample:
         shape = struct.unpack_from(f"<{ndim}I", data, offset)
         offset += 4 * ndim
     except (struct.error, UnicodeDecodeError) as error:
-        raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}") from None
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}; make packets by "
+                         "pliant.loop.packet.pack") from None
     if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
-        raise InputError(f"a packet of {len(data)} bytes is not a sample: wrong mark, dimensions or length")
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: its first bytes, dimensions or length are "
+                         "wrong; make packets by pliant.loop.packet.pack")
     values = np.frombuffer(data, "<f8", offset=offset).reshape(shape).astype(float)
     return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)

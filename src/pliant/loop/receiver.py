@@ -106,7 +106,8 @@ class ValveReceiver:
         self.rejected = self.late = self.ahead = self.foreign = self.shortened = self.vented = 0
 
     def poll(self) -> Array:
-        """Read the commands that have arrived, set the valves, and return the present commands (C,) [Pa].
+        """Read the commands that have arrived, set the valves of the C chambers, and return the present commands (C,)
+        [Pa].
 
         Call this method about every millisecond.
         """
@@ -226,7 +227,8 @@ def receiver_of(
     if entry is None:
         raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
     if task.unit != "Pa":
-        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}")
+        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}: state "
+                         "highest_kpa instead")
     listed = entry.highest_kpa or task.highest_kpa
     given = np.ravel(listed)
     chambers = entry.chambers or given.size

@@ -52,7 +52,8 @@ def log_columns(links: int, chambers: int = 1, outputs: Sequence[str] = (), unit
 
 
 def unexplained(state: State | None, links: int) -> tuple[Array, Array, Array]:
-    """Return a state's angles [rad], disturbance torques and their standard deviations [N m], (n,) each.
+    """Return three arrays (n,) for the n links of an estimated state: angles [rad], disturbance torques [N m] and their
+    standard deviations [N m].
 
     Without a state, or with an estimator that does not compute disturbances, the missing values are NaN.
     """
@@ -161,7 +162,7 @@ class ControlLoop:
         return self.watchdog.summary[0]
 
     def period(self, now: int, deadline: int) -> None:
-        """Run one period that starts at `now` [ns] and was due at `deadline` [ns]."""
+        """Run one period of the control loop, which starts at `now` [ns] and was due at `deadline` [ns]."""
         try:
             self._read()
             self.watchdog.readings(now, self.shapes.reference_time, self.pressures.reference_time, self.pressure)
@@ -199,7 +200,8 @@ class ControlLoop:
         given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
         wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
-            raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} chamber(s)")
+            raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} "
+                             "chamber(s): its step must return one command for each")
         if self.watchdog.controller(now, controller.fault) and self.log is not None:
             self.log.remark(f"fault at {now * 1e-9:.3f} s: {controller.fault}")
         return wish
@@ -233,7 +235,8 @@ class ControlLoop:
     def _take_pressure(self, arrived: Sample, taken: Array, now: int) -> None:
         chambers, came = self.pipeline.controller.chambers, taken.size
         if came < chambers:
-            raise InputError(f"a pressure sample has {came} chamber(s), the controller needs {chambers}")
+            raise InputError(f"a pressure sample has {came} chamber(s), the controller needs {chambers}: send a "
+                             "pressure for each chamber")
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers

@@ -78,7 +78,9 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
 
 
 def check_units(model: Model, wanted: TaskFile) -> None:
-    """Raise InputError where a task's limits are not in the unit of the model's inputs."""
+    """Raise InputError if a control task limits its inputs in another unit than that of the model's inputs, such as Pa
+    for a tendon in N.
+    """
     if others := [c for c in model.chambers if c.unit != wanted.unit]:
         several = len(set(model.actuation.units)) > 1
         remedy = (

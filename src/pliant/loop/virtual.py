@@ -69,7 +69,7 @@ class Playback:
 
 
 class PlantLike(Protocol):
-    """Interface of a plant that advances one period at a time under a constant command."""
+    """Interface of a plant that advances one period at a time while its command is held constant."""
 
     period: float  # s, of its frames
     time: float  # s, on its own clock
@@ -77,7 +77,8 @@ class PlantLike(Protocol):
     # rides: bool, optional: whether its points are material points that move with the stretching body, as markers do
 
     def advance(self, command: Any) -> Any:
-        """Hold the commands (C,) [Pa] for one period and return the sensors' readings.
+        """Simulate the plant for one period with the commands (C,) [Pa] of its C chambers held constant, and return the
+        sensors' readings.
 
         Returns the time of the shape [s], the shape (S, 2) [m] in the base frame with NaN for lost points, and the
         pressures (C,) [Pa], or a number for one chamber. A command of shape (1,) that is 0 vents all chambers.
@@ -128,7 +129,9 @@ class VirtualActuator:
         return self._queue.popleft() if self._queue else None
 
     def write(self, sample: Sample) -> None:
-        """Hold the command of the sample from now on, for its hold time if it has one."""
+        """Apply the command in the sample to the plant from now on. If the sample has a hold time, the plant is vented
+        when this time is over.
+        """
         if sample.name == COMMAND:
             self._command = sample.array
             self._until = self._clock.now() + nanoseconds(sample.hold) if sample.hold else None

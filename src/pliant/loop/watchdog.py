@@ -16,7 +16,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a healthy control loop; beyond them the watchdog vents.
+    """Limits of pressures, angles, rates and ages of readings, beyond which the watchdog vents the actuator.
 
     Parameters
     ----------
@@ -65,7 +65,8 @@ class Bounds:
 
 
 class Watchdog:
-    """Checks the loop in every period, keeps the first fault, and sets the command to 0 from then on.
+    """Checks readings, estimate and commands of a control loop in every period, keeps the first fault, and sets the
+    command to 0 from then on.
 
     Attributes
     ----------
@@ -92,19 +93,21 @@ class Watchdog:
 
     @property
     def summary(self) -> tuple[str, int]:
-        """Description of the fault, or of the controller's faults, and its time [ns]."""
+        """Description of the fault, or of the faults that the controller reported, and its time [ns]."""
         if self.fault or not self.controller_faults:
             return self.fault, self.fault_time
         periods = "period" if self.controller_faults == 1 else "periods"
         return f"in {self.controller_faults} {periods} {self.controller_fault}", self.controller_fault_time
 
     def trip(self, sentence: str, now: int) -> None:
-        """Vent from now on because of the fault `sentence`; the first fault is kept."""
+        """Set the fault `sentence`, if there is none yet, so that the loop vents from now on."""
         if not self.fault:
             self.fault, self.fault_time = sentence, now
 
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
-        """Report a fault if the last complete shape or pressure [ns] is too old, or a pressure [Pa] out of limits."""
+        """Set a fault if the last complete shape or pressure reading is too old (times in ns), or a pressure [Pa] is
+        outside its limits.
+        """
         b = self.bounds
         kind = KIND_OF[b.unit]
         for what, latest, limit in (("shape", shape_time, b.shape_age), (kind, pressure_time, b.pressure_age)):
@@ -114,7 +117,7 @@ class Watchdog:
         self.pressure(now, pressure)
 
     def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
-        """Report a fault if too many consecutive readings of a sensor are identical."""
+        """Set a fault if too many consecutive readings of the shape sensor or of the pressure sensor are identical."""
         b = self.bounds
         for what, count, most in (
             ("shape", shape_repeats, b.shape_repeats), (KIND_OF[b.unit], pressure_repeats, b.pressure_repeats),
@@ -123,7 +126,7 @@ class Watchdog:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
-        """Report a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
+        """Set a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):
@@ -134,7 +137,7 @@ class Watchdog:
                           f"{factor * b.lowest_pressure:.1f} ... {factor * b.highest_pressure:.1f} {unit}", now)
 
     def estimate(self, now: int, state: State) -> None:
-        """Report a fault if the estimated state is not finite, out of limits or inconsistent."""
+        """Set a fault if the estimated state is not finite, out of limits, or inconsistent with the readings."""
         angle, rate = state.angle, state.rate
         if not (np.isfinite(angle).all() and np.isfinite(rate).all()):
             self.trip("the estimate is not a number", now)
@@ -148,7 +151,9 @@ class Watchdog:
             self.trip(f"the estimator lost its consistency: {state.fault}", now)
 
     def controller(self, now: int, fault: str) -> bool:
-        """Check the controller's fault; return True where a series of faults begins."""
+        """Count the faults that the controller reports, and set a fault after too many in a row. Return True at the
+        first of a series.
+        """
         begins, self._in_a_row = bool(fault) and not self._in_a_row, self._in_a_row + 1 if fault else 0
         if fault:
             self.controller_faults += 1
@@ -159,7 +164,9 @@ class Watchdog:
         return begins
 
     def command(self, now: int, command: Array) -> Array:
-        """Return the commands (C,) [Pa] to send: 0 after a fault, or when a command is not finite or out of limits."""
+        """Return the commands of C chambers (C,) [Pa] to send: 0 after a fault, or when a command is not finite or out
+        of limits.
+        """
         for p in command.tolist():
             if not math.isfinite(p):
                 self.trip(f"the command is {p}", now)

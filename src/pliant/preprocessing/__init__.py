@@ -1,1 +1,1 @@
-"""Preprocess a recording to clean shapes: quality, marker clusters, alignment, time synchronisation, resampling, ..."""
+"""Functions that check, repair, align, synchronise and resample a recording before a model is fitted to it."""

@@ -1,4 +1,4 @@
-"""Align a recording: from tracker coordinates to the base frame of the models.
+"""Transform the positions and orientations of a recording from tracker coordinates to the base frame of the models.
 
 The base is at the origin. The base tangent points along +y in a planar recording and along +z in a spatial one. Both
 are the same frame with renamed axes: (x, y, z) in space is (z, x, y) of the plane. A body that bends about +x in space
@@ -60,7 +60,8 @@ def align(
     arc_length: Sequence[float] | None = None,
     space: bool = False,
 ) -> xr.Dataset:
-    """Transform a tracked recording to the base frame of the models, planar or spatial.
+    """Transform the positions and orientations of a tracked recording to the base frame of the models: origin at the
+    base, base tangent along +y (planar) or +z (spatial).
 
     Parameters
     ----------
@@ -113,7 +114,8 @@ def align(
     """
     check_recording(recording)
     if "position" not in recording or recording.attrs["frame"] == "spatial":
-        raise InputError("align needs positions, but this recording has none or is aligned already (frame spatial)")
+        raise InputError("align needs positions in the tracker's frame, but this recording has none or is aligned "
+                         "already (frame spatial): pass the recording as it was read")
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)
@@ -173,7 +175,7 @@ def _base_index(recording: xr.Dataset, base: str | None) -> int:
     if base is None:
         return names.index("base") if "base" in names else 0
     if base not in names:
-        raise InputError(f"base is {base!r}, but there is no such station; available: {', '.join(names)}")
+        raise InputError(f"base is {base!r}, but there is no such station: set base to one of {', '.join(names)}")
     return names.index(base)
 
 
@@ -199,7 +201,8 @@ def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base
     """Return the offset from the base station (3,) to the origin: a length along the tangent (), or a vector (3,)."""
     if origin is not None:
         if not _is_zero(value) or np.shape(origin) != (3,):
-            raise InputError("origin must be three numbers in metres, and cannot be combined with origin_offset")
+            raise InputError("origin must be three numbers in metres, and cannot be combined with origin_offset: set "
+                             "one of the two")
         return np.asarray(origin, dtype=np.float64) - base
     try:
         offset = np.asarray(value, dtype=np.float64)
@@ -237,7 +240,8 @@ def _without_base_motion(
     position: NDArray, matrices: NDArray | None, index: int, place: NDArray, rotation: NDArray | None
 ) -> tuple[NDArray, NDArray | None]:
     if matrices is None or rotation is None:
-        raise InputError("remove_base_motion needs the orientation of the base station, which this recording lacks")
+        raise InputError("remove_base_motion needs the orientation of the base station, which this recording lacks: "
+                         "leave remove_base_motion out")
     back = rotation @ np.swapaxes(matrices[:, index], -1, -2)
     moved = np.einsum("tij,tsj->tsi", back, position - position[:, index : index + 1]) + place
     return moved, back[:, None] @ matrices

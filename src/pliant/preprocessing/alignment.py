@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Report of `align`: its results and options; stored as JSON in the recording's attribute ``alignment``.
+    """Report of `align`: position and axes of the base frame in tracker coordinates, flatness of the motion, and
+    options used. It is stored as JSON in the recording's attribute ``alignment``.
 
     Attributes
     ----------
@@ -61,17 +62,19 @@ class Alignment:
 
     @property
     def normal(self) -> tuple[float, ...]:
-        """Unit normal of the plane of bending, in tracker coordinates."""
+        """Unit normal (3,) of the plane of bending, in tracker coordinates."""
         return self.rotation[0 if self.frame == "spatial" else 2]
 
     @property
     def base_tangent(self) -> tuple[float, ...]:
-        """Unit tangent of the body at the base, in tracker coordinates."""
+        """Unit tangent (3,) of the body at the base, in tracker coordinates."""
         return self.rotation[2 if self.frame == "spatial" else 1]
 
 
 def alignment_of(recording: xr.Dataset) -> Alignment:
-    """Return the `Alignment` report of an aligned recording; raise InputError where the recording has none."""
+    """Return the report of the alignment (base frame, flatness, options) that is stored in an aligned recording. Raise
+    InputError where the recording has none.
+    """
     try:
         values = json.loads(recording.attrs["alignment"])
         rotation = tuple(tuple(row) for row in values["rotation"])

@@ -1,4 +1,4 @@
-"""Recordings of angles without positions: their quality, rest pose and sign."""
+"""Functions for recordings of angles without positions: data quality, rest angles, and sign of the bending."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
 def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
-    """Return the fields of `Quality` for a recording of angles: gaps, spikes, noise, range and step per station."""
+    """Return a dict of data quality of recorded angles, per station: lost samples, spikes, noise, range and sensor
+    resolution [degrees].
+    """
     names = [str(n) for n in recording["station"].values]
     angle = recording["angle"].values
     columns = angle[..., None]
@@ -34,28 +36,35 @@ def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def sensor_noise(angle: NDArray) -> NDArray:
-    """Return the standard deviation (S,) [rad] of each angle's noise, or of its rounding where that is coarse."""
+    """Return the noise (S,) [rad] of recorded angles (T, S): the standard deviation of S stations over T frames. For a
+    sensor of coarse resolution it is the standard deviation of the rounding error.
+    """
     plain = np.nan_to_num(detectors.noise_level(angle[..., None]))
     steps = np.array(coarse_steps(angle)) / np.sqrt(12.0)
     return np.where(steps > 0, steps, plain)
 
 
 def coarse_steps(angle: NDArray) -> list[float]:
-    """Return the resolution [rad] of each station's sensor where it is coarse against its range; else 0."""
+    """Return the resolution [rad] of the angle sensor of each station, from recorded angles (T, S) of S stations over T
+    frames. It is 0 where the resolution is fine compared with the range of the angle.
+    """
     steps = [detectors.quantum(a) for a in angle.T]
     return [q if q > COARSE * (np.nanmax(a) - np.nanmin(a)) else 0.0
             for q, a in zip(steps, angle.T, strict=True)]  # fmt: skip
 
 
 def angle_sentences(facts: dict[str, float]) -> list[str]:
-    """Return a sentence for each station whose angle sensor has a coarse resolution; `facts`: its step in degrees."""
+    """Return one sentence for each station in `facts`, a dict from station name to the resolution [degrees] of its
+    angle sensor.
+    """
     return [f"the angle of {name} has a resolution of {step:.2g} degrees, which acts as {step / np.sqrt(12.0):.2g} "
             "degrees of noise"
             for name, step in facts.items()]  # fmt: skip
 
 
 def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) -> xr.Dataset:
-    """Return a recording with angles relative to the rest pose, signed so that positive pressure turns positive.
+    """Return a recording with each angle relative to its value at rest, and with its sign changed where positive
+    pressure would make it negative.
 
     Parameters
     ----------
@@ -94,7 +103,7 @@ def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) ->
 
 
 def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
-    """Return whether an angle (T,) from rest turns negative under pressure.
+    """Return True where an angle (T,) [rad] over T frames, 0 at rest, becomes negative when the pressure rises.
 
     Without a measured pressure its largest magnitude decides. With several chambers the result is False, as each may
     bend to its own side.

@@ -1,4 +1,6 @@
-"""Compute the arc length of the stations: the recorded one, or the time-mean sum of chords."""
+"""Compute the arc length of the stations along the body: as recorded, or from the mean distances of neighbouring
+stations.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ STRETCH_WORTH_TELLING = 0.02
 
 
 def chord_lengths(position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distances (T, S - 1) [m] between neighbouring stations of positions (T, S, d)."""
+    """Return the distances (T, S - 1) [m] between neighbouring stations, from the positions (T, S, d) [m] of S stations
+    in d dimensions over T frames.
+    """
     squared = np.zeros((position.shape[0], position.shape[1] - 1))
     for axis in range(position.shape[2]):
         squared += np.square(np.diff(position[:, :, axis], axis=1))
@@ -25,7 +29,8 @@ def chord_lengths(position: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Return positions (T, S, d) and times (T,) of the frames with all stations, and the number of other frames.
+    """Return the positions (T, S, d) [m] of S stations and the times (T,) [s] of the T frames in which no station is
+    missing, and the number of frames left out.
 
     Raises
     ------
@@ -50,7 +55,8 @@ def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np
 def station_arc_length(
     recording: xr.Dataset, position: NDArray[np.float64], chords: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the arc lengths (S,) [m] of the stations from the first one, and remarks for the user.
+    """Return the arc lengths (S,) [m] of S stations, 0 at the first one, and sentences that say how they were
+    determined.
 
     Parameters
     ----------
@@ -81,7 +87,8 @@ def station_arc_length(
         return measured, ("arc length: time-mean sum of chords", *findings)
     given = recording["arc_length"].values
     if not np.isfinite(given).all() or (np.diff(given) <= 0).any():
-        raise InputError("arc_length of the stations must increase strictly from base to tip")
+        raise InputError("arc_length of the stations must increase strictly from base to tip: correct it, or leave "
+                         "it out to use the sum of chords")
     ratio = measured[-1] / (given[-1] - given[0])
     if abs(ratio - 1.0) > STRETCH_WORTH_TELLING:
         findings.append(f"the chords add up to {ratio:.3f} times the recorded arc length")

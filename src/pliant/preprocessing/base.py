@@ -1,4 +1,4 @@
-"""Determine the base frame of an alignment: the tangent at the base and the plane of bending."""
+"""Determine the base frame of an alignment: the tangent of the body at its base and the plane of bending."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tan
 
 
 def unit_vector(value: ArrayLike, what: str) -> NDArray:
-    """Return the unit vector of three finite numbers; raise InputError that names `what` for anything else."""
+    """Return three numbers divided by their norm, as a unit vector (3,). Raise InputError, which names the option
+    `what`, where they are not finite or all zero.
+    """
     try:
         vector = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -37,7 +39,8 @@ def unit_vector(value: ArrayLike, what: str) -> NDArray:
 def base_tangent(
     option: Any, rest: NDArray, base: int, rotation: NDArray | None, clamp_length: float | None
 ) -> NDArray:
-    """Return the unit tangent of the body at the base, in tracker axes.
+    """Return the unit tangent (3,) of the body at the base, in tracker coordinates, from the positions of the stations
+    at rest or a stated direction.
 
     Parameters
     ----------
@@ -58,7 +61,8 @@ def base_tangent(
         return unit_vector(option, "tangent")
     if option == "chord":
         if base == len(rest) - 1:
-            raise InputError("the last station is the base, so there is no chord: set tangent to another option")
+            raise InputError("the last station is the base, so there is no chord: set base to the first station, or "
+                             "tangent to an axis such as '+y'")
         return unit_vector(rest[-1] - rest[base], "the chord from the base to the last station")
     if option == "clamp":
         return _clamp_tangent(rest[base:], clamp_length)
@@ -69,7 +73,8 @@ def base_tangent(
 
 
 def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
-    """Return the unit vector of an axis of the tracker ("+x") or of the base at rest ("base:+x"), else None.
+    """Return the unit vector (3,), in tracker coordinates, of an axis that is named as a text: "+x" of the tracker, or
+    "base:+x" of the base station at rest. Return None for any other text.
 
     Parameters
     ----------
@@ -111,7 +116,7 @@ def _clamp_tangent(body: NDArray, clamp_length: float | None) -> NDArray:
 
 
 def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pose: NDArray) -> NDArray:
-    """Return the unit normal of the plane in which the first input bends the body.
+    """Return the unit normal (3,) of the plane in which the first actuation input of a recording bends the body.
 
     The displacement of the station that moves most is fitted as linear in all inputs. The direction of the bending is
     that of the first input's coefficients, perpendicular to the tangent. A positive input bends the body about the
@@ -134,7 +139,7 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     inputs = inputs_at(recording, recording["time"].values)
     if not inputs.shape[1]:
         raise InputError("plane = 'input' needs a measured input, but the recording holds none: set plane to "
-                         "another option")
+                         "'motion', 'body' or a normal")
     across = (position - pose) @ (np.eye(3) - np.outer(tangent, tangent))
     moved = across[:, int(np.argmax(np.nan_to_num(detectors.rms_deviation(across))))]
     known = np.isfinite(moved).all(-1) & np.isfinite(inputs).all(-1)
@@ -143,14 +148,15 @@ def input_normal(recording: xr.Dataset, tangent: NDArray, position: NDArray, pos
     gain = np.linalg.lstsq(design, moved[known], rcond=None)[0][1]
     if np.linalg.norm(gain) < max(6.0 * still_noise(position), 1e-6):
         raise InputError("the first input causes no motion across the base tangent beyond the noise: set plane to "
-                         "another option")
+                         "'motion', 'body' or a normal")
     return np.cross(tangent, gain / np.linalg.norm(gain))
 
 
 def bending_normal(
     option: Any, tangent: NDArray, position: NDArray, about: dict[str, NDArray], noise: float
 ) -> tuple[NDArray, float]:
-    """Return the unit normal of the plane of bending, perpendicular to the tangent, and the flatness of the data.
+    """Return the unit normal (3,) of the plane of bending, perpendicular to the base tangent, and the flatness of the
+    motion (0 planar, 1 without a preferred plane).
 
     Parameters
     ----------
@@ -174,7 +180,8 @@ def bending_normal(
         normal = unit_vector(option, "plane, a normal,")
         normal = normal - (normal @ tangent) * tangent
         if np.linalg.norm(normal) < PARALLEL:
-            raise InputError("plane, given as a normal, must not be parallel to the base tangent")
+            raise InputError("plane, given as a normal, must not be parallel to the base tangent: give a direction "
+                             "across the body")
         return normal / np.linalg.norm(normal), 0.0
     if option not in ("motion", "body"):
         raise InputError(f"plane must be 'motion', 'body', 'input', an axis such as '+x', or a normal of three "
@@ -198,7 +205,9 @@ def bending_normal(
 
 
 def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
-    """Return the mean orientation (3, 3) of the base over the frames of the rest window; None without one."""
+    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest; None where its orientation
+    is unknown.
+    """
     if quaternion is None:
         return None
     matrix = mean_rotation(to_matrix(quaternion[window, base]))
@@ -206,7 +215,7 @@ def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray
 
 
 def still_noise(position: NDArray) -> float:
-    """Return the noise [m] of the station with median noise; 0 where it is unknown."""
+    """Return the median over the stations of the position noise [m]; 0 where it cannot be determined."""
     noise = detectors.by_blocks(detectors.noise_level, position)
     noise = noise[np.isfinite(noise)]
     return float(np.median(noise)) if noise.size else 0.0

@@ -1,4 +1,5 @@
-"""Find the tip of a body in fibre curvature by a cap of constant curvature that is mounted at the tip.
+"""Find the tip of a body from the curvature of a fibre in it: a rigid cap of known, constant curvature is mounted at
+the tip.
 
 The template along the fibre is [mean of the body | k_c over L_c | tail], averaged over the gauge of the sensor. It
 slides over every frame, and the position with the least squared error is refined below one sample. The frames in which
@@ -30,7 +31,7 @@ REFINEMENTS = 5  # without noise the fourth is exact to rounding
 
 @dataclass(frozen=True)
 class Tip:
-    """End of the body, where the cap begins, with its uncertainty and the numbers of frames used.
+    """Tip of the body as an arc length along the fibre [m], with its uncertainty and the numbers of frames used.
 
     Attributes
     ----------
@@ -72,7 +73,8 @@ def find_tip(
     gauge_length: float | None = None,
     tail_curvature: float = 0.0,
 ) -> Tip:
-    """Find the tip of a body in curvature over time and along the fibre.
+    """Find the arc length of the body's tip along a fibre from the fibre's curvature (T, S) [1/m], T frames by S
+    samples.
 
     Parameters
     ----------
@@ -126,12 +128,13 @@ def _template(
     if cap_length < 2 * width:
         raise InputError(
             f"a cap of {cap_length * 1e3:g} mm cannot be resolved by a gauge of {width * 1e3:g} mm: "
-            "the cap must be at least twice as long"
+            "the cap must be at least twice as long; use a longer cap or a shorter gauge_length"
         )
     template = CapTemplate(spacing, cap_curvature, cap_length, width, tail)
     if kappa.shape[1] < template.samples:
         raise InputError(
-            f"the fibre is too short: {kappa.shape[1]} samples, but body, cap and tail need {template.samples}"
+            f"the fibre is too short: {kappa.shape[1]} samples, but body, cap and tail need {template.samples}: "
+            "record more of the fibre on both sides of the cap"
         )
     return template
 
@@ -170,7 +173,9 @@ def _consensus(
 
 
 class CapTemplate:
-    """Curvature of body, cap and tail averaged over the gauge length `width`, to be located in a fibre."""
+    """Expected curvature along the fibre near the tip (body, then cap, then tail), averaged over the sensor's gauge
+    length. It is shifted along a measured curvature to find the cap.
+    """
 
     def __init__(self, spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float) -> None:
         self.spacing, self.cap_curvature, self.cap_length = spacing, cap_curvature, cap_length
@@ -181,14 +186,18 @@ class CapTemplate:
         self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
 
     def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the fractions (T, M) of body and of tail in every sample, for cap edges at `edge` (T,) [m]."""
+        """Return two arrays (T, M): the fraction of body and of tail within the gauge length of each of M samples,
+        where the cap begins at `edge` (T,) [m] in T frames.
+        """
         low = self.s - self.width / 2
         body = np.clip((edge[:, None] - low) / self.width, 0.0, 1.0)
         tail = np.clip((low + self.width - edge[:, None] - self.cap_length) / self.width, 0.0, 1.0)
         return body, tail
 
     def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the tip positions (T,) [m], and body, plateau and tail curvature with their standard error (4, T)."""
+        """Return the tip position (T,) [m] along the fibre in T frames, from the curvature `kappa` (T, S) [1/m] of S
+        samples. Also return (4, T) [1/m]: mean curvature of body, cap and tail, and their standard error.
+        """
         body, tail = (share[0] for share in self.shares(np.zeros(1)))
         fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail
         weight = float(body @ body)

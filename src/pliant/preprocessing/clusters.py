@@ -1,4 +1,4 @@
-"""Assemble marker clusters to stations: the markers on one rigid part become one station with a pose."""
+"""Replace each cluster of markers on one rigid part by one station with a position and an orientation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ PASSES = 4  # of averaging the shape; it settles to rounding in two
 
 
 class Cluster(FileMapping):
-    """Markers of one station, with the point that is its position.
+    """Definition of a station by the markers on one rigid part: their names and the point that is the station's
+    position.
 
     Attributes
     ----------
@@ -46,7 +47,8 @@ class Cluster(FileMapping):
 def assemble(
     recording: xr.Dataset, mapping: Mapping[str, Any], *, tolerance_mm: float = 1.0
 ) -> xr.Dataset:
-    """Return a recording in which each cluster of markers is replaced by one station.
+    """Return a recording in which each cluster of markers on a rigid part is replaced by one station with position and
+    orientation.
 
     Parameters
     ----------
@@ -130,7 +132,8 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
             exact = [pattern] if pattern in available else []
             found = exact or [m for m in available if fnmatchcase(m, pattern)]
             if not found:
-                raise InputError(f"station {name!r} names a marker {pattern!r} that is not in the recording; "
+                raise InputError(f"station {name!r} names a marker {pattern!r} that is not in the recording: correct "
+                                 "the name; "
                                  f"available: {', '.join(available)}")  # fmt: skip
             for marker in found:
                 if owner.setdefault(marker, name) != name:
@@ -139,7 +142,8 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
                 if marker not in members[name]:
                     members[name].append(marker)
         if cluster.point is not None and cluster.point not in members[name]:
-            raise InputError(f"point {cluster.point!r} of station {name!r} is not among its markers: "
+            raise InputError(f"point {cluster.point!r} of station {name!r} is not among its markers: set point "
+                             "to one of "
                              f"{', '.join(members[name])}")  # fmt: skip
         if not members[name]:
             raise InputError(f"station {name!r} has no marker: name its markers")

@@ -1,4 +1,4 @@
-"""Compute curvature over arc length and time from positions.
+"""Compute the curvature of a body [1/m] over arc length and time from the positions of its stations.
 
 The method "basis" is the most accurate: kappa(s) = sum_j c_j b_j(s) is integrated to positions and fitted to the points
 by Gauss-Newton. The method "savgol" differentiates the points by a Savitzky-Golay filter and is faster.
@@ -32,7 +32,7 @@ def curvature_of(
     smoothing: float | None = None,
     window: int = 51,
 ) -> xr.DataArray:
-    """Compute the curvature of a body over time and arc length from its positions.
+    """Compute the curvature [1/m] of a body over time and arc length from the positions in a recording.
 
     Parameters
     ----------
@@ -92,7 +92,8 @@ def curvature_of(
 
 
 def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], window: int = 51) -> NDArray[np.float64]:
-    """Compute the curvature (T, S) [1/m] of positions (T, S, d) by Savitzky-Golay derivatives of order 4.
+    """Compute the curvature (T, S) [1/m] at S evenly spaced stations over T frames by Savitzky-Golay filters of
+    polynomial order 4, from their positions (T, S, d) [m].
 
     kappa = (x' y'' - y' x'') / (x'^2 + y'^2)^(3/2); in three dimensions |r' x r''| / |r'|^3
 
@@ -115,7 +116,9 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
 
 
 def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the curvature (T, S) [1/m] of curves from first and second derivatives (T, S, d); unsigned for d = 3."""
+    """Return the curvature (T, S) [1/m] from the first and second derivatives (T, S, d) of a position by arc length,
+    for S stations over T frames. It has a sign in the plane (d = 2), none in space (d = 3).
+    """
     if first.shape[2] == 2:
         across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     else:
@@ -125,7 +128,8 @@ def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
 
 
 def differences(stations: int, window: int, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return matrices (S, S) of the first and second derivative [1/m, 1/m^2] at evenly spaced stations.
+    """Return two matrices (S, S) that map values at S evenly spaced stations to their first [1/m] and second [1/m^2]
+    derivative by arc length.
 
     The derivatives are those of the polynomial that best fits the `window` stations about each one. Near the ends the
     last whole window is used. SciPy's own function takes 0.4 s to import.

@@ -1,4 +1,6 @@
-"""Fit planar curvature to positions by least squares: Gauss-Newton on a few coefficients, all frames at once."""
+"""Fit the curvature of a planar body to measured positions by least squares, with a few polynomial coefficients per
+frame.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ SAMPLE_FRAMES = 20  # for the choice of the smoothing
 
 @dataclass(frozen=True)
 class CurvatureFit:
-    """Result of `fit_curvature`: curvature (T, S) [1/m] at the stations, and the residual of the fit.
+    """Result of `fit_curvature`: the curvature (T, S) [1/m] at S stations over T frames, the settings used, and the
+    residual.
 
     `terms` and `smoothing` are the settings used, `rms_distance` [m] the root-mean-square distance of the fitted curve
     from the points, and `unsettled` the number of frames that did not converge.
@@ -42,7 +45,8 @@ def fit_curvature(
     terms: int | None = None,
     smoothing: float | None = None,
 ) -> CurvatureFit:
-    """Fit planar curvature kappa(s) = sum_j c_j P_j, a start point and a start angle to the points of each frame.
+    """Fit the planar curvature over arc length, sum_j c_j P_j(s) with Legendre polynomials P_j, to the positions (T, S,
+    2) [m] of S stations in each of T frames. A start point and a start angle are fitted too.
 
     Minimises sum_k |p(s_k) - p_k|^2 + smoothing * int kappa''^2 ds with
     p(s) = p_0 + int (-sin phi, cos phi) ds,  phi(s) = phi_0 + int kappa ds.
@@ -100,7 +104,8 @@ class _Model:
         self.roughness[3:, 3:] = legendre_roughness(length, terms)
 
     def start(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return initial parameters (T, 3 + m) by a linear fit to the angles of chords between means of stations.
+        """Return initial parameters (T, 3 + m) of the curvature fit for T frames: start point x, y [m], start angle
+        [rad] and m coefficients. They follow from a linear fit to the directions of chords.
 
         Chords between neighbouring stations would be too short for the noise of dense stations.
         """
@@ -118,7 +123,9 @@ class _Model:
     def linearised(
         self, parameters: NDArray[np.float64], position: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the residual (T, 2 S) and its Jacobian (T, 2 S, 3 + m)."""
+        """Return the residual (T, 2 S) [m] of fitted minus measured positions (S of x, then S of y, in T frames), and
+        its Jacobian (T, 2 S, 3 + m) with respect to the 3 + m parameters.
+        """
         frames, stations = position.shape[:2]
         tangent = parameters[:, 2:3] + parameters[:, 3:] @ self.integrals.T
         c, w = np.cos(tangent) * self.weights, np.sin(tangent) * self.weights
@@ -133,7 +140,9 @@ class _Model:
     def solve(
         self, position: NDArray[np.float64], smoothing: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Return parameters (T, 3 + m), distances (T, S) [m] and the number of frames that did not converge."""
+        """Fit the curve in T frames: return its parameters (T, 3 + m) (start point, start angle, m coefficients), the
+        distances (T, S) [m] from S stations, and the number of frames that did not converge.
+        """
         parameters = self.start(position)
         penalty = smoothing * self.roughness
         scale = np.abs(self.station_integrals).max(axis=0)
@@ -153,7 +162,9 @@ class _Model:
         return parameters, distance, int(moving.sum())
 
     def cross_validated(self, position: NDArray[np.float64]) -> float:
-        """Return the smoothing with the lowest score of generalised cross-validation over a sample of frames."""
+        """Return the weight [m^5] of the smoothing that has the lowest score in a generalised cross-validation, from
+        positions (T, S, 2) [m] of S stations over T frames.
+        """
         sample = position[np.unique(np.linspace(0, len(position) - 1, SAMPLE_FRAMES).astype(int))]
         values = 2 * self.s.size
         _, jacobian = self.linearised(self.start(sample), sample)
@@ -178,12 +189,15 @@ class _Model:
 
 
 def legendre_basis(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
-    """Return the Legendre polynomials P_0 ... P_{terms-1} of x = 2 s / length - 1 as columns (S, terms)."""
+    """Return the first `terms` Legendre polynomials at S arc lengths `s` [m] of a body, as columns (S, terms), with the
+    body mapped to -1 ... 1.
+    """
     return np.asarray(np.polynomial.legendre.legvander(2.0 * s / length - 1.0, terms - 1), dtype=np.float64)
 
 
 def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
-    """Return the integrals of `legendre_basis` from 0 to `s`, as columns (S, terms).
+    """Return the integrals from 0 to S arc lengths `s` [m] of the first `terms` Legendre polynomials along a body, as
+    columns (S, terms).
 
     int P_j dx = (P_{j+1} - P_{j-1}) / (2 j + 1), which vanishes at x = -1 for j > 0
     """
@@ -196,7 +210,9 @@ def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDA
 
 
 def legendre_roughness(length: float, terms: int) -> NDArray[np.float64]:
-    """Return the matrix (terms, terms) of int f''(s)^2 ds for f = sum of c_j P_j, by exact quadrature."""
+    """Return the matrix R (terms, terms) for which c^T R c is the integral of f''(s)^2 along the body, where f = sum_j
+    c_j P_j in Legendre polynomials P_j.
+    """
     x, w = np.polynomial.legendre.leggauss(terms)
     second = np.polynomial.legendre.legder(np.eye(terms), 2, axis=0) if terms > 2 else np.zeros((1, terms))
     values = np.polynomial.legendre.legval(x, second).T * (2.0 / length) ** 2

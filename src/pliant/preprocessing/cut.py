@@ -1,4 +1,4 @@
-"""Cut a recording in time, or cut the lead, cap and tail of a fibre off the body."""
+"""Cut a recording to an interval of time, or a fibre to the part that lies in the body."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
     if len(kept["time"]) < FEWEST_FRAMES:
         first, last = at["time"][[0, -1]]
         raise InputError(
-            f"{len(kept['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: the "
+            f"{len(kept['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: choose "
+            "a longer interval; the "
             f"recording runs from {first:.6g} to {last:.6g} s"
         )
     line = f"cut to {start:g} to {end:g} s: {len(kept['time'])} of {len(at['time'])} frames"
@@ -47,7 +48,8 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
 
 
 def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
-    """Return the part of a shape between the arc lengths `base` and `tip`; its arc length then starts at 0.
+    """Return the recording with the stations between the arc lengths `base` and `tip` [m] only, and with arc length 0
+    at `base`.
 
     Lead, cap and tail are cut off. Positions at exactly `base` and `tip` are interpolated by a local cubic. A recording
     with orientations is cut at whole stations instead.

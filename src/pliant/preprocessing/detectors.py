@@ -1,4 +1,5 @@
-"""Detect faults in tracked positions; these functions take arrays and change nothing.
+"""Functions that detect faults in arrays of tracked positions: spikes, jumps, repeated frames, noise. They change no
+array.
 
 Positions are (T, S, 3) or (T, S, 2) in metres with NaN for drop-outs, times are (T,) in seconds.
 """
@@ -26,7 +27,8 @@ FLOOR_SHARE = 3e-3  # faults below this fraction of the station's peak displacem
 
 
 def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArray, overlap: int = 0) -> NDArray:
-    """Apply a detector to a few stations at a time, to limit memory, and return the joint result.
+    """Apply the function `detector` to a few stations of the positions (T, S, d) at a time, to save memory, and return
+    its joined result.
 
     `known` are arrays (S,) of which the detector receives the values of its stations. Its result has the stations last.
     With `overlap` = 1 it has one value for each pair of neighbours.
@@ -37,14 +39,16 @@ def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArr
 
 
 def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
-    """Yield points (N, d) relative to `about`, a few frames at a time; points with NaN are left out."""
+    """Yield the measured positions [m] minus the reference `about`, as arrays (N, d) of N points for a block of frames
+    at a time. Points with NaN are left out.
+    """
     for i in range(0, len(position), BLOCK_FRAMES):
         points = (position[i : i + BLOCK_FRAMES] - about).reshape(-1, position.shape[-1])
         yield points[np.isfinite(points).all(1)]
 
 
 def mean_place(position: NDArray) -> NDArray:
-    """Return the mean position (S, 3) of each station over time; NaN for a station that was never seen."""
+    """Return the mean position (S, 3) [m] over time of each of S stations; NaN for one that was never measured."""
     total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
     for i in range(0, len(position), BLOCK_FRAMES):
         part = position[i : i + BLOCK_FRAMES]
@@ -55,7 +59,9 @@ def mean_place(position: NDArray) -> NDArray:
 
 
 def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return a mask (T,) of frames that equal the previous frame in every number, drop-outs included."""
+    """Return a mask (T,) that is True for each of T frames in which all positions, and quaternions if any, equal those
+    of the previous frame.
+    """
     same, seen = np.ones(len(position), dtype=bool), np.zeros(len(position), dtype=bool)
     for values in (position, quaternion):
         if values is None:
@@ -69,7 +75,8 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
 
 
 def noise_level(position: NDArray) -> NDArray:
-    """Return the noise (S,) [m] per coordinate of each station, by third differences; NaN below 8 frames.
+    """Return the standard deviation (S,) [m] of the noise per coordinate of S stations, from their positions (T, S, d)
+    [m] over T frames. It is NaN with fewer than 8 frames.
 
     Third differences of white noise have sqrt(20) times its deviation, and smooth motion has hardly any. The median
     excludes fast motion and faults.
@@ -81,7 +88,8 @@ def noise_level(position: NDArray) -> NDArray:
 
 
 def quantum(values: NDArray) -> float:
-    """Return the resolution of a sensor, in the unit of its values (T,); 0 where the values are on no grid.
+    """Return the resolution of a sensor from its values (T,) at T samples, in their unit; 0 where the values are not
+    multiples of a step.
 
     Values are on a grid where few of them differ and every distance of neighbours is a whole number of the smallest.
     """
@@ -96,7 +104,9 @@ def quantum(values: NDArray) -> float:
 
 
 def travel(position: NDArray) -> NDArray:
-    """Return the peak displacement (S,) [m] of each station from its median position; NaN where never seen."""
+    """Return the peak displacement (S,) [m] of S stations from their median positions, from the positions (T, S, d) [m]
+    over T frames. It is NaN for a station that was never measured.
+    """
     distance = _lengths(position - _nanmedian(position))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -104,14 +114,17 @@ def travel(position: NDArray) -> NDArray:
 
 
 def rms_deviation(position: NDArray) -> NDArray:
-    """Return the root-mean-square distance (S,) [m] of each station from its mean position."""
+    """Return the root-mean-square distance (S,) [m] of S stations from their mean positions, from the positions (T, S,
+    d) [m] over T frames.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.sqrt(np.nansum(np.nanvar(position, axis=0), axis=1))
 
 
 def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) of single frames in which a station leaves its path and returns.
+    """Return a mask (T, S) that is True where one of S stations leaves its path for a single one of T frames and
+    returns.
 
     The residual against the cubic through two neighbours on each side must exceed its surroundings by far, and the
     steps to and from the frame must oppose each other. `floor` is the `fault_floor`, where it is known.
@@ -132,13 +145,17 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
 
 
 def without_spikes(position: NDArray) -> NDArray:
-    """Return the positions with `spikes` replaced by NaN; the same array where there are none."""
+    """Return the positions (T, S, d) [m] of S stations over T frames with NaN where a station leaves its path for a
+    single frame.
+    """
     found = by_blocks(spikes, position)
     return np.where(found[..., None], np.nan, position) if found.any() else position
 
 
 def spikes_bridged(position: NDArray) -> NDArray:
-    """Return the positions with each of the `spikes` replaced by the mean of the two neighbouring frames."""
+    """Return the positions (T, S, d) [m] of S stations over T frames; where a station leaves its path for a single
+    frame, its position is the mean of the neighbouring frames.
+    """
     found = by_blocks(spikes, position)  # none in the first and the last frame
     if not found.any():
         return position
@@ -148,7 +165,8 @@ def spikes_bridged(position: NDArray) -> NDArray:
 
 
 def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) of frames at which a station has jumped and stays; steps over time gaps do not count.
+    """Return a mask (T, S) that is True where one of S stations suddenly moves at one of T frames and does not return.
+    Steps across a gap in time are not counted.
 
     The step is compared with the velocities before and after it.
     """
@@ -171,13 +189,16 @@ def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDA
 
 
 def sign_flips(quaternion: NDArray) -> NDArray:
-    """Return the number (S,) of frames in which a quaternion has the opposite sign at about the same pose."""
+    """Return, for each of S stations, the number (S,) of frames in which its quaternion changes sign although its
+    orientation hardly changes.
+    """
     product = (quaternion[1:] * quaternion[:-1]).sum(2)
     return (product < -np.cos(0.5 * ORIENTATION_JUMP)).sum(0)
 
 
 def orientation_jumps(quaternion: NDArray) -> NDArray:
-    """Return the number (S,) of rotations by more than 30 degrees between two successive sightings.
+    """Return, for each of S stations, the number (S,) of rotations by more than 30 degrees between two successive
+    measured frames.
 
     A tracker that cannot distinguish the orientations of a symmetric marker cluster jumps between them.
     """
@@ -190,14 +211,17 @@ def orientation_jumps(quaternion: NDArray) -> NDArray:
 
 
 def stretched(position: NDArray, share: float) -> NDArray:
-    """Return a mask (T, S - 1) of spacings that differ from their median by more than the fraction `share`."""
+    """Return a mask (T, S - 1) that is True where the distance between two neighbours of S stations, in one of T
+    frames, differs from its median by more than the fraction `share`.
+    """
     spacing = _lengths(np.diff(position, axis=1))
     middle = _nanmedian(spacing)
     return np.abs(spacing - middle) > share * middle
 
 
 def out_of_plane_share(position: NDArray) -> float:
-    """Return the fraction of the motion (root mean square) out of the plane of bending.
+    """Return the ratio (0 to 1) of the root-mean-square motion out of the plane of bending to the whole motion, from
+    positions (T, S, d) [m] of S stations over T frames.
 
     That plane contains the mean chord from the first to the last station and the direction perpendicular to the chord
     with most motion. The plane of a single station is the one with most of its motion.
@@ -218,7 +242,9 @@ def out_of_plane_share(position: NDArray) -> float:
 
 
 def fault_floor(noise: NDArray, travel: NDArray) -> NDArray:
-    """Return the smallest displacement (S,) [m] that counts as a fault, from noise and peak displacement."""
+    """Return the smallest sudden displacement (S,) [m] of S stations that counts as a fault, from their noise [m] and
+    peak displacement [m].
+    """
     return SPIKE_RATIO * np.nan_to_num(noise) + FLOOR_SHARE * np.nan_to_num(travel)
 
 

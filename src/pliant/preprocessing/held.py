@@ -1,4 +1,6 @@
-"""Detect held values in a recording: stations that a tracker froze, and inputs recorded as staircases."""
+"""Detect constant stretches in a recording: stations for which a tracker repeats the last position, and inputs that
+were updated more slowly than they were logged.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ Span = tuple[float, float, int]  # first and last time [s] and number of repeate
 
 
 def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) of frames in which a tracker repeated the last position while the body moved.
+    """Return a mask (T, S) of S stations over T frames that is True where a tracker repeats a station's last position
+    although the body moves.
 
     Such a station repeats every number for at least three frames, then steps by more than its resolution, while another
     station moved. Or all stations repeat their numbers, then leap. The first frame of the repeated values is not
@@ -61,7 +64,8 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
 
 
 def stopped(position: NDArray, flat: NDArray) -> NDArray:
-    """Return a mask (T,) of frames in which a tracker repeated all numbers `flat` (T, S, D) before a leap.
+    """Return a mask (T,) of the frames, of T, in which the tracker repeats all its numbers `flat` (T, S, D) for S
+    stations before the body seems to leap.
 
     The leap must be larger than the step after it, and the wait longer than the repeats of a tracker that is slower
     than its log.
@@ -83,7 +87,9 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
 
 
 def runs(flags: NDArray) -> list[tuple[int, int]]:
-    """Return (first, last + 1) of each run of at least `LEAST_REPEATS` true flags in `flags` (T,)."""
+    """Return (first index, last index + 1) of each run of at least `LEAST_REPEATS` successive True values in a mask
+    `flags` (T,).
+    """
     edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in zip(edge[::2], edge[1::2], strict=True) if b - a >= LEAST_REPEATS]
 
@@ -97,7 +103,9 @@ def _repeats(values: NDArray) -> NDArray:
 
 
 def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, tuple[Span, ...]]:
-    """Return the spans (first s, last s, frames) of each frozen station from the mask `marked` (T, S)."""
+    """Return, by station name, the intervals (first time [s], last time [s], number of frames) in which the mask
+    `marked` (T, S) is True: T frames in which the tracker repeats the position of S stations.
+    """
     return {
         name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s]))
         for s, name in enumerate(names) if marked[:, s].any()
@@ -105,7 +113,8 @@ def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, 
 
 
 def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with NaN where `frozen` marks a station; the same object where it marks none.
+    """Return the recording with NaN wherever the tracker repeated the last position of a station although the body
+    moved.
 
     Parameters
     ----------
@@ -124,7 +133,9 @@ def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
 
 
 def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[str]:
-    """Return one sentence per frozen station with its longest spans, or one for all `stations` if equal."""
+    """Return one sentence per station whose position a tracker repeated, with the longest intervals. One sentence
+    covers all stations where their intervals are equal.
+    """
     said = []
     together = len(spans) == stations > 1 and len(set(spans.values())) == 1
     for name, listed in list(spans.items())[: 1 if together else None]:
@@ -139,7 +150,8 @@ def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[
 
 
 def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
-    """Return the update interval (samples, seconds) of each input that was logged faster than it was updated.
+    """Return, by name, the time between two updates (in samples and in seconds) of each input that was logged faster
+    than it was updated.
 
     An input is held where the intervals between its changes are nearly equal and longer than a sample, and most changes
     are larger than its resolution. The only pressure of a recording has the name ``p``.
@@ -167,7 +179,9 @@ def _interval(values: NDArray) -> int:
 
 
 def staircase_sentences(held: dict[str, tuple[int, float]]) -> list[str]:
-    """Return one sentence for all inputs with the same update interval."""
+    """Return sentences on the inputs that were updated more slowly than logged: one sentence for all inputs with the
+    same interval.
+    """
     said = []
     for every, seconds in sorted(set(held.values())):
         names = ", ".join(n for n, v in held.items() if v == (every, seconds))
@@ -177,7 +191,7 @@ def staircase_sentences(held: dict[str, tuple[int, float]]) -> list[str]:
 
 
 def lines_between_changes(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with held inputs replaced by straight lines between their changes.
+    """Return the recording with each stepwise constant input replaced by straight lines between its changes.
 
     Other inputs are unchanged. A value that stays longer than one and a half intervals is kept until one interval
     before the next change.

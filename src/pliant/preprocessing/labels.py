@@ -1,4 +1,6 @@
-"""Detect stations whose labels a tracker exchanged, and undo the exchange or leave those stations out."""
+"""Detect frames in which a tracker exchanged the labels of stations, and exchange them back or replace these positions
+by NaN.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ LONGEST_GAP_S = 0.2  # s between two measured samples that are compared
 
 
 def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
-    """Return the index (T, S) of the label under which each station appears in each frame.
+    """Return an index (T, S): under which of S labels each station appears in each of T frames, from tracked positions.
 
     The index is 0, 1, ... where no labels are exchanged.
 
@@ -52,7 +54,9 @@ def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
 
 
 def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, int]:
-    """Return the number of frames with exchanged labels by the names of the stations, such as {"p2-p3": 20}."""
+    """Return the number of frames in which a tracker exchanged the labels of stations, by the stations concerned, such
+    as {"p2-p3": 20}.
+    """
     order = label_order(position, time)
     wrong = order != np.arange(len(names))
     found: dict[str, int] = {}
@@ -64,19 +68,21 @@ def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, i
 
 
 def undo_swaps(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with exchanged labels undone, so that each station continues its own motion."""
+    """Return the recording in which labels of stations that a tracker exchanged are exchanged back, so that each
+    station continues its own motion.
+    """
     return _repaired(recording, undo=True)
 
 
 def exclude_swaps(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with NaN for stations in frames in which their labels are exchanged."""
+    """Return the recording with NaN for each station in those frames in which a tracker exchanged its label."""
     return _repaired(recording, undo=False)
 
 
 def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("detecting exchanged labels needs positions, but the recording holds none")
+        raise InputError("detecting exchanged labels needs positions, but the recording holds none: leave swaps out")
     names = [str(n) for n in recording["station"].values]
     order = label_order(recording["position"].values, recording["time"].values)
     listed = ", ".join(

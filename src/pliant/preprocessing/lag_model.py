@@ -1,4 +1,6 @@
-"""Second-order model of the body's lag with creep, which separates a clock offset from that lag."""
+"""Model of the body's lag behind the pressure (second order, with creep), which separates that lag from an offset
+between two clocks.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ BLOCK_S = 0.5  # s: closer residuals are correlated
 
 
 class TimeSeries(NamedTuple):
-    """Values (T, K) at times (T,) with weights (T,)."""
+    """Measured quantities over time: times (T,) [s] of T samples, values (T, K) of K quantities, weights (T,)."""
 
     time: NDArray  # (T,) s
     values: NDArray  # (T, K)
@@ -35,7 +37,9 @@ class TimeSeries(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Result of `fit_lag`: a clock offset with its uncertainty and the response of the body."""
+    """Result of `fit_lag`: a clock offset [s] with its uncertainty, and natural frequency and damping ratio of the
+    body's response.
+    """
 
     delay: float  # s
     uncertainty: float  # s
@@ -50,7 +54,9 @@ class Fitted(NamedTuple):
 
 
 def body_course(recording: xr.Dataset) -> TimeSeries:
-    """Return the first principal component of all motion as a `TimeSeries`; spikes and gaps have weight 0."""
+    """Return the motion of the body as one quantity over time: the first principal component of all positions or
+    angles. Its weight is 0 at spikes and gaps.
+    """
     if "position" in recording:
         columns = without_spikes(recording["position"].values).reshape(recording.sizes["time"], -1)
     else:
@@ -58,37 +64,46 @@ def body_course(recording: xr.Dataset) -> TimeSeries:
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, seen = first_component(columns)
     if np.ptp(course[seen]) == 0:
-        raise InputError("the motion is constant: its clock cannot be compared with the pressure's")
+        raise InputError("the motion is constant, so its clock cannot be compared with the pressure's: set clock to "
+                         "the offset in seconds")
     time = recording["time"].values
     return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
 
 
 def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the first principal component (T,) of the columns, and a mask (T,) of complete rows."""
+    """Return the first principal component (T,) of several quantities (T, K) over T samples, and a mask (T,) of the
+    samples without NaN.
+    """
     if values.shape[1] == 0:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion: set clock to the offset in "
+                         "seconds")
     seen = np.isfinite(values).all(1)
     if seen.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
         often = np.isfinite(values).sum(0)
         values = values[:, often >= np.quantile(often, 0.5)]
         seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is seen")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is "
+                         "seen: fill gaps, or set clock to the offset in seconds")
     centred = values - values[seen].mean(0)
     weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
     return centred @ weights, seen
 
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
-    """Return the pressure as a `TimeSeries`: the first principal component, then each chamber; gaps are filled."""
+    """Return the pressure over time, with gaps interpolated: first the first principal component of the chambers, then
+    each chamber, scaled to the range 0 to 1.
+    """
     values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     clock = recording["pressure_time"].values
     seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure")
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure: set clock to the offset in "
+                         "seconds")
     values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
     if not (np.ptp(values, axis=0) > 0).any():
-        raise InputError("the pressure is constant: its clock cannot be compared with the shape's")
+        raise InputError("the pressure is constant, so its clock cannot be compared with the shape's: set clock to "
+                         "the offset in seconds")
     values = values[:, np.ptp(values, axis=0) > 0]
     values = (values - values.min(0)) / np.ptp(values)
     main, _ = first_component(values)
@@ -96,7 +111,7 @@ def pressure_course(recording: xr.Dataset) -> TimeSeries:
 
 
 def holes(clock: NDArray) -> list[tuple[float, float]]:
-    """Return (start, end) [s] of each gap in the times of a log."""
+    """Return (start, end) [s] of each long gap in the sample times of a pressure log."""
     step = np.diff(clock)
     wide = np.flatnonzero(step > max(HOLE_STEPS * float(np.median(step)), HOLE_S))
     return [(float(clock[i]), float(clock[i + 1])) for i in wide]
@@ -106,7 +121,8 @@ def fit_lag(
     body: TimeSeries, pressure: TimeSeries, guess: float, *, starts: Sequence[tuple[float, float]] = STARTS,
     drift: bool = False, evaluations: int = 40,
 ) -> Fitted:
-    """Fit the clock offset near `guess` [s] by least squares over offset, frequency, damping and, optionally, drift.
+    """Fit the clock offset [s] between pressure and motion near `guess` [s] by least squares, together with natural
+    frequency, damping ratio and, on request, clock drift.
 
     `starts` are pairs of initial frequency [Hz] and damping ratio. `evaluations` limits the evaluations from each.
     """
@@ -138,7 +154,9 @@ def fit_lag(
 
 
 class LagFrame:
-    """Least-squares problem of `fit_lag`: the motion that overlaps with a pressure delayed by about `guess` [s]."""
+    """Least-squares problem for the clock offset near `guess` [s]: residual between measured motion and the modelled
+    response to the pressure.
+    """
 
     def __init__(self, body: TimeSeries, pressure: TimeSeries, guess: float, *, drift: bool) -> None:
         clock = pressure.time
@@ -163,12 +181,16 @@ class LagFrame:
         self.scale = np.array([0.01, 0.3, 0.5, 1e-4][: 4 if drift else 3])
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return the residual (K,) of the motion, in standard deviations, at x: offset, log Hz, log damping, drift."""
+        """Return the residual (K,) of the motion at K frames, divided by its standard deviation, for the parameters x:
+        clock offset [s], log of frequency [Hz], log of damping ratio and, on request, clock drift.
+        """
         basis = self.response(x)
         return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])
 
     def response(self, x: NDArray) -> NDArray:
-        """Return the least-squares columns (K, columns): second-order responses, their slow parts and a constant."""
+        """Return the regressors (K, columns) of the motion at K frames: filtered pressure of each chamber and its
+        square, their slow creep, and a constant.
+        """
         from scipy.signal import lfilter, lfilter_zi
 
         numerator, denominator = second_order(np.exp(x[1]), np.exp(x[2]), self.step)
@@ -181,7 +203,9 @@ class LagFrame:
         return np.stack([*(np.interp(at, self.grid, c) for c in columns.T), np.ones_like(at)], axis=1)
 
     def standard_errors(self, x: NDArray, residual: NDArray) -> NDArray:
-        """Return the standard errors of the parameters, with residuals correlated within half a second."""
+        """Return the standard errors of the fitted parameters (offset, log frequency, log damping, drift), for
+        residuals that are correlated within half a second.
+        """
         tiny = np.array([1e-4, 1e-3, 1e-3, 1e-6][: x.size])
         slope = np.stack([(self.residual(x + d) - self.residual(x - d)) / (2 * s)
                           for s, d in zip(tiny, np.diag(tiny), strict=True)], axis=1)  # fmt: skip
@@ -194,7 +218,7 @@ class LagFrame:
 
 
 def edge_time(pressure: TimeSeries) -> float:
-    """Return the time [s] in which the pressure would cross its range at its fastest rate; noise is ignored."""
+    """Return the time [s] that the pressure would need to cross its whole range at its fastest rate of change."""
     course = pressure.values[:, 0]
     for window in EDGE_TIMES_S:
         ahead = np.interp(pressure.time + window, pressure.time, course)
@@ -205,7 +229,7 @@ def edge_time(pressure: TimeSeries) -> float:
 
 
 def second_order(hertz: float, ratio: float, step: float) -> tuple[NDArray, NDArray]:
-    """Return numerator and denominator of a discrete second-order filter of unit gain.
+    """Return the numerator (3,) and denominator (3,) of a discrete second-order low-pass filter with static gain 1.
 
     It uses the trapezoidal rule, which shifts nothing in time. `hertz` is the natural frequency, `ratio` the damping
     ratio and `step` the sampling interval [s].

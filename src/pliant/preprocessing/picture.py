@@ -43,7 +43,8 @@ def recording_svg(recording: xr.Dataset, title: str) -> str:
 
 
 def on_plane(position: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Return positions (T, S, 2) in the plane of most motion: across and along the line of first to last station.
+    """Return the coordinates (T, S, 2) [m] of S stations over T frames in the plane of most motion: across and along
+    the line from the first to the last station.
 
     `whole` holds the indices of frames that show all stations.
     """

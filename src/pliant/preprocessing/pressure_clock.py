@@ -1,4 +1,4 @@
-"""Sampling of a pressure with its own times: sample count, rate, and missing samples."""
+"""Determine the sampling of a pressure that has its own times: number of samples, rate [Hz] and missing samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ Gap = tuple[int, float, float, int]  # sample before it, its start and length [s
 
 
 def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
-    """Return the fields of `Quality` for a pressure with its own times; {} where it has those of the shape.
+    """Return a dict on the sampling of a pressure that has its own times: number of samples, duration [s], rate [Hz]
+    and gaps. It is empty where the pressure has the times of the shape.
 
     A step of a regular clock that is longer than 1.5 usual steps is a gap, with as many missing samples as fit into it.
     """
@@ -41,7 +42,7 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def clock_sentences(samples: int, gaps: tuple[Gap, ...], steps: tuple[float, ...]) -> list[str]:
-    """Return one sentence for an irregular clock of the pressure or for its gaps."""
+    """Return a sentence where the sample times of the pressure are irregular or have gaps; else an empty list."""
     if steps:
         return [f"the times of the pressure are irregular: steps of {steps[0]:.3g} to {steps[1]:.3g} s"]
     if not gaps:

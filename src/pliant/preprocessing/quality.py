@@ -1,4 +1,4 @@
-"""Summarise the contents of a recording and count its faults, without changing it."""
+"""Summarise the contents of a recording and count its faults; the recording is not changed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ OF_A_LOG = {"duration_s": "pressure_duration_s", "rate_hz": "pressure_rate_hz"} 
 
 @dataclass(frozen=True, repr=False)
 class Quality(Shown):
-    """Contents and faults of a recording, as `quality` returns them.
+    """Contents of a recording (stations, duration, rate) and counts of its faults, with one sentence per finding.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Quality(Shown):
     drawing: str = ""
 
     def summary(self) -> str:
-        """Return the contents and findings as text, one line each."""
+        """Return the contents of the recording and the faults found in it as text, one line each."""
         if self.frames:
             of = f"{self.stations} station(s)" if self.stations else "strain"
             lines = [f"{self.frames} frames of {of}{spanned(self.duration_s, self.rate_hz)}"]
@@ -158,22 +158,25 @@ class Quality(Shown):
         return "\n".join(lines)
 
     def card(self) -> Card:
-        """Return the summary and the drawing as a card for notebooks."""
+        """Return the contents of the recording, its faults and a drawing of the body for display in a notebook."""
         title, *lines = self.summary().splitlines()
         return Card(title, lines, drawing=self.drawing)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as a dict for JSON, without the drawing."""
+        """Return the contents and fault counts of the recording as a dict that can be written as JSON, without the
+        drawing.
+        """
         return {name: value for name, value in asdict(self).items() if name != "drawing"}
 
 
 def spanned(duration: float, rate: float) -> str:
-    """Return ", <duration> s at <rate> Hz" for the end of a sentence; "" for a single sample."""
+    """Return the text ", <duration> s at <rate> Hz" that ends a sentence; "" for a recording of a single sample."""
     return f", {duration:.2f} s at {rate:.4g} Hz" if np.isfinite(rate) else ""
 
 
 def quality(recording: xr.Dataset) -> Quality:
-    """Return the contents of a recording and its suspicious features; the recording is not changed.
+    """Return a summary of a recording: stations, duration, rate, and counts of faults such as spikes, gaps and repeated
+    frames.
 
     Parameters
     ----------
@@ -221,7 +224,7 @@ def quality(recording: xr.Dataset) -> Quality:
 
 
 def standing_stations(recording: xr.Dataset) -> tuple[str, ...]:
-    """Return the names of the stations that do not move while others move."""
+    """Return the names of the stations that stay still while other stations move."""
     position = recording["position"].values
     repeated = detectors.repeated_frames(
         position, recording["quaternion"].values if "quaternion" in recording else None

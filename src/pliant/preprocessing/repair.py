@@ -1,4 +1,4 @@
-"""Repair faults of a recording on request; each function reports in the history what it changed."""
+"""Functions that repair faults of a recording, such as gaps, and note each change in its history."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("drop_repeated_frames needs a recording with positions")
+        raise InputError("drop_repeated_frames needs positions, but the recording holds none: leave this step out")
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(recording["position"].values, quaternion)
     line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
@@ -69,7 +69,8 @@ def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
 
 
 def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with jumps between equivalent orientations of a symmetric marker cluster undone.
+    """Return the recording with continuous orientations, where a tracker jumped between orientations that look alike on
+    a symmetric cluster of markers.
 
     Such a tracker reports R S in place of R for a while, with the same rotation S of the cluster's symmetry each time.
     The rotations S are identified from the jumps (more than 30 degrees from frame to frame, there and back). Every
@@ -82,7 +83,7 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     """
     check_recording(recording)
     if "quaternion" not in recording:
-        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none")
+        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none: leave this step out")
     quaternion = recording["quaternion"].values.copy()
     changed = {}
     for s, name in enumerate(recording["station"].values):
@@ -134,5 +135,5 @@ def _symmetries(jumps: NDArray) -> list[NDArray]:
 
 
 def rotation_angle(matrix: NDArray) -> NDArray:
-    """Return the rotation angle (...) [rad] of rotation matrices (..., 3, 3)."""
+    """Return the rotation angle [rad], 0 to pi, of each rotation matrix in an array (..., 3, 3)."""
     return np.arccos(np.clip(0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0))

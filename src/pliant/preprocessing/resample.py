@@ -1,4 +1,4 @@
-"""Resample a recording in time or along the body; samples too far from a measurement become NaN."""
+"""Resample a recording in time or along the body. New samples too far from a measured one become NaN."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOUCH = 1e-12  # m: a new station that is this close to an old one coincides wit
 def resample_time(
     recording: xr.Dataset, *, rate_hz: float | None = None, time: ArrayLike | None = None, longest_gap_s: float
 ) -> xr.Dataset:
-    """Return the recording with its shape interpolated linearly to a regular frame rate or given times.
+    """Return the recording with its shape linearly interpolated to a regular frame rate [Hz] or to given times [s].
 
     Orientations are interpolated by component and normalised. No low-pass filter is applied, so a rate below that of
     the recording causes aliasing. The pressure keeps its own times.
@@ -40,9 +40,9 @@ def resample_time(
     """
     check_recording(recording)
     if "position" not in recording:
-        raise InputError("resample_time needs a recording with positions")
+        raise InputError("resample_time needs positions, but the recording holds none: leave this step out")
     if (rate_hz is None) == (time is None):
-        raise InputError("resample_time needs either rate_hz or time, not both")
+        raise InputError("resample_time needs exactly one of rate_hz and time: set one of them")
     if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
         raise InputError("rate_hz and longest_gap_s must be positive, and rate_hz finite")
     old = recording["time"].values
@@ -65,10 +65,13 @@ def resample_time(
 
 
 def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with its pressure interpolated to the times of the shape; NaN beyond its ends."""
+    """Return the recording with its pressure interpolated to the times of the shape. It is NaN before the first and
+    after the last pressure sample.
+    """
     check_recording(recording)
     if "pressure" not in recording or "time" not in recording.coords:
-        raise InputError("pressure_on_shape_clock needs a recording with a shape and a pressure")
+        raise InputError("pressure_on_shape_clock needs a shape and a pressure, but the recording lacks one of them: "
+                         "leave this step out")
     clock, time = recording["pressure_time"].values, recording["time"].values
     values = recording["pressure"].values.reshape(len(clock), -1)
     new = np.stack([np.interp(time, clock, v, left=np.nan, right=np.nan) for v in values.T], -1)
@@ -85,7 +88,8 @@ def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
 def resample_arc_length(
     recording: xr.Dataset, *, spacing_mm: float, longest_gap_mm: float | None = None
 ) -> xr.Dataset:
-    """Return a dense shape interpolated to stations of equal arc length, by cubic splines in each frame.
+    """Return the recording with its positions interpolated, frame by frame, to stations of equal spacing along the
+    body, by cubic splines.
 
     Parameters
     ----------
@@ -114,7 +118,8 @@ def resample_arc_length(
         raise InputError("no frame has all stations, so their arc length is unknown: give the recording an arc_length")
     arc, findings = station_arc_length(recording, position[whole])
     if arc[-1] < spacing_mm * 1e-3:
-        raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm")
+        raise InputError(f"the spacing of {spacing_mm:g} mm is longer than the body, {1e3 * arc[-1]:.3g} mm: choose "
+                         "a smaller spacing_mm")
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
     gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
     place = _along(arc, position, new, gap)

@@ -25,7 +25,7 @@ STILL_FRAMES = 0.95
 
 
 def rest_window(recording: xr.Dataset) -> tuple[float, float]:
-    """Return the start and end [s] of the interval before the first motion in which the body is at rest.
+    """Return the start and end [s] of the interval in which the body is at rest before its first motion.
 
     Where inputs were measured, it is the time before an input first departs from its initial value by 5 % of its range,
     if that time holds three frames and the body is still during it. (The condition matters where the pressure has
@@ -57,7 +57,9 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
 
 
 def shown(recording: xr.Dataset) -> NDArray:
-    """Return positions (T, S, d) [m], or angles (T, S, 1) [rad] where there are no positions, without spikes."""
+    """Return the recorded positions (T, S, d) [m] of S stations over T frames, or their angles (T, S, 1) [rad] without
+    positions. Spikes of single frames are interpolated.
+    """
     if "position" in recording:
         return detectors.spikes_bridged(recording["position"].values)
     if "angle" not in recording:
@@ -66,7 +68,9 @@ def shown(recording: xr.Dataset) -> NDArray:
 
 
 def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
-    """Return the times [s] of the first and last frame before an input changes; None with under three frames."""
+    """Return the times [s] of the first frame and of the last frame before any input changes. Return None without
+    inputs, or with fewer than three such frames.
+    """
     inputs, starts = recorded_inputs(recording), []
     for one in inputs:
         moved = np.abs(one.values - np.nanmedian(one.values[:5])) > INPUT_SHARE * np.ptp(one.values)
@@ -79,7 +83,7 @@ def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
 
 
 def clock_finding(recording: xr.Dataset) -> list[str]:
-    """Return a sentence where the body moves before its pressure; none where it does not."""
+    """Return a list with one sentence where the body moves before its inputs change; else an empty list."""
     window = before_inputs(recording)
     if window is None or still_within(shown(recording), recording["time"].values, window):
         return []
@@ -89,7 +93,7 @@ def clock_finding(recording: xr.Dataset) -> list[str]:
 
 
 def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) -> bool:
-    """Return whether the body is still in a time window, apart from noise and drift.
+    """Return whether the body stays at rest, apart from noise and drift, between two times [s].
 
     The drift may be a tenth of the largest peak displacement. One frame in twenty may exceed the limits, as spikes do.
     """

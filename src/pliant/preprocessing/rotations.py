@@ -1,4 +1,4 @@
-"""Rotations as matrices and as quaternions x, y, z, w, and the best rotation between two sets of points."""
+"""Convert rotations between matrices and quaternions x, y, z, w; fit a rotation to two sets of points."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ def from_matrix(matrix: NDArray) -> NDArray:
 
 
 def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
-    """Return quaternions (T, S, 4) without sign changes along time, and the number of frames whose sign was changed."""
+    """Return the quaternions (T, S, 4) of S stations over T frames with signs chosen so that they do not jump over
+    time, and the number of frames whose sign was changed.
+    """
     result = quaternion.copy()
     turned = 0
     for s in range(result.shape[1]):
@@ -57,7 +59,8 @@ def continuous(quaternion: NDArray) -> tuple[NDArray, int]:
 
 
 def best_rotation(shape: NDArray, points: NDArray) -> NDArray:
-    """Return the rotations (T, 3, 3) that best map `shape` (N, 3) to each frame of `points` (T, N, 3).
+    """Return the rotation matrices (T, 3, 3) that best map N reference points `shape` (N, 3) to the measured points (T,
+    N, 3) of T frames.
 
     Both are taken about their centroids. Source: W. Kabsch, Acta Cryst. A32 (1976) 922.
     """
@@ -70,7 +73,9 @@ def best_rotation(shape: NDArray, points: NDArray) -> NDArray:
 
 
 def mean_rotation(matrix: NDArray) -> NDArray:
-    """Return the rotation (..., 3, 3) closest to the mean over the first dimension; frames with NaN are left out."""
+    """Return the rotation matrix (..., 3, 3) closest to the mean of rotation matrices (T, ..., 3, 3) over T frames.
+    Frames with NaN are left out.
+    """
     seen = np.isfinite(matrix)
     count = seen.sum(0)
     mean = np.where(seen, matrix, 0.0).sum(0) / np.maximum(count, 1)
@@ -81,7 +86,8 @@ def mean_rotation(matrix: NDArray) -> NDArray:
 
 
 def angle_about(matrix: NDArray, axis: NDArray) -> NDArray:
-    """Return the signed angle (...) [rad], in (-pi, pi], by which each rotation turns about the unit `axis`.
+    """Return the signed angle [rad], in (-pi, pi], by which each rotation matrix in an array (..., 3, 3) turns about
+    the unit vector `axis` (3,).
 
     The rotation is split into a turn about `axis` and one about a direction perpendicular to `axis` (swing and twist).
     """

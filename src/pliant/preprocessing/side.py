@@ -1,4 +1,4 @@
-"""Find the side to which a planar body bends, and turn a recording by pi about the base tangent.  # D4"""
+"""Determine the side to which a planar body bends, and turn a recording by pi about the base tangent.  # D4"""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ ATTRIBUTE = "x_sign"
 def bending_sign(
     recording: xr.Dataset, position: NDArray, pose: NDArray, origin: NDArray, x_axis: NDArray,
 ) -> int:
-    """Return the sense in which a body bends: 1 about +z (tip towards -x), -1 about -z, 0 without motion.
+    """Return the direction in which a planar body bends: 1 for rotation about +z (tip towards -x), -1 about -z, 0
+    without motion.
 
     The station with the largest displacement decides: under the highest pressure or, where no pressure was measured, at
     its largest displacement.
@@ -53,7 +54,9 @@ def bending_sign(
 
 
 def planar_side(recording: xr.Dataset) -> int:
-    """Return `bending_sign` of a planar recording; 0 where it has no positions, no rest, or several chambers."""
+    """Return the direction in which the body of a planar recording bends: 1 towards -x, -1 towards +x. Return 0 without
+    positions or rest, or with several chambers.
+    """
     several = "pressure" in recording and recording["pressure"].ndim > 1 and recording.sizes["chamber"] > 1
     if "position" not in recording or recording.attrs["frame"] != "planar" or several:
         return 0
@@ -67,7 +70,7 @@ def planar_side(recording: xr.Dataset) -> int:
 
 
 def half_turn(recording: xr.Dataset) -> xr.Dataset:
-    """Return a planar recording turned by pi about the base tangent: x and angles change sign.
+    """Return a planar recording turned by pi about the base tangent, so that all x coordinates and angles change sign.
 
     The attribute `x_sign` and the history record the turn.
     """
@@ -82,5 +85,5 @@ def half_turn(recording: xr.Dataset) -> xr.Dataset:
 
 
 def x_sign(recording: xr.Dataset) -> int:
-    """Return -1 where the recording was turned by `half_turn`, else 1."""
+    """Return -1 where a planar recording has been turned by pi about its base tangent, else 1."""
     return int(recording.attrs.get(ATTRIBUTE, 1))

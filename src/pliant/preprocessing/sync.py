@@ -31,7 +31,8 @@ DRIFT_SIGMA = 3.0  # standard deviations: a smaller drift is not applied
 
 @dataclass(frozen=True, repr=False)
 class Delay(Shown):
-    """Offset and drift of the pressure's times relative to the shape's: shape = pressure * (1 + drift) + delay.
+    """Offset and drift between the clocks of pressure and shape: time of the shape = time of the pressure * (1 + drift)
+    + delay.
 
     Attributes
     ----------
@@ -61,19 +62,20 @@ class Delay(Shown):
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        """Return the offset in one sentence, followed by one sentence for each warning."""
+        """Return the clock offset, its uncertainty and the warnings as text."""
         drift = f", a drift of {1e6 * self.drift:+.0f} +- {1e6 * self.drift_uncertainty:.0f} ppm" if self.drift else ""
         moved = f"{1e3 * self.delay_s:+.1f} +- {1e3 * self.uncertainty_s:.1f} ms{drift}"
         how = f"estimated from pressure and motion ({100 * self.explained:.1f} % of the motion explained)"
         return ". ".join([f"the pressure's clock is moved by {moved}, {how}", *self.warnings])
 
     def card(self) -> Card:
-        """Return the summary as a card for notebooks."""
+        """Return the clock offset, its uncertainty and the warnings for display in a notebook."""
         return Card(self.summary(), [])
 
 
 def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool = False) -> Delay:
-    """Find the offset and, on request, the drift between the clocks of pressure and shape.
+    """Find the offset [s] and, on request, the drift between the clocks of pressure and shape by comparing pressure and
+    motion.
 
     The motion is modelled as a second-order response to the pressure, with gains on the pressure and on its square and
     with slow creep. The offset that explains most of the motion is refined below one frame by least squares over
@@ -98,7 +100,8 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     """
     check_recording(recording)
     if not ({"position", "angle"} & set(recording)) or "pressure" not in recording:
-        raise InputError("sync compares motion with pressure, but the recording lacks one of them")
+        raise InputError("sync compares motion with pressure, but the recording lacks one of them: add the missing "
+                         "one, or skip the synchronisation")
     body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)
@@ -116,7 +119,9 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
 
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:
-    """Raise InputError where an offset explains too little, lies at the end of the search, or is ambiguous."""
+    """Raise InputError where the clock offset of the fit `best` explains too little of the motion, lies at the end of
+    the search range, or is no better than that of `rival`.
+    """
     if best.explained < LEAST_EXPLAINED:
         raise InputError(
             f"no offset between the clocks makes the pressure explain the motion (at best "
@@ -135,7 +140,9 @@ def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> No
 
 
 def doubts(best: Fitted, pressure: TimeSeries) -> list[str]:
-    """Return one sentence for each reason why the offset `best` may be wrong."""
+    """Return one sentence for each reason why the fitted clock offset `best` may be wrong, such as gaps in the pressure
+    log.
+    """
     said = []
     if best.uncertainty > DOUBTFUL_S:
         said.append(f"WARNING: the offset is uncertain by {1e3 * best.uncertainty:.0f} ms; a recording whose pressure "
@@ -153,7 +160,9 @@ def doubts(best: Fitted, pressure: TimeSeries) -> list[str]:
 
 
 def offsets(time: NDArray, clock: NDArray, largest_s: float | None) -> NDArray:
-    """Return the offsets [s] to try, from the overlap of `time` and `clock` or within `largest_s`."""
+    """Return the clock offsets [s] to try: those up to `largest_s` [s] or, where it is None, those at which motion and
+    pressure overlap long enough.
+    """
     if largest_s is not None:
         if not (np.isfinite(largest_s) and largest_s > 0):
             raise InputError(f"largest_s must be a positive number of seconds, not {largest_s}")
@@ -163,7 +172,9 @@ def offsets(time: NDArray, clock: NDArray, largest_s: float | None) -> NDArray:
 
 
 def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[Fitted, Fitted | None]:
-    """Return the fit of the best offset, and the best fit at a distinct offset (None where there is none)."""
+    """Return two fits of the clock offset: the best one, and the best one at a clearly different offset (None where
+    there is none).
+    """
     scores = coarse_scores(body, pressure, delays)
     fits: list[Fitted] = []
     for _ in range(RIVALS):
@@ -181,14 +192,14 @@ def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[F
 
 
 def polished(body: TimeSeries, pressure: TimeSeries, found: Fitted) -> Fitted:
-    """Return a rough fit refined by further iterations."""
+    """Return the fit `found` of the clock offset after further iterations of its least-squares fit."""
     if not np.isfinite(found.frequency):
         return found
     return fit_lag(body, pressure, found.delay, starts=((found.frequency, found.damping),), evaluations=60)
 
 
 def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> NDArray:
-    """Return the squared correlation (D,) of motion and delayed pressure at each of `delays`, by FFT."""
+    """Return the squared correlation (D,) of the motion with the pressure delayed by each of D offsets `delays` [s]."""
     from scipy.signal import correlate
 
     def sampled(course: TimeSeries) -> tuple[NDArray, NDArray]:
@@ -212,7 +223,7 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
 
 
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
-    """Return the recording with the pressure's times t replaced by ``t * (1 + drift) + delay_s``."""
+    """Return the recording with the pressure's sample times t [s] replaced by ``t * (1 + drift) + delay_s``."""
     check_recording(recording)
     if "pressure" not in recording or not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")

@@ -18,7 +18,8 @@ __all__ = ["Reader", "append_history", "check_recording", "make_recording", "rea
 
 
 def write(recording: xr.Dataset, path: str | Path) -> Path:
-    """Write a recording as netCDF (.nc) or wide CSV (.csv); a failed write leaves no partial file.
+    """Write a recording to a file: netCDF (.nc) or wide CSV (.csv), by the ending of its name. A failed write leaves no
+    partial file.
 
     Parameters
     ----------

@@ -39,7 +39,8 @@ SLOWEST = 1.0  # s between two samples of a log whose header does not say the un
 
 
 class AngleLogMapping(FileMapping):
-    """Options of the angle-log reader: units that the header lacks, arc lengths, and the rows to read.
+    """Options of the reader of angle logs: units that the column names lack, arc lengths of the sensors, and the rows
+    to read.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class AngleLogMapping(FileMapping):
 
 
 def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a log of angles and pressure as a recording; options are those of `AngleLogMapping`."""
+    """Read a text log of measured angles and pressure and return it as a recording."""
     options = AngleLogMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
@@ -95,7 +96,9 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
 
 
 def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
-    """Return the role (time, angle or pressure) and the unit, "" where it states none, of each column with a role."""
+    """Return, for each column whose name is recognised, its role (time, angle or pressure) and its unit ("" where the
+    name states none).
+    """
     found: dict[str, tuple[Role, str]] = {}
     for name in names:
         bare, unit = parted(name)
@@ -107,7 +110,9 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
 
 
 def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], stated: str | None, file: str) -> str:
-    """Return the unit of all columns of a role, taken from their names or from the mapping."""
+    """Return the unit of all columns of one role (time, angle or pressure), as stated in their names or in the mapping
+    of the file.
+    """
     named = {unit for kind, unit in found.values() if kind == role and unit}
     if stated is not None:
         named.add(stated.lower())
@@ -121,7 +126,9 @@ def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], stated: str | Non
 
 
 def station_names(columns: list[str]) -> list[str]:
-    """Return the station names: ``tip`` for a single angle column, else the name beside ``angle`` in each."""
+    """Return station names for the angle columns of a log: ``tip`` for a single column, else the rest of each column
+    name without ``angle``.
+    """
     if len(columns) == 1:
         return ["tip"]
     names = []
@@ -132,7 +139,9 @@ def station_names(columns: list[str]) -> list[str]:
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether the header names one time and at least one angle, and no x, y or z position."""
+    """Return whether the first bytes of a file are the header of an angle log: one time, at least one angle, and no x,
+    y or z position.
+    """
     text = head.removeprefix(b"\xef\xbb\xbf")[:4000].decode("utf-8", "replace")
     line = next((line for line in re.split("[\r\n]+", text) if line.strip() and not line.startswith("#")), "")
     names = [split_cells(line, delimiter) for delimiter in (";", "\t", ",") if delimiter in line]

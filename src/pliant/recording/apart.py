@@ -35,7 +35,8 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
-    """Read the arrays of a file in a separate process.
+    """Read the arrays of a file in a separate process with limits on time and memory, so that a damaged file cannot
+    crash this one.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     """
     size = path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
-    damaged = f"{path.name} cannot be read as {what}; it may be damaged"
+    damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
     try:
         code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
     except subprocess.TimeoutExpired:
@@ -77,7 +78,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
 
 
 def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
-    """Run the helper process on a file and return its exit code and output; xarray is imported meanwhile."""
+    """Run the helper process that reads a file, and return its exit code and its output in bytes."""
     command = [sys.executable, "-P", "-c", START, SOURCES, kind, str(path.resolve()), str(seconds), str(memory)]
     with subprocess.Popen(  # noqa: S603  our own worker, no shell
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,

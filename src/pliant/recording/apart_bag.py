@@ -20,25 +20,29 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def point(p: Any) -> list[float]:
-    """Return x, y, z of a point and four NaN in place of a quaternion."""
+    """Return a ROS 2 point as a row of seven numbers: x, y, z and four NaN for the missing quaternion."""
     return [p.x, p.y, p.z, *[float("nan")] * 4]
 
 
 def pose(p: Any) -> list[float]:
-    """Return the position x, y, z and the quaternion x, y, z, w of a pose."""
+    """Return a ROS 2 pose as a row of seven numbers: position x, y, z and quaternion x, y, z, w."""
     q = p.orientation
     return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
 
 
 def cloud(m: Any) -> list[list[float]]:
-    """Return one row (x, y, z and four NaN) for each point of a PointCloud2; points that were not seen are NaN."""
+    """Return the points of a ROS 2 PointCloud2 message as rows of seven numbers: x, y, z and four NaN for the missing
+    quaternion.
+    """
     places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
     if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
-        raise Refused("has a PointCloud2 without x, y and z as floating-point numbers")
+        raise Refused("has a PointCloud2 without x, y and z as floating-point numbers: write the bag again without "
+                      "this topic")
     order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
     beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
     if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
-        raise Refused("has a PointCloud2 with fewer bytes than its points need: it is damaged")
+        raise Refused("has a PointCloud2 with fewer bytes than its points need: it is damaged, so copy or record it "
+                      "again")
     rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
     columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
                for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
@@ -59,14 +63,14 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
 
 
 def stamp_of(message: Any, received: int) -> int:
-    """Return the time [ns] of the message header, or the time of reception where the message has no header."""
+    """Return the time [ns] in the header of a ROS 2 message; without a header, the time of reception."""
     header = getattr(message, "header", None)
     stamp = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
     return int(stamp or received)
 
 
 def check_definition(connection: Any) -> None:
-    """Check that the bag defines a message type as ROS 2 does, in .msg text; raise `Refused` otherwise."""
+    """Check that the message type of a topic is defined in the bag as in ROS 2; raise `Refused` otherwise."""
     definition, name = connection.msgdef, connection.msgtype
     if definition.format == MessageDefinitionFormat.NONE:
         return
@@ -75,11 +79,14 @@ def check_definition(connection: Any) -> None:
     except TypesysError:
         found = {}
     if not found or any(fields != STORE.fielddefs.get(kind) for kind, fields in found.items()):
-        raise Refused(f"defines {name} of topic {connection.topic[:60]} differently from ROS 2")
+        raise Refused(f"defines {name} of topic {connection.topic[:60]} differently from ROS 2: write the bag again "
+                      "without this topic")
 
 
 def read(path: str) -> Content:
-    """Return stamps (M,) [ns] and rows (M, R, 7 or 1) of each topic of a known type, and the names of other topics."""
+    """Read a ROS 2 bag: for each topic with poses, points or numbers, the times (M,) [ns] of M messages and their R
+    rows of 7 numbers (pose) or 1 number each. Also return the names of all other topics.
+    """
     arrays: dict[str, np.ndarray] = {}
     topics = []
     with Reader(Path(path)) as bag:
@@ -96,8 +103,8 @@ def read(path: str) -> Content:
             rows[connection.topic].append(ROWS[connection.msgtype](message))
     for k, topic in enumerate(rows):
         if len({len(r) for r in rows[topic]}) > 1:
-            raise Refused(f"has a varying number of points per message in topic {topic[:60]}: choose other topics "
-                          "in its mapping")
+            raise Refused(f"has a varying number of points per message in topic {topic[:60]}: write the bag "
+                          "again without this topic")
         if rows[topic]:
             arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
             topics.append({"name": topic, "type": kinds[topic], "times": f"t{k}", "rows": f"v{k}"})

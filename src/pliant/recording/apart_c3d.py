@@ -11,7 +11,7 @@ from pliant.recording.apart_worker import Content
 
 
 def read(path: str) -> Content:
-    """Read the markers, analog channels and parameters of a C3D file.
+    """Return the marker coordinates and analog values of a C3D file as arrays, and its parameters as a dict.
 
     Returns
     -------
@@ -35,5 +35,5 @@ def read(path: str) -> Content:
 
 
 def text(value: str) -> str:
-    """Return a name without null bytes and blanks at its ends, and with invalid characters replaced."""
+    """Return a name from a C3D file without null bytes and outer blanks; invalid characters are replaced."""
     return value.encode("utf-8", "replace").decode("utf-8").strip("\0 ")

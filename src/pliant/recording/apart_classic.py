@@ -12,7 +12,7 @@ from pliant.recording.apart_worker import Content, plain_attributes, without_obj
 
 
 def read(path: str) -> Content:
-    """Return all variables with dimensions and attributes, in the form of `pliant.recording.apart_hdf5.read`."""
+    """Return all arrays of a classic netCDF file, and a dict with the name, dimensions and attributes of each."""
     attributes = attrgetter("_attributes")  # SciPy has no public name for them
     arrays: dict[str, np.ndarray] = {}
     variables: dict[str, Any] = {}

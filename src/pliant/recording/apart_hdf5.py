@@ -27,7 +27,8 @@ LINKS = {h5py.h5l.TYPE_SOFT: "soft", h5py.h5l.TYPE_EXTERNAL: "external"}
 
 
 def read(path: str) -> Content:
-    """Read every numeric and text data set of an HDF5 file.
+    """Return all numeric and text data sets of an HDF5 file as arrays, and a dict with the name, dimensions and
+    attributes of each.
 
     Returns
     -------
@@ -51,13 +52,15 @@ def read(path: str) -> Content:
             left -= announced_bytes(item, name)
             if left < 0:
                 raise Refused(f"states more data, up to {name!r}, than a file of {size} bytes can hold: it may be "
-                              "damaged")
+                              "damaged, so copy it again")
             keep(arrays, facts, name, item, attributes_of(item, name, size))
     return arrays, facts
 
 
 def walk(file: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the path and object of each group and data set; soft and external links raise `Refused`."""
+    """Yield the path and the h5py object of each group and data set of an HDF5 file. Soft and external links raise
+    `Refused`.
+    """
     seen: set[int] = set()
     waiting = [("", file)]
     while waiting:
@@ -68,7 +71,8 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
         if address in seen or name.count("/") >= DEEPEST:
-            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply")
+            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply: "
+                          "copy its data sets into a new file")
         seen.add(address)
         yield name, item
         for key in item:
@@ -83,7 +87,9 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
 
 
 def announced_bytes(item: Any, name: str) -> int:
-    """Return the size [bytes] of a data set in memory; raise `Refused` where the file cannot hold it."""
+    """Return the size [bytes] that an HDF5 data set takes in memory by its stated shape. Raise `Refused` where the file
+    stores too little for it.
+    """
     creation = item.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
         raise Refused(f"keeps the data of {name!r} in other files, which are not read: copy the data into the file")
@@ -94,12 +100,13 @@ def announced_bytes(item: Any, name: str) -> int:
     announced = int(item.id.get_space().get_simple_extent_npoints()) * int(item.id.get_type().get_size())
     stored = int(item.id.get_storage_size())
     if announced > stored * (DEFLATE_RATIO if filters else 1):
-        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete")
+        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete, so "
+                      "copy it again")
     return announced
 
 
 def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
-    """Return the attributes of a group or data set, without those that HDF5 uses for dimensions."""
+    """Return the attributes of an HDF5 group or data set as a dict, without those by which HDF5 links dimensions."""
     values = {}
     for key in item.attrs:
         if key in HIDDEN:
@@ -118,7 +125,9 @@ def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
 def keep(
     arrays: dict[str, np.ndarray], facts: dict[str, Any], name: str, item: Any, attributes: dict[str, Any]
 ) -> None:
-    """Read the data set `item` into `arrays` and list it in `facts`."""
+    """Read one HDF5 data set into the dict `arrays` and add its name, dimensions and attributes to the dict `facts`.
+    Both dicts are changed in place.
+    """
     kind = item.dtype
     is_text = h5py.check_string_dtype(kind) is not None
     if item.shape is None or (kind.hasobject and not is_text) or (kind.kind == "V" and not kind.names):
@@ -136,7 +145,7 @@ def keep(
 
 
 def dimensions_of(item: Any, name: str) -> list[str]:
-    """Return the dimension names of a netCDF variable; empty where the file does not name them."""
+    """Return the names of the dimensions of a netCDF variable in an HDF5 file; [] where it has none."""
     if item.is_scale and item.ndim == 1:
         return [name.rpartition("/")[2]]
     if "DIMENSION_LIST" not in item.attrs:

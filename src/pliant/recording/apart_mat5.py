@@ -13,7 +13,8 @@ DEEPEST = 20  # structs within structs
 
 
 def read(path: str) -> Content:
-    """Return the numeric arrays of a .mat file by key, the key of each name, and the names of everything else.
+    """Return the numeric arrays of a .mat file and a dict with their names, and with the names of all variables that
+    are not numeric.
 
     Fields of structs are named ``struct.field``.
     """

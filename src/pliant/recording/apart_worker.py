@@ -1,4 +1,5 @@
-"""Helper process of `pliant.recording.apart`: read one file with a library and write its arrays to stdout.
+"""Helper process that reads one file with a library and writes its arrays to standard output. A crash of the library
+then stops no other process.
 
 The process imports the library, then limits its own time and memory, and then opens the file.
 """
@@ -32,16 +33,20 @@ UNKNOWN_BASE = 2**31  # address space of the process before it reads, where the 
 
 
 class Refused(ValueError):
-    """Error for a file that may be intact but has content that pliant does not read; its text follows the file name."""
+    """Error for a file that may be intact but holds content that pliant does not read. Its text continues a sentence
+    that begins with the file name.
+    """
 
 
 def content_bound(size: int) -> int:
-    """Return the largest total size [bytes] of the arrays that is accepted from a file of `size` bytes."""
+    """Return the largest total size [bytes] of arrays that is accepted from a file of `size` bytes, which may be
+    compressed.
+    """
     return CONTENT + CONTENT_FACTOR * size
 
 
 def limit(seconds: int, memory: int) -> None:
-    """Limit the processor time [s] and the memory [bytes] of this process; no effect on Windows."""
+    """Limit the processor time [s] and the memory [bytes] of the running process; without effect on Windows."""
     try:
         import resource
     except ImportError:
@@ -57,7 +62,7 @@ def limit(seconds: int, memory: int) -> None:
 
 
 def address_space() -> int:
-    """Return the current size [bytes] of this process's address space, libraries included."""
+    """Return the current size [bytes] of the address space of the running process, libraries included."""
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -65,7 +70,9 @@ def address_space() -> int:
 
 
 def plain_attributes(attributes: dict[Any, Any]) -> dict[str, Any]:
-    """Return attributes in a form that JSON can hold: numbers, text and arrays of them."""
+    """Return the attributes of a data set with all values converted to numbers, texts or arrays that JSON can
+    represent.
+    """
     plain = {}
     for key, value in attributes.items():
         if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, (bytes, str)):
@@ -77,7 +84,7 @@ def plain_attributes(attributes: dict[Any, Any]) -> dict[str, Any]:
 
 
 def text_of(text: bytes) -> str:
-    """Decode bytes as UTF-8, or as Latin-1 where they are not valid UTF-8, such as pickles of PyTables."""
+    """Decode bytes as UTF-8 text, or as Latin-1 where they are not valid UTF-8."""
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:
@@ -85,14 +92,15 @@ def text_of(text: bytes) -> str:
 
 
 def without_objects(values: np.ndarray) -> np.ndarray:
-    """Return the array, with Python strings and other objects converted to text."""
+    """Return an array in which Python objects, such as strings of variable length, are converted to text."""
     if not values.dtype.hasobject:
         return values
     return np.array([v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel()]).reshape(values.shape)
 
 
 def write_answer(out: BinaryIO, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
-    """Write arrays and facts to `out`: MAGIC, the length of a JSON header, the header, the arrays' bytes.
+    """Write the arrays of a file, and a dict of facts about them, to the binary stream `out`, from which `read_answer`
+    reads them.
 
     The header lists the name, type and shape of each array.
     """
@@ -108,7 +116,9 @@ def _unknown(value: Any) -> str:
 
 
 def read_answer(answer: bytes) -> Content | dict[str, Any]:
-    """Return the arrays and facts that `write_answer` wrote, or the dict of `reason_of` after a failed read."""
+    """Return the arrays and facts from the output of the helper process. After a failed read return a dict with the
+    reason.
+    """
     start = len(MAGIC) + LENGTH_BYTES
     end = start + int.from_bytes(answer[len(MAGIC) : start], "little")
     header: dict[str, Any] = json.loads(answer[start:end])
@@ -125,13 +135,15 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
 
 
 def reason_of(error: BaseException) -> dict[str, Any]:
-    """Return the JSON header that reports a failed read: one line with the reason."""
+    """Return a dict that reports a failed read: the error in one line, and whether pliant refused the content."""
     lines = str(error).split("\n")
     return {"reason": (lines[0] or type(error).__name__)[:200], "refused": isinstance(error, Refused)}
 
 
 def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
-    """Limit this process, read the file, and write its arrays or the reason of a failure to `out`."""
+    """Read a file under limits on time [s] and memory [bytes], and write its arrays, or the reason of a failure, to the
+    binary stream `out`.
+    """
     read = import_module(READ[kind]).read
     limit(seconds, memory)
     try:
@@ -144,7 +156,9 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
 
 
 def main() -> None:
-    """Run the helper process: arguments kind, path, seconds and bytes of memory; the result is written to stdout."""
+    """Run the helper process with the command-line arguments kind of library, path, seconds and bytes of memory. It
+    writes the arrays of the file to standard output.
+    """
     kind, path, seconds, memory = sys.argv[1:5]
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a library that prints must not mix with the answer

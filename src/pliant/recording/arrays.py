@@ -1,4 +1,4 @@
-"""Build recordings from named arrays (NumPy, MATLAB), with a mapping of their names and units."""
+"""Build recordings from the named arrays of NumPy and MATLAB files, with options that state names and units."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PRESSURE_NAMES = {"pressure": "pa"} | {f"{start}_{unit}": unit for start in ("p"
 
 
 class ArrayMapping(FileMapping):
-    """Mapping that names the arrays of a file (time, position, pressure, ...) and gives their units.
+    """Options that name the arrays of a .npz or .mat file (time, position, pressure, ...) and state their units.
 
     Attributes
     ----------
@@ -71,7 +71,8 @@ class ArrayMapping(FileMapping):
 def recording_from_arrays(
     arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str, *, others: Sequence[str] = ()
 ) -> xr.Dataset:
-    """Build a recording from the named `arrays` of a file; `mapping` holds options of `ArrayMapping`.
+    """Build a recording from the named arrays of a .npz or .mat file; `mapping` states which array is which, and the
+    units.
 
     `others` are names of entries of the file that are not numeric. They and all unused arrays are listed in the
     history.
@@ -124,7 +125,8 @@ def _one_trial(
     if pressure is None:
         return position[trial], None, None
     if len(pressure) != len(position):
-        raise InputError(f"{file} has {len(position)} trials, but its pressure has {len(pressure)} rows")
+        raise InputError(f"{file} has {len(position)} trials, but its pressure has {len(pressure)} rows: store one "
+                         "value or row of pressure per trial")
     own = pressure[trial]
     return (position[trial], None, float(own)) if own.ndim == 0 else (position[trial], own, None)
 
@@ -151,7 +153,8 @@ def _find(arrays: Mapping[str, Any], role: str, name: str | None, file: str) -> 
     names = USUAL_NAMES[role] if name is None else (name,)
     present = [n for n in names if n in arrays]
     if name is not None and not present:
-        raise InputError(f"{file} has no array {name!r} for {role}; its arrays are: {_listing(arrays)}")
+        raise InputError(f"{file} has no array {name!r} for {role}: set {role} in the mapping to one of "
+                         f"{_listing(arrays)}")
     if len(present) > 1:
         raise InputError(f"{file} has {' and '.join(present)}, which are both usual names of {role}: set {role} in "
                          "the mapping to one of them")
@@ -161,7 +164,8 @@ def _find(arrays: Mapping[str, Any], role: str, name: str | None, file: str) -> 
 def _numbers(value: Any, name: str, file: str) -> NDArray:
     array = np.asarray(value)
     if array.dtype.kind not in "iufb":
-        raise InputError(f"the array {name} of {file} must hold real numbers, but has the type {array.dtype}")
+        raise InputError(f"the array {name} of {file} must hold real numbers, but has the type {array.dtype}: store "
+                         "it as floats")
     return array.astype(np.float64)
 
 
@@ -170,7 +174,8 @@ def _pressure(
 ) -> tuple[str | None, NDArray | None]:
     if options.pressure is not None:
         if options.pressure not in arrays:
-            raise InputError(f"{file} has no array {options.pressure!r}; its arrays are: {_listing(arrays)}")
+            raise InputError(f"{file} has no array {options.pressure!r}: set pressure in the mapping to one of "
+                             f"{_listing(arrays)}")
         unit = options.pressure_unit or PRESSURE_NAMES.get(options.pressure.lower())
         if unit is None:
             raise InputError(f"the unit of {options.pressure!r} in {file} is unknown: set pressure_unit in the mapping")
@@ -191,7 +196,8 @@ def _ordered(position: NDArray, order: str, file: str) -> NDArray:
     if position.ndim == 2 and "s" in order:  # a single station
         position = np.expand_dims(position, order.index("s"))
     if position.ndim != 3:
-        raise InputError(f"position in {file} must have 2 or 3 dimensions, but its shape is {position.shape}")
+        raise InputError(f"position in {file} must have 2 or 3 dimensions, but its shape is {position.shape}: store "
+                         "it as (frames, stations, axes), or set trial in the mapping")
     return np.transpose(position, [order.index(letter) for letter in "tsa"])
 
 

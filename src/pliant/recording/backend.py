@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class RecordingBackend(BackendEntrypoint):
-    """Backend that opens recordings of soft actuators (C3D, wide CSV, netCDF, ...) as xarray datasets."""
+    """Backend with which xarray opens files of recordings (C3D, wide CSV, netCDF, ...) as datasets."""
 
     description = "recordings of soft actuators: C3D, wide CSV, netCDF, MATLAB, NumPy, Luna, Motive"
     open_dataset_parameters = ("filename_or_obj", "drop_variables", "mapping", "format")
@@ -31,7 +31,9 @@ class RecordingBackend(BackendEntrypoint):
         mapping: Mapping[str, Any] | None = None,
         format: str | None = None,  # noqa: A002
     ) -> xr.Dataset:
-        """Read a file as an xarray dataset; `mapping` and `format` are those of `pliant.read`."""
+        """Read a recording from a file of any known format as an xarray dataset; `mapping` holds the options of that
+        format.
+        """
         if not isinstance(filename_or_obj, (str, os.PathLike)):
             raise InputError(f"a recording must be opened by its path, not by an object of type "
                              f"{type(filename_or_obj).__name__}")
@@ -40,6 +42,8 @@ class RecordingBackend(BackendEntrypoint):
         return recording.drop_vars(names, errors="ignore")
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Return True for C3D files alone; for other endings the user must name the engine."""
+        """Return whether xarray may choose this backend by the file name alone: True for C3D files, False for all
+        others.
+        """
         is_path = isinstance(filename_or_obj, (str, os.PathLike))
         return is_path and str(filename_or_obj).lower().endswith(".c3d")

@@ -33,7 +33,7 @@ TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer 
 
 
 class BagMapping(FileMapping):
-    """Mapping that selects the topics of stations and pressures in a ROS 2 bag.
+    """Options of the reader of ROS 2 bags: the topics that hold stations and pressures, and their units.
 
     Attributes
     ----------
@@ -55,7 +55,9 @@ class BagMapping(FileMapping):
 
 
 class Topic(NamedTuple):
-    """Messages of one topic: its type, time stamps (M,) [ns] and values (M, R, 7) of poses or (M, R, 1) of numbers."""
+    """Messages of one ROS 2 topic: its type, the times (M,) [ns] of M messages, and R rows per message of 7 numbers
+    (pose) or 1 number.
+    """
 
     kind: str
     stamps: NDArray[np.int64]
@@ -63,7 +65,7 @@ class Topic(NamedTuple):
 
 
 def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the stations and pressures of a ROS 2 bag as a recording; options are those of `BagMapping`."""
+    """Read the stations and pressures of a ROS 2 bag or MCAP file and return them as a recording."""
     options = BagMapping.load(mapping, path.name)
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
@@ -94,17 +96,22 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 def chosen(
     held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
 ) -> dict[str, Topic]:
-    """Return the topics by station or chamber name, as `named` in the mapping or, without it, as in `default`."""
+    """Return the messages of the topic of each station or chamber, by its name. The dict `named` assigns topics to
+    names; where it is None, `default` does.
+    """
     for topic in (named or {}).values():
         if topic not in held:
-            raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type; it has {shorten(list(held))}")
+            raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type: choose in its mapping among "
+                             f"{shorten(list(held))}")
     return {name: held[topic] for name, topic in (named or default).items()}
 
 
 def frames_of(
     stations: Mapping[str, Topic], origin: int, scale: float, file: str
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return time, position and quaternion of all stations at the times of the first station, and history lines."""
+    """Return a dict of time [s], position [m] and quaternion of all stations at the message times of the first station,
+    and sentences for the history.
+    """
     if not stations:
         return {}, []
     first = next(iter(stations.values()))
@@ -132,7 +139,7 @@ def frames_of(
 
 
 def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
-    """Return, for each of the times `wanted`, the index of the nearest of the ascending times `ordered`."""
+    """Return, for each time in `wanted`, the index of the nearest time in `ordered`, whose times ascend."""
     after = np.clip(np.searchsorted(ordered, wanted), 1, max(len(ordered) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(ordered) - 1)
@@ -142,7 +149,9 @@ def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
 def pressures_of(
     pressures: Mapping[str, Topic], origin: int, unit: str | None, file: str
 ) -> dict[str, Any]:
-    """Return the pressures [Pa] at the times of the first chamber; the other chambers are interpolated."""
+    """Return the pressures [Pa] of all chambers at the message times of the first chamber; those of the others are
+    interpolated.
+    """
     if not pressures:
         return {}
     clock, values = None, []
@@ -164,7 +173,9 @@ def pressures_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` begins like an MCAP file or an SQLite database, as ROS 2 bags do."""
+    """Return whether the first bytes of a file, `head`, are those of an MCAP file or an SQLite database, as in ROS 2
+    bags.
+    """
     return head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0"))
 
 

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 
 class C3dContent(NamedTuple):
-    """Content of a C3D file: points (T, N, 3), analog channels (T * samples, C), rates [Hz] and parameters.
+    """Content of a C3D file: coordinates (T, N, 3) of N points over T frames, values of C analog channels, rates [Hz]
+    and parameters.
 
     `doubts` are sentences about contradictions, `remarks` about oddities that may be harmless.
     """
@@ -49,7 +50,8 @@ class C3dContent(NamedTuple):
 
 
 class C3dMapping(FileMapping):
-    """Options of the C3D reader: unit of length, handling of contradictions, and pressure channels.
+    """Options of the C3D reader: unit of length, whether to read a file that contradicts itself, and channels of
+    pressure.
 
     Attributes
     ----------
@@ -68,7 +70,9 @@ class C3dMapping(FileMapping):
 
 
 def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the markers and, where mapped, the analog pressure of a C3D file; options are those of `C3dMapping`."""
+    """Read the markers of a C3D file as stations, and pressure from its analog channels where the mapping names them;
+    return a recording.
+    """
     options = C3dMapping.load(mapping, path.name)
     content = _content(path)
     if content.doubts and not options.trust_header:
@@ -106,7 +110,7 @@ def _content(path: Path) -> C3dContent:
     short = len(points) < frames or (header.analog and len(analog) < frames * header.samples)
     if points.shape[1] != header.points or short:
         raise InputError(f"{path.name} is damaged: it holds {len(points)} frames of {points.shape[1]} points, but its "
-                         f"header states {frames} of {header.points}")  # fmt: skip
+                         f"header states {frames} of {header.points}; export it again")  # fmt: skip
     doubts, remarks = judge_layout(data, header, frames)
     doubts = [*compare_facts(header, frames, parameters), *doubts, *judge_residuals(data, header, frames)]
     return C3dContent(parameters, points[:frames], analog[: frames * header.samples], header.rate,
@@ -169,7 +173,8 @@ def _analog_pressure(content: C3dContent, options: C3dMapping, name: str) -> dic
     unknown = [c for c in options.pressure.channels if c not in labels]
     if unknown:
         available = ", ".join(labels) or "none"
-        raise InputError(f"{name} has no analog channel {', '.join(unknown)}; available: {available}")
+        raise InputError(f"{name} has no analog channel {', '.join(unknown)}: correct pressure.channels in its "
+                         f"mapping; available: {available}")
     channels = [labels.index(c) for c in options.pressure.channels]
     values = content.analog[:, channels] * pascal_per(options.pressure.unit)
     clock = np.arange(len(values)) / content.analog_rate

@@ -1,4 +1,4 @@
-"""Compare redundant statements of a C3D file, and the order of its sections, to detect damage.
+"""Checks of a C3D file for damage: facts that it states twice must agree, and its sections must not overlap.
 
 Header and parameters state the same counts, rates and scale. Sections are consecutive blocks of 512 bytes. After the
 last frame only the rest of its block follows, and blocks of zeros, which some systems append. A lost or doubled byte
@@ -24,7 +24,9 @@ LARGEST_RESIDUAL = 1e4  # of a reconstructed point, in the unit of the file
 
 
 class C3dHeader(NamedTuple):
-    """Numbers of a C3D header: points and analog values per frame, first and last frame, block of the data, ..."""
+    """Numbers in the header of a C3D file: points and analog values per frame, range of frames, frame rate [Hz],
+    position of the data.
+    """
 
     points: int
     analog: int
@@ -39,21 +41,26 @@ class C3dHeader(NamedTuple):
 
     @property
     def word(self) -> int:
-        """Return the bytes per number of the data: 4 for floats, which a negative scale denotes, else 2."""
+        """Return the number of bytes per number in the data of a C3D file: 4 for floats (marked by a negative scale),
+        else 2.
+        """
         return 4 if np.signbit(self.scale) else 2
 
     def end(self, frames: int) -> int:
-        """Return the number of bytes from the start of the file to the end of its last frame."""
+        """Return the number of bytes from the start of a C3D file to the end of its last frame."""
         return (self.block - 1) * BLOCK + frames * (4 * self.points + self.analog) * self.word
 
 
 def read_header(data: bytes, name: str) -> C3dHeader:
-    """Read the header of a C3D file from its bytes `data`; `name` is the file name for messages."""
+    """Return the numbers in the header of a C3D file from its bytes `data`; raise InputError where the header is
+    damaged.
+    """
     if len(data) < 2 * BLOCK or data[1] != 0x50:
-        raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes")
+        raise InputError(f"{name} is not a C3D file, or it is truncated inside its header: it has {len(data)} bytes; "
+                         "export it again")
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or start + 4 > len(data) or data[start + 3] not in (INTEL, DEC, MIPS):
-        raise InputError(f"{name} has no readable parameter section: the file is damaged")
+        raise InputError(f"{name} has no readable parameter section: the file is damaged, so export it again")
     processor = data[start + 3]
     if processor == MIPS:
         raise InputError(f"{name} is in the number format of MIPS processors, which ezc3d does not read: export it "
@@ -62,16 +69,18 @@ def read_header(data: bytes, name: str) -> C3dHeader:
     scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
     samples = samples if analog else 1
     if points < 1 or block < 2:
-        raise InputError(f"{name} states {points} points from block {block} on: it holds no points, or is damaged")
+        raise InputError(f"{name} states {points} points from block {block} on: it holds no points or is damaged, so "
+                         "export it again")
     if samples < 1 or analog % samples:
-        raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged")
+        raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged, "
+                         "so export it again")
     if not 0 < rate < np.inf:
-        raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged")
+        raise InputError(f"{name} states a frame rate of {rate:g} Hz: the file is damaged, so export it again")
     return C3dHeader(points, analog, first, last, block, samples, scale, rate, processor, data[0] + data[start + 2])
 
 
 def one_float(content: bytes, processor: int) -> float:
-    """Decode a float of four bytes in the format of `processor` (Intel or DEC).
+    """Decode four bytes as a floating-point number in the format of the processor that wrote a C3D file (Intel or DEC).
 
     DEC swaps the two halves and has an exponent that is higher by two.
     """
@@ -81,7 +90,9 @@ def one_float(content: bytes, processor: int) -> float:
 
 
 def frames_of(header: C3dHeader, parameters: dict[str, dict[str, list[Any]]]) -> int:
-    """Return the number of frames by the header, or by the parameters where it exceeds the header's 16 bits."""
+    """Return the number of frames of a C3D file, from its header or, where the number exceeds the header's 16 bits,
+    from its parameters.
+    """
     frames = header.last - header.first + 1
     if header.last < MOST_FRAMES:
         return frames
@@ -94,7 +105,8 @@ def frames_of(header: C3dHeader, parameters: dict[str, dict[str, list[Any]]]) ->
 
 
 def compare_facts(header: C3dHeader, frames: int, parameters: dict[str, dict[str, list[Any]]]) -> list[str]:
-    """Return sentences about facts that differ between the header and the parameters.
+    """Return one sentence for each number, such as the frame rate, that differs between the header and the parameters
+    of a C3D file.
 
     `frames` is the number of frames that is read.
     """
@@ -138,7 +150,9 @@ def _word(pair: list[Any]) -> int | None:
 
 
 def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str], list[str]]:
-    """Return sentences about sections that overlap or end in the wrong place, and remarks that may be harmless."""
+    """Return two lists of sentences on a C3D file: sections that overlap or end in the wrong place, and oddities that
+    may be harmless.
+    """
     said, remarks = [], []
     block, end, needed = header.block, header.parameters_end, header.end(frames)
     if block < end:
@@ -157,7 +171,8 @@ def judge_layout(data: bytes, header: C3dHeader, frames: int) -> tuple[list[str]
 
 
 def judge_residuals(data: bytes, header: C3dHeader, frames: int) -> list[str]:
-    """Return a sentence about points whose fourth number is an impossible residual; none where all are possible.
+    """Return a list with one sentence where points of a C3D file have an impossible residual (the fourth number of each
+    point); else an empty list.
 
     The fourth number of a point is a whole number of two bytes (a residual and a mask of cameras), or, as some systems
     write it, the residual itself. The majority of a file's points decides which, and the others must agree.

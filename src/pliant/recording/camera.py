@@ -30,21 +30,23 @@ Axis = Literal["+x", "-x", "+y", "-y"]
 
 
 class Scale(FileMapping):
-    """Two points in the picture and the distance between them."""
+    """Scale of a picture: two points [pixels] and the distance between them [mm]."""
 
     points: tuple[Pair, Pair]
     distance_mm: float = Field(gt=0)
 
 
 class Plane(FileMapping):
-    """Four or more points of the plane of bending, in pixels and in millimetres (y upward)."""
+    """Four or more points of the plane of bending, each given in pixels and in millimetres (y upward), which calibrate
+    the camera.
+    """
 
     pixels: list[Pair] = Field(min_length=4)
     mm: list[Pair] = Field(min_length=4)
 
 
 class Lens(FileMapping):
-    """Camera matrix and distortion coefficients in the conventions of OpenCV."""
+    """Camera matrix (focal lengths, centre) and distortion coefficients of a lens, in the conventions of OpenCV."""
 
     focal: Pair  # pixels, x and y
     centre: Pair  # pixels
@@ -52,7 +54,7 @@ class Lens(FileMapping):
 
 
 class Board(FileMapping):
-    """Calibration board that lies in the plane of bending, in a picture from the same camera."""
+    """Calibration board (chessboard or marker) in the plane of bending, in a picture that the same camera took."""
 
     picture: str
     kind: Literal["chessboard", "aruco", "apriltag"]
@@ -62,7 +64,7 @@ class Board(FileMapping):
 
 
 class Camera(FileMapping):
-    """Frame rate, scale, lens and orientation of a camera that films the plane of bending.
+    """Calibration of a camera that films the plane of bending: frame rate, scale, lens distortion and orientation.
 
     Attributes
     ----------
@@ -102,7 +104,8 @@ class Camera(FileMapping):
         return self
 
     def metres(self, pixels: Array, folder: Path) -> Array:
-        """Return the positions (..., 2) [m] in the plane, x right and y up, of points (..., 2) [pixels]; NaN stays NaN.
+        """Convert points (..., 2) [pixels] of a picture to positions (..., 2) [m] in the plane of bending, x right and
+        y up.
 
         Parameters
         ----------
@@ -118,7 +121,9 @@ class Camera(FileMapping):
         return turned.reshape(np.shape(pixels))
 
     def homography(self, folder: Path) -> Array:
-        """Return the homography (3, 3) from undistorted pixels to millimetres in the plane, y upward."""
+        """Return the homography (3, 3) from pixels, without lens distortion, to millimetres in the plane of bending, y
+        upward.
+        """
         if self.plane is not None:
             return projective(self.straightened(np.array(self.plane.pixels)), np.array(self.plane.mm))
         if self.board is not None:
@@ -133,7 +138,7 @@ class Camera(FileMapping):
         return np.diag([1.0 / float(scale or np.nan), -1.0 / float(scale or np.nan), 1.0])
 
     def straightened(self, pixels: Array) -> Array:
-        """Return points (N, 2) [pixels] with the lens distortion removed."""
+        """Return N points (N, 2) [pixels] of a picture with the distortion of the lens removed."""
         if self.lens is None:
             return pixels
         cv2 = opencv("lens distortion")
@@ -152,7 +157,7 @@ class Camera(FileMapping):
         return out
 
     def description(self, folder: Path) -> str:
-        """Return one line for the history that states the scale or the homography."""
+        """Return one line for the history of a recording that states the camera's scale or homography."""
         homography = self.homography(folder)
         if self.plane is None and self.board is None:
             return f"pixels to metres by {1.0 / homography[0, 0]:.6g} pixels per mm, y upward"
@@ -160,14 +165,18 @@ class Camera(FileMapping):
 
 
 def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]:
-    """Return positions (T, S, 3) [m], with z = 0, of points (T, S, 2 or more) [pixels], and a line for the history."""
+    """Convert points (T, S, 2) [pixels] of S stations over T frames to positions (T, S, 3) [m] in the plane z = 0. Also
+    return a line for the history that states the scale.
+    """
     place = camera.metres(position[..., :2], folder)
     flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
     return np.concatenate([place, flat], axis=2), camera.description(folder)
 
 
 def opencv(what: str) -> Any:
-    """Import and return the module cv2; raise InputError that names the purpose `what` where it is not installed."""
+    """Import OpenCV and return its module `cv2`; raise InputError, which names the purpose `what`, where it is not
+    installed.
+    """
     try:
         import cv2
     except ImportError:
@@ -176,7 +185,8 @@ def opencv(what: str) -> Any:
 
 
 def projective(pixels: Array, places: Array) -> Array:
-    """Fit a homography (3, 3) that maps pixels (N, 2) to `places` (N, 2) [mm] by least squares.
+    """Fit a homography (3, 3) that maps N points [pixels] to their positions `places` (N, 2) [mm] in a plane, by least
+    squares.
 
     Raises
     ------
@@ -188,11 +198,13 @@ def projective(pixels: Array, places: Array) -> Array:
             return fitted_homography(pixels, places)
         except np.linalg.LinAlgError:  # numbers so large or small that their squares are none
             raise InputError("the points of camera.plane do not determine the plane: their numbers are too large "
-                             "or too small") from None
+                             "or too small; give pixels and millimetres") from None
 
 
 def fitted_homography(pixels: Array, places: Array) -> Array:
-    """Return the homography of `projective`; raise LinAlgError where its arithmetic overflows."""
+    """Return the homography (3, 3) that maps N points [pixels] to positions (N, 2) [mm], by least squares. Raise
+    LinAlgError where the arithmetic overflows.
+    """
     def normal(points: Array) -> Array:
         middle, size = points.mean(axis=0), float(np.std(points)) or 1.0
         return np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
@@ -219,12 +231,15 @@ def fitted_homography(pixels: Array, places: Array) -> Array:
 
 
 def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
-    """Return corners (N, 2) [pixels] of a board in its picture, and their positions (N, 2) [mm] in the plane, y up."""
+    """Find the N corners (N, 2) [pixels] of a calibration board in its picture, and return them with their positions
+    (N, 2) [mm] in the plane, y upward.
+    """
     cv2 = opencv("a calibration board")
     path = Path(board.picture) if Path(board.picture).is_absolute() else folder / board.picture
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
-        raise InputError(f"the picture of the board, {path}, does not exist or is not a picture")
+        raise InputError(f"the picture of the board, {path}, does not exist or is not a picture: correct picture in "
+                         "camera.board")
     if board.kind == "chessboard":
         found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
         if not found:

@@ -1,4 +1,4 @@
-"""Repair the times of small loggers: counters that wrap around and time stamps that repeat."""
+"""Repair the sample times of small data loggers: counters that wrap around, and time stamps that repeat."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
 def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]:
-    """Return the times (T,) [s] of counter `ticks` with wrap-arounds removed, and a history line that counts them.
+    """Convert the counter `ticks` (T,) of a logger to times (T,) [s] and remove its wrap-arounds, which a history line
+    counts.
 
     Raises
     ------
@@ -44,7 +45,9 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
 
 
 def without_repeats(time: NDArray, file: str) -> tuple[NDArray, list[str]]:
-    """Return a mask (T,) that keeps the first row of each run of equal time stamps, and a line for the history."""
+    """Return a mask (T,) of T rows that is True for the first row of each run of equal time stamps, and a line for the
+    history.
+    """
     keep = np.concatenate([[True], np.diff(time) != 0])
     dropped = int((~keep).sum())
     finding = [f"{dropped} of {len(keep)} rows of {file} repeat the previous time stamp and are left out"]

@@ -1,4 +1,4 @@
-"""Models of the mapping of a table: its columns, their units and the rows to read."""
+"""Data classes that describe a plain table of numbers: its columns, their units and the rows to read."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Column = int | str
 
 
 class StationColumns(FileMapping):
-    """Columns of one station: the position x, y, z (or x, y) and, optionally, the quaternion x, y, z, w."""
+    """Columns of one station in a table: its position x, y, z (or x, y) and, optionally, its quaternion x, y, z, w."""
 
     position: list[Column] = Field(min_length=2, max_length=3)
     quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
 
 
 class Points(FileMapping):
-    """Regular table layout: `count` points in neighbouring columns from `first`, coordinates in `order`."""
+    """Columns of a table that hold `count` stations side by side: the first column and the order of the coordinates."""
 
     count: int = Field(gt=0)
     order: Literal["xyz", "xy", "yx", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
@@ -28,7 +28,7 @@ class Points(FileMapping):
 
 
 class PressureColumns(FileMapping):
-    """Columns of gauge pressure, with their unit and the names of the chambers."""
+    """Columns of a table that hold gauge pressure, with their unit and the names of the chambers."""
 
     columns: list[Column] = Field(min_length=1)
     unit: str
@@ -36,7 +36,9 @@ class PressureColumns(FileMapping):
 
 
 class InputColumns(FileMapping):
-    """Columns of inputs other than pressure, with their kind, unit and names."""
+    """Columns of a table that hold actuation inputs other than pressure: their kind (tension, displacement or angle),
+    unit and names.
+    """
 
     columns: list[Column] = Field(min_length=1)
     kind: Literal["tension", "displacement", "angle"]
@@ -45,14 +47,15 @@ class InputColumns(FileMapping):
 
 
 class Select(FileMapping):
-    """Row filter that keeps the rows where `column` equals `value`, such as one trial of several."""
+    """Filter that keeps the table rows in which `column` equals `value`, such as one trial of several."""
 
     column: Column
     value: float
 
 
 class ColumnMapping(FileMapping):
-    """Mapping that describes a plain table of numbers: which columns to read, in which units.
+    """Options that describe a plain table of numbers: which columns hold time, stations, angles and inputs, and in
+    which units.
 
     Attributes
     ----------

@@ -25,7 +25,9 @@ WORDS = {"in"}  # units that are words as well: a name states them in brackets a
 
 
 class Renamed(NamedTuple):
-    """Result of `standard_names`: the new names, the length unit that they state, and a line for the history."""
+    """Result of `standard_names`: new column names, the unit of length that the old ones state ("" for none), and a
+    line for the history.
+    """
 
     names: list[str]
     length_unit: str  # "" where no name states one
@@ -33,7 +35,8 @@ class Renamed(NamedTuple):
 
 
 def standard_names(names: list[str], file: str) -> Renamed:
-    """Return the standard names of wide CSV columns such as ``time_ms``, ``Pressure (mbar)`` or ``tip_x_mm``.
+    """Translate column names such as ``time_ms``, ``Pressure (mbar)`` or ``tip_x_mm`` to the standard names of a wide
+    CSV.
 
     A name that matches no rule is kept. Names that would get the same standard name are kept too.
 
@@ -59,7 +62,9 @@ def standard_names(names: list[str], file: str) -> Renamed:
 
 
 def parted(name: str) -> tuple[str, str]:
-    """Return the name of a column in lower case without its unit, and the unit ("" where it states none)."""
+    """Split a column name such as ``tip_x_mm`` into the name without the unit, in lower case, and the unit ("" for
+    none).
+    """
     words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
     last = ALIASES.get(words[-1], words[-1]) if words else ""
     if len(words) > 1 and any(last in units for units in UNITS):

@@ -1,4 +1,4 @@
-"""Read any table of numbers by a mapping that names the columns of time, pressure, position and orientation.
+"""Reader of plain tables of numbers, for which a mapping names the columns of time, pressure, position and orientation.
 
 The mapping is a plain dict, so that a study file can hold it. Columns are given by index (from 0) or, when
 the first row holds names, by name. Example::
@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 
 
 class ColumnHeader:
-    """Header of the table `file`: the names (empty where the first row holds numbers) and number of its columns."""
+    """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
+    columns.
+    """
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
         self.names, self.width, self.file = names, width, file
@@ -46,12 +48,15 @@ class ColumnHeader:
             self.where[name].append(k)
 
     def index(self, column: Column) -> int:
-        """Return the index of a column given by index or name; raise InputError where none or several match."""
+        """Return the index of a table column that is given by index or name; raise InputError where none or several
+        match.
+        """
         if isinstance(column, str):
             held = self.where.get(column, [])
             if not held:
                 available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
-                raise InputError(f"{self.file} has no column {clipped(column)!r}; available: {available}")
+                raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
+                                 f"{available}")
             if len(held) > 1:
                 raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
                                  "one in the mapping")
@@ -63,7 +68,7 @@ class ColumnHeader:
 
 
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the table `path` as a recording; `mapping` holds the options of `ColumnMapping`."""
+    """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
         raise InputError(
             f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, length_unit, "
@@ -163,7 +168,8 @@ def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
     if options.rows is not None:
         first, last = options.rows
         if not 0 <= first < last <= len(table):
-            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of {file}")
+            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of "
+                             f"{file}: correct rows")
         history.append(f"kept rows {first} to {last - 1} of {len(table)}")
         table = table[first:last]
     return table, history
@@ -213,7 +219,9 @@ ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more;
 
 
 def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
-    """Return angles (T, S) [rad] with the 360-degree jumps of wrapping sensors removed, and a line that counts them."""
+    """Remove the jumps of 360 degrees from the angles (T, S) [rad] of S sensors over T frames, and return them with a
+    history line that counts the jumps.
+    """
     seen = np.isfinite(angle)
     result, jumps = angle.copy(), 0
     for s in range(angle.shape[1]):
@@ -264,7 +272,8 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
 
 
 def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
-    """Return quaternions (T, 4) normalised to unit length, and the number that became NaN.
+    """Return the T quaternions (T, 4) normalised to length 1, and the number of those that became NaN because their
+    length is far from 1.
 
     Quaternions whose length differs from 1 by less than 0.05 are normalised. Others become NaN, and those of them that
     are not wholly NaN are counted.

@@ -36,7 +36,7 @@ PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
 
 
 class CurvatureMapping(FileMapping):
-    """Options of the curvature reader: units and names of the columns, and the frame rate.
+    """Options of the reader of curvature tables: units and names of the columns, and the frame rate.
 
     Attributes
     ----------
@@ -69,11 +69,12 @@ class CurvatureMapping(FileMapping):
 
 
 def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a table of curvatures, integrate it and return the shape as a recording; options: `CurvatureMapping`."""
+    """Read a table of curvature along a fibre, integrate it to a shape and return the shape as a recording."""
     options = CurvatureMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")[options.skip_lines :]
     if not lines or not lines[0].strip():
-        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s)")
+        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s): "
+                         "reduce skip_lines in its mapping")
     delimiter = find_delimiter(lines[0], path.name)
     names = split_cells(lines[0], delimiter)
     rows, history = judge_end(lines[1:], delimiter, path.name)
@@ -114,7 +115,8 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
 def integrated(
     kappa: NDArray[np.float64], other: NDArray[np.float64] | None, arc: NDArray[np.float64], options: CurvatureMapping
 ) -> NDArray[np.float64]:
-    """Return positions (T, S, 3) [m] by integrating curvature (T, S) [1/m] over the arc lengths `arc` (S,) [m].
+    """Integrate the curvature (T, S) [1/m] at S arc lengths `arc` [m] over T frames, and return the positions (T, S, 3)
+    [m] of the curve.
 
     `other` (T, S) is None for a planar body, else the second component of curvature or the direction of bending, as the
     options say.
@@ -128,7 +130,9 @@ def integrated(
 
 
 def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
-    """Return the column index of each arc length [m] in names that begin with `start`, such as ``k_10``."""
+    """Return, by arc length [m], the index of each column whose name is `start` followed by an arc length, such as
+    ``k_10``.
+    """
     found: dict[float, int] = {}
     for k, name in enumerate(names):
         if not name.startswith(start):
@@ -138,7 +142,8 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             continue
         arc = metre_per(match[2] or unit) * float(match[1])
         if not np.isfinite(arc) or arc in found:
-            raise InputError(f"{file} states an arc length that is not finite or repeats in column {clipped(name)!r}")
+            raise InputError(f"{file} states an arc length that is not finite or repeats in column "
+                             f"{clipped(name)!r}: rename the column")
         found[arc] = k
     return found
 
@@ -146,7 +151,9 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
 def time_of(
     table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the times (T,) [s] from the time column or the frame rate, and lines for the history."""
+    """Return the times (T,) [s] of the rows of a curvature table, from its time column or the frame rate, and lines for
+    the history.
+    """
     clocks = [k for k, name in enumerate(names) if is_time(name)]
     if not clocks and options.rate_hz:
         return np.arange(len(table)) / options.rate_hz, []
@@ -157,7 +164,7 @@ def time_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether the first row names a time and at least two curvatures ``k_<arc length>``."""
+    """Return whether the first row of a file names a time and at least two curvatures as ``k_<arc length>``."""
     line = head.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("utf-8", "replace").strip()
     cells = split_cells(line, find_delimiter(line[:10_000], "the file"))
     return any(is_time(c) for c in cells) and sum(c.startswith("k_") for c in cells) >= 2

@@ -29,7 +29,7 @@ LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 
 
 def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the tracked points of one individual from a DeepLabCut file; options are those of `TrackerMapping`."""
+    """Read the points that DeepLabCut tracked on one individual, from CSV or HDF5, and return them as a recording."""
     options = TrackerMapping.load(mapping, path.name)
     hdf = path.suffix.lower() in (".h5", ".hdf5")
     columns, frame, table, findings = from_hdf(path) if hdf else from_csv(path)
@@ -42,7 +42,7 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
     where = {c[1:]: k for k, c in enumerate(columns)}
     lacking = [f"{n} {a}" for n in names for a in ("x", "y") if (animal, n, a) not in where]
     if lacking:
-        raise InputError(f"{path.name} lacks the column {lacking[0]}")
+        raise InputError(f"{path.name} lacks the column {lacking[0]}: export it again from DeepLabCut")
     points = np.stack([table[:, [where[animal, n, "x"], where[animal, n, "y"]]] for n in names], axis=1)
     likelihood = None
     if all((animal, n, "likelihood") in where for n in names):
@@ -53,7 +53,8 @@ def read_deeplabcut(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.
 
 
 def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut CSV file.
+    """Read a DeepLabCut CSV file: return its column names, frame numbers (T,) of T rows, values (T, C) of C columns,
+    and history lines.
 
     Each column name is the tuple (scorer, individual, point, coordinate).
     """
@@ -61,10 +62,11 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
     head = [split_cells(line, ",") for line in lines[:4]]
     rows = {row[0].lower(): row for row in head if row and row[0].lower() in LEVELS}
     if not {"bodyparts", "coords"} <= set(rows):
-        raise InputError(f"{path.name} is not a DeepLabCut table: rows bodyparts and coords are missing in its header")
+        raise InputError(f"{path.name} is not a DeepLabCut table: rows bodyparts and coords are missing in its "
+                         "header; export it again, or correct format in its mapping")
     first, width = len(rows), len(rows["coords"])
     if any(len(row) != width for row in rows.values()):
-        raise InputError(f"the header rows of {path.name} differ in length: the file is damaged")
+        raise InputError(f"the header rows of {path.name} differ in length: the file is damaged, so export it again")
     body, findings = judge_end(lines[first:], ",", path.name)
     table = parse_numbers(body, name=path.name, first_line=first + 1, delimiter=",", columns=width)
     columns = [tuple(rows[level][k] if level in rows else "" for level in LEVELS) for k in range(1, width)]
@@ -72,11 +74,14 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 
 
 def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[str]]:
-    """Return column names, frame numbers (T,), values (T, C) and remarks of a DeepLabCut HDF5 file."""
+    """Read a DeepLabCut HDF5 file: return its column names, frame numbers (T,) of T rows, values (T, C) of C columns,
+    and history lines.
+    """
     frame = read_frame(*read_apart("hdf5", path, "DeepLabCut"), path.name)
     known = [name.lower() for name in frame.levels]
     if not {"bodyparts", "coords"} <= set(known):
-        raise InputError(f"{path.name} is not a DeepLabCut table: its columns have no levels bodyparts and coords")
+        raise InputError(f"{path.name} is not a DeepLabCut table: its columns have no levels bodyparts and coords; "
+                         "export it again, or correct format in its mapping")
     columns = [tuple(c[known.index(level)] if level in known else "" for level in LEVELS) for c in frame.columns]
     return columns, frame.rows, frame.values, []
 
@@ -84,15 +89,19 @@ def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
-    """Return points and likelihoods on every frame from first to last; absent frames become NaN and are counted."""
+    """Insert the frames that the file lacks between its first and last: return points with NaN and likelihoods 0 there,
+    and a history line that counts them.
+    """
     if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
-        raise InputError(f"the first column of {file} must hold whole frame numbers that increase from row to row")
+        raise InputError(f"the first column of {file} must hold whole frame numbers that increase from row to row: "
+                         "export it again from DeepLabCut")
     number = frame.astype(int)
     count = int(number[-1] - number[0]) + 1
     if count == len(number):
         return points, likelihood, []
     if count > 100 * len(number):
-        raise InputError(f"{file} has {len(number)} rows for frames {number[0]} to {number[-1]}: the file is damaged")
+        raise InputError(f"{file} has {len(number)} rows for frames {number[0]} to {number[-1]}: the file is "
+                         "damaged, so export it again")
     whole = np.full((count, *points.shape[1:]), np.nan)
     whole[number - number[0]] = points
     likely = None if likelihood is None else np.zeros((count, points.shape[1]))
@@ -102,7 +111,7 @@ def whole_clock(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` is the header of a DeepLabCut CSV file or of its HDF5 file."""
+    """Return whether the first bytes of a file, `head`, are those of a DeepLabCut CSV or HDF5 file."""
     start = head[:20000].lower().lstrip(b"\xef\xbb\xbf")
     if start.startswith(b"\x89hdf"):
         return b"df_with_missing" in head

@@ -1,4 +1,4 @@
-"""Functions that list, copy and interpolate the measured inputs of a recording, pressures first."""
+"""Functions that list, copy and interpolate the actuation inputs measured in a recording, with pressures first."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RecordedInput(NamedTuple):
-    """One measured input: its name, kind, unit, times and values."""
+    """One measured actuation input: its name, kind (such as pressure), unit, times [s] and values."""
 
     name: str  # "" for the only pressure of a recording
     kind: str  # pressure, tension, displacement or angle
@@ -24,7 +24,7 @@ class RecordedInput(NamedTuple):
 
 
 def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
-    """Return all measured inputs of a recording, pressures first, each with its own sample times."""
+    """Return all measured actuation inputs of a recording, pressures first, each with its own sample times."""
     found = []
     if "pressure" in recording:
         values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
@@ -39,14 +39,17 @@ def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
 
 
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
-    """Return the arguments of `make_recording` that copy the inputs of `recording` to a new recording."""
+    """Return, as keyword arguments for `make_recording`, all inputs of a recording with their names and times, to copy
+    them to a new one.
+    """
     names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
              "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip
     return {argument: recording[name].values for argument, name in names.items() if name in recording.variables}
 
 
 def inputs_at(recording: xr.Dataset, time: NDArray) -> NDArray:
-    """Return the measured inputs (T, C), linearly interpolated at `time` (T,) [s] and held beyond the ends.
+    """Return the C measured inputs (T, C), linearly interpolated at T times `time` [s]. Beyond its ends an input keeps
+    its first or last value.
 
     C is 0 for a recording without inputs.
     """

@@ -1,4 +1,4 @@
-"""Apply a scale and an offset to recorded channels: raw counts, absolute pressures, unknown gains.
+"""Apply a scale and an offset to channels of a recording, such as raw counts or absolute pressures.
 
 A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
 by the name of one chamber, input, station or core::
@@ -31,7 +31,7 @@ KEY = "linear"
 
 
 class LinearScale(FileMapping):
-    """Scale and offset of one channel: value = scale * stored value + offset, with the offset in `unit`."""
+    """Conversion of one recorded channel: value = scale * stored value + offset, with the offset in `unit`."""
 
     scale: float = Field(default=1.0, allow_inf_nan=False)
     offset: float = Field(default=0.0, allow_inf_nan=False)
@@ -39,14 +39,17 @@ class LinearScale(FileMapping):
 
 
 def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] | None, Mapping[str, Any]]:
-    """Split a mapping into the options of the reader and the table ``linear``."""
+    """Split the options of a file into those of its reader and the table ``linear`` (scale and offset of channels), and
+    return both.
+    """
     if mapping is None or KEY not in mapping:
         return mapping, {}
     return {k: v for k, v in mapping.items() if k != KEY} or None, mapping[KEY]
 
 
 def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
-    """Return the recording with the scale and offset of each channel in `lines` applied, and lines in its history.
+    """Return the recording with the scale and offset of each channel that `lines` names applied. Its history lists
+    them.
 
     Raises
     ------
@@ -68,7 +71,9 @@ def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dat
 
 
 def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
-    """Return the variable that `name` denotes and the index of its channel, empty for the whole variable."""
+    """Return the name of the recording's variable that contains the channel `name`, and the channel's index in it. The
+    index is empty where `name` is that of the variable itself.
+    """
     if name in CHANNELS and name in recording:
         return name, {}
     for variable, (dimension, _) in CHANNELS.items():
@@ -79,12 +84,13 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
         ):
             return variable, {dimension: [str(n) for n in recording[dimension].values].index(name)}
     held = ", ".join(v for v in CHANNELS if v in recording)
-    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel; its "
+    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel: correct "
+                     "the name; its "
                      f"variables are {held}")
 
 
 def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
-    """Return the SI value of one unit of the offset of `line`, such as 1000 for kPa."""
+    """Return the value in SI units of one unit of a channel's offset, such as 1000 for kPa."""
     per = CHANNELS[variable][1]
     if line.scale == 0:
         raise InputError(f"the mapping for {file}: {KEY}.{name} has scale = 0, which would erase the channel: give "

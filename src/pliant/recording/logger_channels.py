@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Channel(NamedTuple):
-    """One channel of a data logger: times (T,) [s], values (T,), and the unit in the file ("" for none)."""
+    """One channel of a data logger: T sample times (T,) [s], values (T,), and the unit in the file ("" for none)."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -27,7 +27,7 @@ class Channel(NamedTuple):
 
 
 class ChannelMapping(FileMapping):
-    """Mapping that selects the channels of a data logger that hold gauge pressure.
+    """Options that select the channels of a data logger that hold gauge pressure, and state their unit.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ChannelMapping(FileMapping):
 def pressure_log(
     channels: Mapping[str, Channel], mapping: Mapping[str, Any] | None, file: str, history: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Return the pressures among the channels of `file` as a recording; options are those of `ChannelMapping`.
+    """Return the pressures among the channels of a data logger as a recording without shape.
 
     Raises
     ------

@@ -30,13 +30,15 @@ STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6
 
 
 class LunaMapping(FileMapping):
-    """Options of the Luna reader: the name of the `core` that this file measured."""
+    """Option of the Luna reader: the name of the fibre core whose strain the file holds."""
 
     core: str = "core000"
 
 
 def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the strain of one fibre core from a Luna table; gaps become NaN. Options: `LunaMapping`."""
+    """Read the strain of one fibre core from a Luna ODiSI table and return it as a recording; missing values become
+    NaN.
+    """
     options = LunaMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     header, at = _header(lines, path.name)
@@ -45,11 +47,12 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     body, findings = judge_end(lines[first:], "\t", path.name)
     rows = [(i, line) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
-        raise InputError(f"{path.name} holds no measurement after its x-axis row")
+        raise InputError(f"{path.name} holds no measurement after its x-axis row: export it again")
     kept, dropped = [], 0
     for number, line in rows:
         if len(line.split("\t", LABEL_CELLS)) <= LABEL_CELLS:
-            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated")
+            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated, so copy "
+                             "or export it again")
         if _label(line, 2) not in ("strain", ""):
             dropped += 1
             continue
@@ -71,7 +74,8 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join strain recordings of single cores with equal times and gauges into one recording of all cores.
+    """Join recordings of the strain of one fibre core each, with equal times and gauge positions, into one recording of
+    all cores.
 
     Raises
     ------
@@ -113,14 +117,15 @@ def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
         key, found, value = line.partition(":")
         if found:
             header[key.strip().lower()] = value.strip()
-    raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes")
+    raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes; export it again "
+                     "from the Luna software")
 
 
 def _strain_scale(header: Mapping[str, str], name: str) -> float:
     unit = header.get("units", "").lower()
     if unit not in STRAIN_UNITS:
         raise InputError(f"{name} must hold strain in microstrain, but its header line Units is "
-                         f"{unit or 'not stated'!r}")
+                         f"{unit or 'not stated'!r}: export strain from the Luna software")
     return STRAIN_UNITS[unit]
 
 
@@ -133,9 +138,9 @@ def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
             gauges = parse_numbers(["\t".join(text)], name=name, first_line=i + 1, delimiter="\t",
                                    columns=len(text))[0]  # fmt: skip
             if not np.isfinite(gauges).all() or (np.diff(gauges) <= 0).any():
-                raise InputError(f"the x-axis of {name} must increase from gauge to gauge")
+                raise InputError(f"the x-axis of {name} must increase from gauge to gauge: export the file again")
             return gauges, i + 1
-    raise InputError(f"{name} has no x-axis row with the positions of its gauges")
+    raise InputError(f"{name} has no x-axis row with the positions of its gauges: export it again")
 
 
 def _pitch(header: Mapping[str, str], gauges: np.ndarray) -> list[str]:
@@ -154,7 +159,8 @@ def _time_stamp(text: str, number: int, name: str) -> datetime:
     try:
         return datetime.fromisoformat(text.strip())
     except ValueError:
-        raise InputError(f"line {number + 1} of {name} does not begin with a time stamp: {text[:40]!r}") from None
+        raise InputError(f"line {number + 1} of {name} does not begin with a time stamp: {text[:40]!r}; export the "
+                         "file again") from None
 
 
 def _values(rows: list[str], gauges: int, first: int, name: str) -> np.ndarray:

@@ -30,11 +30,12 @@ LONGEST_HEADER = 200  # lines
 
 
 def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the pressures of a LabVIEW measurement file as a recording; options are those of `ChannelMapping`."""
+    """Read the pressures in a LabVIEW measurement file (.lvm) and return them as a recording without shape."""
     lines = read_text(path).split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
-        raise InputError(f"{path.name} has {len(ends)} headers, but a LabVIEW measurement has two: it may be truncated")
+        raise InputError(f"{path.name} has {len(ends)} headers, but a LabVIEW measurement has two: it may be "
+                         "truncated, so copy or export it again")
     if len(ends) > 2:
         raise InputError(f"{path.name} has {len(ends) - 1} segments: export one file per segment")
     separator = separator_of(lines, path.name)
@@ -47,13 +48,15 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def entries(lines: list[str], separator: str) -> dict[str, list[str]]:
-    """Return the values in each header line by the name in its first cell; lines without a value are skipped."""
+    """Return the header of a LabVIEW measurement file as a dict from the name in the first cell of a line to the values
+    after it.
+    """
     cells = [[cell.strip() for cell in line.split(separator)] for line in lines]
     return {row[0]: row[1:] for row in cells if len(row) > 1 and row[0]}
 
 
 def separator_of(lines: list[str], file: str) -> str:
-    """Return the separator that the header states; a tab where it states none."""
+    """Return the column separator that the header of a LabVIEW measurement file states; a tab where it states none."""
     for line in lines[:LONGEST_HEADER]:
         if line.startswith("Separator"):
             word = line[len("Separator") :].strip().strip(",;").lower()
@@ -66,10 +69,13 @@ def separator_of(lines: list[str], file: str) -> str:
 def table_of(
     body: list[str], names: list[str], separator: str, decimal: str, file: str, first: int,
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the numbers (T, C) of the data rows without the comment column, and lines for the history."""
+    """Return the data of a LabVIEW measurement file as numbers (T, C), T rows of C columns without the comments, and
+    lines for the history.
+    """
     columns = len(names) - (names[-1:] == ["Comment"])
     if columns < 1:
-        raise InputError(f"{file} has no column names after its second header: it may be truncated")
+        raise InputError(f"{file} has no column names after its second header: it may be truncated, so copy or "
+                         "export it again")
     rows, comments = [], 0
     for line in body:
         cells = line.split(separator)
@@ -85,7 +91,9 @@ def table_of(
 def channels_of(
     table: NDArray[np.float64], names: list[str], about: Mapping[str, list[str]], layout: str, file: str,
 ) -> dict[str, Channel]:
-    """Return the channels by name, each with its own times, for the `layout` of time columns in the header."""
+    """Return the channels of a LabVIEW measurement file by name, each with its own times. `layout` says whether the
+    file has a time column for each channel, one for all, or none.
+    """
     units = about.get("Y_Unit_Label", [])
     starts, steps = about.get("X0", []), about.get("Delta_X", [])
     stride, first = (2, 1) if layout == "Multi" else (1, 1)
@@ -107,7 +115,7 @@ def channels_of(
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` begins like a LabVIEW measurement file."""
+    """Return whether the first bytes of a file, `head`, are those of a LabVIEW measurement file."""
     return head.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
 
 

@@ -1,4 +1,6 @@
-"""Base class of all mappings: pydantic models that report unknown keys and wrong values in one sentence."""
+"""Base class for the options of all readers. It checks them and reports an unknown key or a wrong value in one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,15 @@ if TYPE_CHECKING:
 
 
 class FileMapping(BaseModel):
-    """Base class of options for one file; immutable, and unknown keys are refused."""
+    """Base class for the options of a reader, which cannot be changed after creation. Unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
     def load(cls, mapping: Mapping[str, Any] | None, name: str, what: str = "mapping for") -> Self:
-        """Validate `mapping` for the file `name` and return it as a model; InputError names the first wrong key."""
+        """Check the options `mapping` of the file `name` and return them as an object; raise InputError, which names
+        the first wrong key.
+        """
         try:
             return cls.model_validate(dict(mapping or {}))
         except ValidationError as error:
@@ -33,13 +37,13 @@ class FileMapping(BaseModel):
 
 
 def shorten(names: Sequence[object], most: int = 20) -> str:
-    """Return the first `most` names as a comma-separated text, each cut to 60 characters."""
+    """Return the first `most` names as a comma-separated text, with each name cut to 60 characters."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(str(name)[:60] for name in names[:most]) + more
 
 
 class PressureChannels(FileMapping):
-    """Names of the channels that hold gauge pressure, with their unit."""
+    """Names of the channels of a file that hold gauge pressure, with their unit."""
 
     channels: list[str]
     unit: str

@@ -21,7 +21,7 @@ NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", 
 
 
 def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the arrays of a .mat file as a recording; options are those of `ArrayMapping`.
+    """Read the arrays of a MATLAB .mat file and return them as a recording.
 
     A field of a struct is named ``struct.field`` in the mapping. See `pliant.recording.arrays.ArrayMapping`.
     """
@@ -37,7 +37,8 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def matlab_arrays(stored: Mapping[str, NDArray], facts: dict[str, Any]) -> tuple[dict[str, NDArray], list[str]]:
-    """Return the numeric arrays of a MATLAB 7.3 file by name, axes in MATLAB's order, and the other names.
+    """Return the numeric arrays of a MATLAB 7.3 file by name, with axes in MATLAB's order, and the names of variables
+    that are not numeric.
 
     Each data set names its class in the attribute MATLAB_class; a struct is a group; a sparse matrix is a group with
     the attribute MATLAB_sparse; an empty array (MATLAB_empty) stores its shape instead of its values.

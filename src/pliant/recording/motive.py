@@ -33,7 +33,9 @@ TYPES = ("Rigid Body", "Bone", "Marker")
 
 
 class MotiveMapping(FileMapping):
-    """Options of the Motive reader: `length_unit` where the file states none, and the `types` of assets to read."""
+    """Options of the Motive reader: the unit of length where the file states none, and the types of tracked assets to
+    read.
+    """
 
     length_unit: str | None = None
     types: tuple[str, ...] = TYPES
@@ -49,13 +51,14 @@ class _Header:
         at = next((i for i, row in enumerate(table) if row[0].lower() == "frame"), None)
         labelled = {row[1].lower(): row for row in table[:at] if len(row) > 1 and row[1]}
         if at is None or at == 0 or "type" not in labelled or "name" not in labelled:
-            raise InputError(f"{name} is not a Motive export: rows Type, Name and Frame are missing in its header")
+            raise InputError(f"{name} is not a Motive export: rows Type, Name and Frame are missing in its header; "
+                             "export it from Motive as CSV")
         self.first = at + 2
         self.axis, self.quantity = table[at], table[at - 1]
         self.width = len(self.axis)
         types, names = labelled["type"], labelled["name"]
         if min(len(types), len(names), len(self.quantity)) < self.width:
-            raise InputError(f"the header rows of {name} differ in length: the file is damaged")
+            raise InputError(f"the header rows of {name} differ in length: the file is damaged, so export it again")
         if nameless := [i + 1 for i in range(2, self.width) if types[i] in options.types and not names[i]]:
             raise InputError(f"row Name of {name} is empty in column {nameless[0]}: name the asset in Motive or in "
                              "this cell")
@@ -86,11 +89,12 @@ class _Header:
 
 
 def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the markers and rigid bodies of a Motive export as stations; options are those of `MotiveMapping`."""
+    """Read the markers and rigid bodies of an OptiTrack Motive CSV export as stations and return a recording."""
     options = MotiveMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
     if not lines[0].startswith("Format Version"):
-        raise InputError(f"{path.name} is not a Motive export: it does not begin with Format Version")
+        raise InputError(f"{path.name} is not a Motive export: it does not begin with Format Version; export it from "
+                         "Motive as CSV")
     header = _Header(lines, options, path.name)
     rows, findings = judge_end(lines[header.first :], ",", path.name)
     table = parse_numbers(rows, name=path.name, first_line=header.first + 1, delimiter=",", columns=header.width)
@@ -118,7 +122,7 @@ def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
     stated = whole_number(header.keys.get("Total Exported Frames", ""))
     if stated not in (None, len(table)):
         raise InputError(f"the header of {name} states {stated} frames, but it holds {len(table)}: the file may be "
-                         "truncated")
+                         "truncated, so copy or export it again")
     said = []
     lost = int((np.diff(table[:, 0]) != 1).sum())
     if lost:

@@ -1,4 +1,4 @@
-"""Read and write recordings as netCDF: HDF5 (netCDF 4) is read and written, classic netCDF is only read.
+"""Read and write recordings as netCDF 4 (HDF5), and read classic netCDF files.
 
 A file that pliant writes ends in a checksum of its bytes. The checksum detects damage and proves no origin, so every
 file is read in a separate process.
@@ -28,7 +28,7 @@ BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, Attrib
 
 
 def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
+    """Read a recording from a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
     if mapping:
         raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
     with path.open("rb") as file:
@@ -44,7 +44,8 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a netCDF file by path (the root is ``/``), in memory, with times as numbers.
+    """Return the groups of a netCDF file as datasets in memory, by path (the root is ``/``), without conversion of
+    times to dates.
 
     The file is opened in a separate process, as it may come from an untrusted source.
 
@@ -76,7 +77,8 @@ def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
         }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged: {reason}") from None
+        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged, so copy it again: "
+                         f"{reason}") from None
 
 
 def _attributes(stored: dict[str, Any]) -> dict[str, Any]:

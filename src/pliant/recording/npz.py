@@ -30,7 +30,7 @@ LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with i
 
 
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the arrays of a .npz file as a recording; options: `pliant.recording.arrays.ArrayMapping`."""
+    """Read the arrays of a NumPy .npz file and return them as a recording."""
     try:
         with path.open("rb") as stream:
             arrays = read_arrays(stream, path.stat().st_size, path.name)
@@ -40,7 +40,7 @@ def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 
 
 def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
-    """Return the arrays of an .npz file of `size` bytes; raise InputError where it is damaged or not .npz."""
+    """Return the arrays of an .npz file by name; raise InputError where it is damaged or no .npz file."""
     try:
         with np.load(stream, allow_pickle=False) as file:
             check_announced(file.zip, size, name)
@@ -50,14 +50,17 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
         raise
     except BROKEN as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{name} cannot be read as .npz; it may be damaged: {reason}") from None
+        raise InputError(f"{name} cannot be read as .npz; it may be damaged, so copy it again: {reason}") from None
     if announced != len(arrays):
-        raise InputError(f"{name} is damaged: its index lists {len(arrays)} arrays, its end record states {announced}")
+        raise InputError(f"{name} is damaged: its index lists {len(arrays)} arrays, its end record states "
+                         f"{announced}; copy it again")
     return arrays
 
 
 def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
-    """Raise InputError where an archive of `size` bytes states entries or arrays larger than it can hold."""
+    """Raise InputError where an .npz archive of `size` bytes states more content than such a file can hold, as damaged
+    files do.
+    """
     most, entries = content_bound(size), archive.infolist()
     if (announced := sum(entry.file_size for entry in entries)) > most:
         raise InputError(f"{name} has {size} bytes, but states {announced} bytes of content, more than the {most} "
@@ -71,11 +74,11 @@ def check_announced(archive: zipfile.ZipFile, size: int, name: str) -> None:
             shape, _, dtype = read(file)
         if math.prod(shape) * dtype.itemsize > entry.file_size:
             raise InputError(f"{name} is damaged: its array {entry.filename[:-4]!r:.60} states the shape "
-                             f"{clipped(str(shape))}, but has {entry.file_size} bytes")  # fmt: skip
+                             f"{clipped(str(shape))}, but has {entry.file_size} bytes; copy it again")  # fmt: skip
 
 
 def announced_entries(stream: BinaryIO) -> int:
-    """Return the number of entries that the end record of a zip archive states.
+    """Return the number of files in a zip archive that its end record states.
 
     `zipfile` lists the entries in the index instead, which may be fewer in a damaged file.
 

@@ -1,4 +1,4 @@
-"""Rebuild a pandas table of numbers (HDF5 layouts "table" and "fixed") from plain arrays, without pandas.
+"""Read a table that pandas stored in HDF5 (layouts "table" and "fixed") from plain arrays, without pandas.
 
 pandas and PyTables store column names as pickles, which are programs that rebuild Python objects. This module never
 runs a pickle: `plain_value` parses texts, numbers, tuples, lists and dicts from a pickle of protocol 0, which PyTables
@@ -23,7 +23,9 @@ MARK = object()
 
 
 class StoredFrame(NamedTuple):
-    """Table of numbers: level names, column names (one text per level), row numbers (T,) and values (T, C)."""
+    """Table that pandas stored in HDF5: names of its columns (one text per level), row numbers (T,) of T rows, and
+    values (T, C) of C columns.
+    """
 
     levels: tuple[str, ...]
     columns: list[tuple[str, ...]]
@@ -32,7 +34,7 @@ class StoredFrame(NamedTuple):
 
 
 def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> StoredFrame:
-    """Return the single pandas table in the content that `pliant.recording.apart_hdf5.read` returned.
+    """Return the only pandas table among the arrays of an HDF5 file.
 
     Raises
     ------
@@ -43,7 +45,8 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
     kinds = {path: attributes.get("pandas_type") for path, attributes in facts["groups"].items()}
     tables = [path for path, kind in kinds.items() if kind in ("frame", "frame_table")]
     if len(tables) != 1:
-        raise InputError(f"{file} is not a DeepLabCut file: it holds {len(tables)} pandas tables instead of one")
+        raise InputError(f"{file} is not a DeepLabCut file: it holds {len(tables)} pandas tables instead of one; "
+                         "export one table per file")
     arrays = {path: stored[key] for path, (key, _, _) in facts["variables"].items()}
     attributes = {path: attributes for path, (_, _, attributes) in facts["variables"].items()} | facts["groups"]
     build = _table if kinds[tables[0]] == "frame_table" else _fixed
@@ -53,7 +56,8 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
         raise InputError(f"{file} cannot be read as a DeepLabCut file: {error}; export CSV instead") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else clipped(str(error), 200)
-        raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}") from None
+        raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}; export CSV "
+                         "instead") from None
     if frame.values.shape != (len(frame.rows), len(frame.columns)):
         raise InputError(f"{file} is damaged: it has {len(frame.columns)} column names, but values of shape "
                          f"{frame.values.shape}")
@@ -131,7 +135,8 @@ def _text(value: Any) -> str:
 
 
 def plain_value(text: str) -> Any:
-    """Parse the texts, numbers, tuples, lists and dicts in a pickle of protocol 0, without running it.
+    """Decode a pickle of protocol 0 that holds only text, numbers, tuples, lists and dicts, without running any code in
+    it.
 
     Raises
     ------

@@ -29,7 +29,7 @@ Track = tuple["NDArray", "NDArray"]  # times (T,) and positions (T, 2)
 
 
 def read_tracker(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read tracks of the program Tracker, one file per track, as a recording; options: `TrackerMapping`."""
+    """Read tracks of the program Tracker (physlets.org), one file per track, and return them as a recording."""
     options = TrackerMapping.load(mapping, path.name)
     tracks: dict[str, Track] = {}
     findings: list[str] = []
@@ -43,11 +43,14 @@ def read_tracker(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 
 
 def one_track(path: Path) -> tuple[str, Track, list[str]]:
-    """Return the name, times (T,), positions (T, 2) and history lines of the track in a file of Tracker."""
+    """Read one file of the program Tracker: return the name of its track, times (T,), positions (T, 2) of T samples,
+    and history lines.
+    """
     lines = read_text(path).split("\n")
     at = next((k for k, line in enumerate(lines[:4]) if header_of(line)), None)
     if at is None:
-        raise InputError(f"{path.name} is not a data table of Tracker: a row t, x, y is missing in its header")
+        raise InputError(f"{path.name} is not a data table of Tracker: a row t, x, y is missing in its header; "
+                         "export the track again with t, x and y")
     delimiter, cells = header_of(lines[at]) or ("", [])
     rows, findings = judge_end(lines[at + 1 :], delimiter, path.name)
     table = parse_numbers(rows, name=path.name, first_line=at + 2, delimiter=delimiter, columns=len(cells))
@@ -56,7 +59,7 @@ def one_track(path: Path) -> tuple[str, Track, list[str]]:
 
 
 def header_of(line: str) -> tuple[str, list[str]] | None:
-    """Return the delimiter and the column names of a header row with t, x and y; None for any other row."""
+    """Return the delimiter and the column names of a line that is a header with t, x and y; None for any other line."""
     for delimiter in ("\t", ";", ","):
         cells = split_cells(line, delimiter)
         if {"t", "x", "y"} <= set(cells) and len(set(cells)) == len(cells):
@@ -65,7 +68,9 @@ def header_of(line: str) -> tuple[str, list[str]] | None:
 
 
 def read_kinovea(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read Kinovea trajectories as a recording; options are those of `TrackerMapping`, with times in ms by default."""
+    """Read trajectories that Kinovea exported and return them as a recording; times are in ms unless the options state
+    another unit.
+    """
     options = TrackerMapping.load(mapping, path.name)
     blocks: dict[str, tuple[int, list[str]]] = {}
     name = ""
@@ -89,7 +94,9 @@ def read_kinovea(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 def together(
     path: Path, options: TrackerMapping, tracks: dict[str, Track], unit: str, findings: list[str]
 ) -> xr.Dataset:
-    """Return a recording of all tracks at the union of their times; a track without a sample at a time is a gap."""
+    """Return a recording of all tracks at every time that occurs in any of them. A track without a sample at a time is
+    NaN there.
+    """
     samples = sum(len(t) for t, _ in tracks.values())
     clock = np.unique(np.concatenate([np.round(t, 9) for t, _ in tracks.values()]))
     if clock.size * len(tracks) > SPARSEST * samples:
@@ -104,7 +111,9 @@ def together(
 
 
 def is_tracker(head: bytes) -> bool:
-    """Return whether one of the first lines is a row t, x, y with the name of the track above it."""
+    """Return whether the first bytes of a file, `head`, are those of a table of the program Tracker: a track name above
+    a row t, x, y.
+    """
     lines = head[:4000].decode("utf-8", "replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     return any(header_of(line) for line in lines[1:4]) and header_of(lines[0]) is None
 

@@ -1,4 +1,4 @@
-"""Access to recordings that other laboratories published, by ``data:NAME/FILE``, in a local folder.
+"""Access to published recordings of other laboratories: the path ``data:NAME/FILE`` names a file in a local folder.
 
 `published.toml` lists the repository, commit, path and checksum of each file. The environment variable PLIANT_DATA
 names the folder; its default is ``pliant/data`` in the user's cache folder. PLIANT_DATA_MIRROR may hold an address
@@ -25,7 +25,7 @@ SCHEMES = ("https", "http", "file")
 
 @dataclass(frozen=True)
 class Published:
-    """A published file: its checksum and its address, or how to get it by hand.
+    """A published file: its checksum and its address on the web, or how to download it by hand.
 
     Attributes
     ----------
@@ -70,14 +70,16 @@ def data_sets() -> dict[str, DataSet]:
 
 
 def data_set(name: str) -> DataSet:
-    """Return the data set `name`; InputError lists the known names where there is none."""
+    """Return the published data set with the name `name`; raise InputError, which lists the known names, where there is
+    none.
+    """
     if name not in data_sets():
         raise InputError(f"there is no public data set {clipped(name, 60)!r}: use one of {', '.join(data_sets())}")
     return data_sets()[name]
 
 
 def data_folder() -> Path:
-    """Return the folder of this user's public recordings; it may not exist yet."""
+    """Return the local folder into which published recordings are downloaded; it may not exist yet."""
     if named := os.environ.get(FOLDER):
         return Path(named)
     import pooch
@@ -86,7 +88,8 @@ def data_folder() -> Path:
 
 
 def published_path(text: str) -> Path:
-    """Return the path of the local file that ``data:NAME/FILE`` denotes.
+    """Return the path of the local file that a text ``data:NAME/FILE`` names; raise InputError where it has not been
+    downloaded.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def published_path(text: str) -> Path:
     name, _, file = text.removeprefix(PREFIX).partition("/")
     known = data_set(name)
     if file not in known.files:
-        raise InputError(f"{name} has no file {clipped(file, 60)!r}: it has {', '.join(known.files)}")
+        raise InputError(f"{name} has no file {clipped(file, 60)!r}: choose one of {', '.join(known.files)}")
     path = data_folder() / name / file
     if not path.is_file():
         raise InputError(f"{text} is not on this machine: {how(known, file, path.parent)}")
@@ -108,7 +111,7 @@ def published_path(text: str) -> Path:
 
 
 def how(known: DataSet, file: str, folder: Path) -> str:
-    """Return the sentence that says how to get a file into its folder."""
+    """Return the end of a sentence that says how to download a published file into its local folder."""
     f = known.files[file]
     if not f.address:
         return f"download it by hand ({f.by_hand}) and put it into {folder}"
@@ -116,13 +119,14 @@ def how(known: DataSet, file: str, folder: Path) -> str:
 
 
 def is_published(path: Path, published: Published) -> bool:
-    """Return whether the file at `path` has the checksum of the published one."""
+    """Return whether the file at `path` has the checksum of the published file: complete and unchanged."""
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest() == published.sha256
 
 
 def fetch(name: str, *, mirror: str | None = None) -> list[Path]:
-    """Download the files of a data set that are not on this machine yet, and return the paths of all its files.
+    """Download the files of a published data set that are missing in the local folder, and return the paths of all its
+    files.
 
     Parameters
     ----------
@@ -149,7 +153,9 @@ def fetch(name: str, *, mirror: str | None = None) -> list[Path]:
 
 
 def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path:
-    """Return the path of one file, which is downloaded from `mirror` or its address unless it is here already."""
+    """Download one published file, from `mirror` or from its address, unless the local folder has it, and return its
+    path.
+    """
     import pooch
 
     published, path = known.files[file], folder / file
@@ -171,5 +177,5 @@ def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path
 
 
 def copied(address: str, output: str, _pooch: object) -> None:
-    """Copy the file that a ``file://`` address names to `output`."""
+    """Copy the local file with the address ``file://...`` to the path `output`."""
     shutil.copyfile(unquote(urlparse(address).path), output)

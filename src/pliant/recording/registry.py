@@ -82,7 +82,9 @@ class Reader:
 
 
 def readers() -> dict[str, Reader]:
-    """Return all known readers by name: the built-in ones first, then those of installed packages."""
+    """Return all known file formats by name, each with its reader: those of pliant first, then those of installed
+    plugins.
+    """
     return offered(GROUP, {name: target for name, (target, _) in BUILT_IN.items()}, Reader)
 
 
@@ -143,7 +145,7 @@ def read_recording(
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
-        raise InputError(f"{path.name} is empty")
+        raise InputError(f"{path.name} is empty: copy or export it again")
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
@@ -164,7 +166,8 @@ def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> di
 
 
 def looks_like(head: bytes, but: str = "") -> str:
-    """Return a hint that names the tracker (other than `but`) that probably wrote a file, or "".
+    """Return a hint for a message where the first bytes of a file, `head`, look like those of a known tracking program
+    other than `but`; else "".
 
     The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
     `head` holds the first bytes of the file.
@@ -175,7 +178,7 @@ def looks_like(head: bytes, but: str = "") -> str:
 
 
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
-    """Return whether a mapping assigns columns of a table to stations, points, angles, inputs or pressure."""
+    """Return whether options of a file assign table columns to stations, points, angles, inputs or pressure."""
     pressure = mapping.get("pressure")
     named = bool({"points", "angles", "inputs"} & set(mapping))
     named = named or not isinstance(mapping.get("stations", []), list)  # a list chooses among names

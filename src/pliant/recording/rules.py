@@ -1,4 +1,4 @@
-"""Rules that every recording must follow, and the function that checks them."""
+"""Rules that the variables, units and attributes of every recording must follow, and the function that checks them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
 
 
 def check_recording(recording: xr.Dataset) -> xr.Dataset:
-    """Check that `recording` follows the rules of the schema and return it unchanged.
+    """Check that a recording follows the rules for its variables, units and attributes, and return it unchanged; raise
+    InputError otherwise.
 
     Refused are:
 
@@ -141,7 +142,7 @@ def _check_array(array: xr.DataArray, name: str, allowed: Sequence[tuple[str, ..
 
 def _check_clock(recording: xr.Dataset, name: str) -> None:
     if name not in recording.coords:
-        raise InputError(f"the recording has no coordinate {name}")
+        raise InputError(f"the recording has no coordinate {name}: build recordings with make_recording")
     clock = recording[name].values
     if clock.size == 0:
         raise InputError(f"the recording is empty: {name} has no sample")

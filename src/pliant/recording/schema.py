@@ -50,7 +50,7 @@ def make_recording(
     history: str | Sequence[str] = (),
     attrs: dict[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Build a recording (`xarray.Dataset`) from plain arrays, copy the arrays and check them.
+    """Build a recording (`xarray.Dataset`) from arrays such as positions and pressures, which are copied and checked.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def make_recording(
 
 
 def append_history(recording: xr.Dataset, *lines: str) -> xr.Dataset:
-    """Return a copy of `recording` with `lines` appended to its history; the data arrays are shared."""
+    """Return the recording with `lines` appended to its history. The data arrays are shared, not copied."""
     kept = [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
     return recording.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
 

@@ -1,4 +1,4 @@
-"""Reader of SLEAP analysis HDF5 files: tracks (tracks, 2, nodes, frames) with scores and names.
+"""Reader of SLEAP analysis files (HDF5), which hold the tracked points of one or several animals.
 
 Layout as SLEAP's exporter documents it: ``tracks`` (tracks, 2, nodes, frames), ``point_scores`` (tracks, nodes,
 frames), ``node_names``, ``track_names``, ``track_occupancy`` (frames, tracks), stored column-major.
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read one track of a SLEAP analysis file as a recording; options are those of `TrackerMapping`.
+    """Read the points that SLEAP tracked on one individual and return them as a recording.
 
     Points with a low score become gaps.
     """
@@ -33,10 +33,12 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
     arrays = {name: stored[key] for name, (key, _, _) in facts["variables"].items()}
     lacking = [name for name in ("tracks", "node_names", "track_names") if name not in arrays]
     if lacking:
-        raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}")
+        raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}; export the "
+                         "analysis file again from SLEAP")
     tracks, names = _numbers(arrays["tracks"], "tracks", path), texts(arrays["node_names"])
     if tracks.ndim != 4:
-        raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame), not {tracks.shape}")
+        raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame), not {tracks.shape}: "
+                         "export the analysis file again from SLEAP")
     labels = texts(arrays["track_names"]) or [f"track_{k}" for k in range(len(tracks))]
     scores = _numbers(arrays["point_scores"], "point_scores", path) if "point_scores" in arrays else None
     if tracks.shape[:3] != (len(labels), 2, len(names)):
@@ -44,7 +46,8 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
         raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame) = {wanted_shape}, not "
                          f"{tracks.shape}")
     if scores is not None and scores.shape != (len(labels), len(names), tracks.shape[3]):
-        raise InputError(f"point_scores of {path.name} have the shape {scores.shape}, which does not match its tracks")
+        raise InputError(f"point_scores of {path.name} have the shape {scores.shape}, which does not match its "
+                         "tracks: export it again from SLEAP")
     wanted = options.individual or (labels[0] if len(labels) == 1 else None)
     if wanted not in labels:
         problem = f"no track {wanted!r}" if wanted else "several tracks"
@@ -57,12 +60,13 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
 
 def _numbers(values: NDArray, name: str, path: Path) -> NDArray:
     if values.dtype.kind not in "iufb":
-        raise InputError(f"{name} of {path.name} must hold real numbers, but has the type {values.dtype}")
+        raise InputError(f"{name} of {path.name} must hold real numbers, but has the type {values.dtype}: export it "
+                         "again from SLEAP")
     return values.astype(np.float64)
 
 
 def texts(values: NDArray) -> list[str]:
-    """Return the texts in a data set as a list of str."""
+    """Return the texts in an HDF5 data set, such as point names, as a list of str."""
     return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 

@@ -1,4 +1,4 @@
-"""Parse text tables of numbers, with messages that name the line and cell that is not a number."""
+"""Functions that parse text tables of numbers. Their messages name the line and the cell that is not a number."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def read_text(path: Path) -> str:
     """Read a UTF-8 file and return its text without a byte-order mark and with newlines as line ends."""
     data = path.read_bytes()
     if not data.strip():
-        raise InputError(f"{path.name} is empty")
+        raise InputError(f"{path.name} is empty: copy or export it again")
     if b"\0" in data:
         raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16; save it "
                          "as UTF-8 text")
@@ -44,9 +44,10 @@ def read_text(path: Path) -> str:
 
 
 def find_delimiter(line: str, name: str) -> str:
-    """Return the delimiter of a header line: semicolon, tab or comma."""
+    """Return the delimiter of the cells in a header line: semicolon, tab or comma."""
     if len(line) > LONGEST_LINE:
-        raise InputError(f"the header of {name} is {len(line)} characters long: this is not a text table")
+        raise InputError(f"the header of {name} is {len(line)} characters long, so this is not a text table: export "
+                         "a table, or correct format in the mapping")
     for delimiter in (";", "\t", ","):
         if delimiter in line:
             return delimiter
@@ -54,13 +55,15 @@ def find_delimiter(line: str, name: str) -> str:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Split a line into cells without surrounding blanks and quotes; `delimiter` None splits at white space."""
+    """Split a line of a table into cells, without blanks and quotes around them. Where `delimiter` is None, cells are
+    separated by white space.
+    """
     cells = line.split() if delimiter is None else line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
 def repeated_names(names: Sequence[str]) -> list[str]:
-    """Return the names that occur more than once, sorted."""
+    """Return, sorted, each name that occurs more than once in a list of names."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
@@ -70,7 +73,8 @@ def whole_number(text: str) -> int | None:
 
 
 def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:
-    """Drop an incomplete last row of a text table and return the rows and a sentence about it.
+    """Drop the last row of a text table where it is incomplete; return the rows and a list with one sentence about it,
+    empty for a complete table.
 
     A file that was cut has no line end after its last row, and may hold `0.27` of `0.27944`.
 
@@ -105,7 +109,9 @@ def _digits(cell: str) -> int:
 
 
 def holds_number(cell: str) -> bool:
-    """Return whether a cell holds a number, with a decimal point or comma, or a marker of a missing one."""
+    """Return whether a cell of a table holds a number (with decimal point or comma) or a marker of a missing number,
+    such as NaN.
+    """
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
@@ -140,7 +146,7 @@ def parse_numbers(
 
     rows = [(first_line + i, line) for i, line in enumerate(lines) if line.strip()]
     if not rows:
-        raise InputError(f"{name} holds no rows of numbers")
+        raise InputError(f"{name} holds no rows of numbers: copy or export it again")
     for number, line in rows:
         count = len(line.split()) if delimiter is None else line.count(delimiter) + 1
         if count != columns:
@@ -187,6 +193,7 @@ def _parse_slowly(
                 continue
             text = cell.replace(",", ".") if decimal == "," else cell
             if not NUMBER.fullmatch(text):
-                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}")
+                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}; correct "
+                                 "it, or leave the cell empty")
             values.append(float(text))
     return np.array(values).reshape(len(rows), -1)

@@ -28,7 +28,7 @@ CLOCK = re.compile(r"(.*/)?(x_value|t|time)([ _(\[]*s[)\]]?)?", re.IGNORECASE)
 
 
 def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read the pressures of a TDMS file as a recording; options are those of `ChannelMapping`."""
+    """Read the pressures in a LabVIEW TDMS file and return them as a recording without shape."""
     if find_spec("nptdms") is None:
         raise InputError(f"{path.name}: TDMS files need nptdms, which is not installed: pip install 'pliant[tdms]'")
     arrays, facts = read_apart("tdms", path, "TDMS")
@@ -52,7 +52,7 @@ def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def recognises(head: bytes) -> bool:
-    """Return whether `head` begins with the tag of a TDMS segment."""
+    """Return whether the first bytes of a file, `head`, are those of a LabVIEW TDMS file."""
     return head.startswith(b"TDSm")
 
 

@@ -25,7 +25,8 @@ LIKELY = 0.6  # a point of lower likelihood is a gap; the default of the tracker
 
 
 class TrackerMapping(FileMapping):
-    """Options of all tracker formats: camera or unit of length, threshold of likelihood, points to read.
+    """Options of all readers of video trackers: camera or unit of length, smallest accepted likelihood, and points to
+    read.
 
     Attributes
     ----------
@@ -58,7 +59,8 @@ def tracked(
     path: Path, options: TrackerMapping, names: Sequence[str], points: NDArray, *, time: NDArray | None = None,
     likelihood: NDArray | None = None, history: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Return a recording of points (T, S, 2) in the units of the tracker; NaN where a point was not found.
+    """Convert points (T, S, 2) of S stations over T frames, in pixels or in the tracker's unit, to a recording. Points
+    that were not found are NaN.
 
     Parameters
     ----------
@@ -86,7 +88,9 @@ def tracked(
 def chosen(
     names: Sequence[str], points: NDArray, options: TrackerMapping, file: str
 ) -> tuple[list[str], NDArray]:
-    """Return the names and points of the stations in the options, in their order."""
+    """Return the names and points of the stations that the options list, in that order; all stations where they list
+    none.
+    """
     if options.stations is None:
         return list(names), points
     if missing := [s for s in options.stations if s not in names]:
@@ -95,7 +99,9 @@ def chosen(
 
 
 def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDArray, str]:
-    """Return positions (T, S, 3) [m], y upward and z = 0, of points (T, S, 2), and a line for the history."""
+    """Convert the points (T, S, 2) of a tracker, for S stations over T frames, to positions (T, S, 3) [m], y upward and
+    z = 0. Also return a line for the history.
+    """
     if (options.camera is None) == (options.length_unit is None):
         raise InputError(
             f"{path.name} holds points of a tracker: for points in pixels give [camera] with pixels_per_mm (or scale, "
@@ -109,7 +115,7 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
-    """Return the times (T,) [s] of `count` frames at the camera's frame rate."""
+    """Return the times (T,) [s] of the `count` frames of a video, 0 for the first one, from the camera's frame rate."""
     rate = options.camera.rate_hz if options.camera is not None else None
     if rate is None:
         raise InputError(f"{file} has no times: set rate_hz in [camera] to the frame rate of the video")
@@ -117,5 +123,7 @@ def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
 
 
 def seconds(ticks: NDArray, options: TrackerMapping, usual: str) -> NDArray:
-    """Return times in seconds from the times in the file; `usual` is their unit unless the options state one."""
+    """Convert the times `ticks` of a tracker file to seconds; their unit is the one in the options or, without it,
+    `usual`.
+    """
     return np.asarray(ticks * SECONDS[options.time_unit or usual])

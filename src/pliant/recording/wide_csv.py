@@ -1,4 +1,5 @@
-"""Read and write wide CSV: one row per sample, columns ``t,p_kpa,x_000,y_000,z_000,...``, metadata as JSON.
+"""Read and write wide CSV: one row per sample, columns ``t,p_kpa,x_000,y_000,z_000,...``, metadata as JSON in the first
+line or a file.
 
 Columns: ``t`` (s), ``t_ms`` or ``t_us``; ``p_<unit>`` or ``<unit>`` for one gauge pressure, or ``p_<unit>_<chamber>``
 for several; ``x_<station>``, ``y_<station>`` and, unless planar, ``z_<station>``; optional ``qx_ qy_ qz_ qw_<station>``
@@ -49,7 +50,9 @@ KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 
 class TableMetadata(FileMapping):
-    """Metadata of a wide CSV, from its first line or a JSON file beside it; unknown entries are stored, not used."""
+    """Metadata of a wide CSV file, such as the unit of length and the station names, from its first line or a JSON file
+    beside it.
+    """
 
     model_config = ConfigDict(extra="allow", coerce_numbers_to_str=True)
 
@@ -71,7 +74,7 @@ KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a wide CSV as a recording; entries of `mapping` replace those of the metadata in the file."""
+    """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file."""
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
@@ -88,7 +91,8 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
-            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be truncated"
+            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be "
+            "truncated, so copy it again"
         )
     columns = dict(zip(names, table.T, strict=True))
     return _recording(columns, metadata, path.name, findings)
@@ -151,7 +155,7 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     """Return the metadata and the index of the header line."""
     start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
     if start is None:
-        raise InputError(f"{path.name} holds only comments, no header and no rows")
+        raise InputError(f"{path.name} holds only comments, no header and no rows: copy or export it again")
     text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
     origin = "its comment line"
     sidecar = path.with_suffix(".json")
@@ -162,9 +166,10 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     try:
         metadata = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {clipped(str(error))}") from None
+        raise InputError(f"the metadata of {path.name} in {origin} are not JSON: {clipped(str(error))}; correct or "
+                         "remove them") from None
     if not isinstance(metadata, dict):
-        raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object")
+        raise InputError(f"the metadata of {path.name} in {origin} must be a JSON object: correct or remove them")
     return metadata, start
 
 
@@ -240,7 +245,8 @@ def _stations(
     for variable, kinds in wanted.items():
         missing = [f"{k}_{s}" for s in labels for k in kinds if f"{k}_{s}" not in columns]
         if missing:
-            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}, which other stations have")
+            raise InputError(f"{file} lacks the column(s) {shorten(missing, 5)}, which other stations have: add "
+                             "them, or give a mapping that names the columns")
         stack = [np.stack([columns[f"{k}_{s}"] for k in kinds], -1) for s in labels]
         arrays[variable] = np.stack(stack, 1)
     arrays["position"] = arrays["position"] * scale
@@ -264,7 +270,9 @@ def pressure_unit(name: str) -> str | None:
 
 
 def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
-    """Return the pressures (T,) or (T, C) [Pa] of columns named ``p_<unit>``, and the names of several chambers."""
+    """Return the pressures [Pa] in the columns named ``p_<unit>``, (T,) for one chamber or (T, C) for C chambers over T
+    rows, and the names of several chambers.
+    """
     found = {name: unit for name in columns if (unit := pressure_unit(name))}
     if "p" in columns:
         raise InputError("the column p does not state its unit: rename it p_kpa, p_bar, p_psi or p_pa")

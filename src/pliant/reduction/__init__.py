@@ -1,4 +1,6 @@
-"""Reduce a continuous shape to a chain of links of the lowest sufficient order: number, positions and angles."""
+"""Reduce the continuous shape of a body to a chain of rigid links: how many links are needed, where their joints are,
+and the joint angles over time.
+"""
 
 from pliant.reduction.links import LinkPlacement, links_of
 from pliant.reduction.order import select_order

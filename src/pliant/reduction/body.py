@@ -1,4 +1,4 @@
-"""Prepare a recording for order selection: frames with all stations, arc length, and tangent at the base."""
+"""Extract the body's shape from a recording: positions in complete frames, arc length, tangent at the base."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ TANGENT_SHARE = 0.1  # of the length: part at the base that is fitted for the ta
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Shape of a body as plain arrays, with the frames that have all stations.
+    """Shape of a body over time as arrays (positions, arc length, tangent at the base), of the frames in which no
+    station is missing.
 
     Attributes
     ----------
@@ -47,7 +48,8 @@ class BodyShape:
 
 
 def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
-    """Return the complete frames of a recording with their arc length and base tangent.
+    """Return the shape of the body in a recording as arrays: positions, arc length and base tangent in the frames
+    without missing stations.
 
     The arc length is that of the recording where it has one, otherwise the time-mean sum of chords. The base tangent is
     +y in an aligned planar recording and +z in an aligned spatial one. Otherwise it is the tangent of a least-squares
@@ -62,7 +64,7 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     stations = recording.sizes.get("station", fewest_stations)
     if stations < fewest_stations:
         raise InputError(f"at least {fewest_stations} stations along the body are needed, but the recording has "
-                         f"{stations}")
+                         f"{stations}: track more points")
     position, time, dropped = whole_frames(recording)
     notes = [f"{dropped} frame(s) with missing stations left out"] if dropped else []
     chords = chord_lengths(position)

@@ -1,4 +1,4 @@
-"""Compute the distance between a body and the cubic spline through a few of its points, for all frames.
+"""Compute the distance between a recorded body and the cubic spline through a few nodes on it, in every frame.
 
 The arc length is common to all frames. Nodes and spline are therefore two fixed matrices, and the error of a frame
 takes two small matrix products.
@@ -27,7 +27,8 @@ NEWTON_STEPS = 4
 
 @dataclass(frozen=True)
 class SplineMap:
-    """Linear map from the stations of a frame to the spline through its nodes.
+    """Matrices that map the positions of the stations in a frame to a few nodes on the body, and these nodes to the
+    cubic spline through them.
 
     Attributes
     ----------
@@ -51,7 +52,9 @@ class SplineMap:
 
 
 def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boundary: str) -> SplineMap:
-    """Return the map for nodes at the arc lengths `knots` [m], which may be at or between stations."""
+    """Return the matrices from the stations to nodes at the arc lengths `knots` [m], and from the nodes to the cubic
+    spline through them.
+    """
     spline, slope = spline_matrix(knots, arc_length, boundary)
     return SplineMap(knots, boundary, local_cubic_matrix(arc_length, knots), spline, slope)
 
@@ -59,7 +62,8 @@ def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boun
 def frame_errors(
     body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the largest and the mean error over the stations in every frame, for each of K maps.
+    """Compute the largest and the mean distance (K, T) [m] over the stations between the body and a spline through a
+    few nodes on it, for K choices of nodes and T frames.
 
     Parameters
     ----------
@@ -83,7 +87,9 @@ def frame_errors(
 
 
 def node_positions(one: SplineMap, position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the positions (T, n + 1, d) [m] of the nodes."""
+    """Return the positions (T, n + 1, d) [m] of n + 1 nodes on the body, interpolated between the positions (T, S, d)
+    [m] of S stations over T frames.
+    """
     return np.matmul(one.nodes, position)
 
 
@@ -130,7 +136,8 @@ def closest_distances(
     boundary: str,
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the distances (T, S) [m] from the stations to the closest point of the spline, at most `distance`.
+    """Return the distance (T, S) [m] from each of S stations to the closest point of a spline, in T frames. It is at
+    most `distance`, that at equal arc length.
 
     The search covers the part of the spline that can be closest to a station: within pi times its distance at equal arc
     length. A grid search finds the neighbourhood, and Newton's method on the local cubic finds the point.

@@ -1,4 +1,6 @@
-"""Joint angles between chords of a shape, in the plane and in space, and the tips of the chain."""
+"""Compute the joint angles of a chain of links from the nodes between them, in the plane and in space, and the
+positions of the link tips.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ if TYPE_CHECKING:
 
 
 class LinkPoint(NamedTuple):
-    """A point beside a link of a spatial chain, from the link's joint: along (z), across (-y) and aside (x) [m]."""
+    """A point attached to a link of a spatial chain: the link's index, and its distances [m] from the link's joint
+    along (z), across (-y) and aside (x).
+    """
 
     link: int  # 0 for the first link, -1 for the base
     along: float
@@ -25,7 +29,9 @@ class LinkPoint(NamedTuple):
 def joints_in_plane(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64], start: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return rest angles (n,), joint angles (T, n) and tips (T, n, 2) of a planar chain from the origin."""
+    """Return the rest angles (n,) [rad] of a planar chain of n links, its joint angles (T, n) [rad] over T frames, and
+    its link tips (T, n, 2) [m]. The chain starts at the origin.
+    """
     relative, (rest_angle,) = chain_of(nodes)[1], chain_of(rest_nodes[None])[1]
     turns = _unwrapped_from(relative, rest_angle, start)
     return rest_angle, turns - rest_angle, forward_tips(turns, link_length)
@@ -34,7 +40,9 @@ def joints_in_plane(
 def joints_in_space(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return rest swings (2 n,), swings (T, 2 n) and tips (T, n, 3) of a spatial chain from the origin."""
+    """Return the swing angles, two per joint, of a spatial chain of n links at rest (2 n,) [rad] and their changes over
+    T frames (T, 2 n) [rad], and the link tips (T, n, 3) [m].
+    """
     rest_swing = swings_along(np.diff(rest_nodes, axis=0))
     rest = swing_matrices(rest_swing)
     swing = swings_along(np.diff(nodes, axis=1), rest)
@@ -45,7 +53,8 @@ def joints_in_space(
 def beside_links(
     place: NDArray[np.float64], before: float, link_length: NDArray[np.float64], rest: NDArray[np.float64]
 ) -> list[LinkPoint]:
-    """Return each of the points (P, 3) [m] as a `LinkPoint` of the nearest link of a spatial chain at rest.
+    """Attach each of P points (P, 3) [m] on the body at rest to the nearest link of a spatial chain, and return them as
+    `LinkPoint`s.
 
     Parameters
     ----------
@@ -68,14 +77,17 @@ def beside_links(
 
 
 def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lengths [m] and relative angles [rad] in (-pi, pi], both (T, n), of chords between nodes (T, n + 1, 2)."""
+    """Return the lengths [m] of n planar links between nodes (T, n + 1, 2) [m] over T frames, and the angle [rad] of
+    each link to the previous one in (-pi, pi]; both are (T, n).
+    """
     chord = np.diff(nodes, axis=1)
     alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
     return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
 
 
 def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the tips (T, n, 2) of chains from the origin, for turns (T, n) = q + theta_0 and link lengths.
+    """Return the tips (T, n, 2) [m] of the n links of planar chains that start at the origin, over T frames. `turns`
+    (T, n) [rad] is the angle of each link to the previous one: q + theta_0.
 
     p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
 
@@ -87,7 +99,7 @@ def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angle wrapped to (-pi, pi]."""
+    """Return angles [rad] wrapped to the interval (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 

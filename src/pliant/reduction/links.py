@@ -1,4 +1,4 @@
-"""Compute links and joint angles of a shape: chords between nodes on the curve (notation: docs, Sec. III-B)."""
+"""Fit a chain of rigid links to the shape of a body: each link is the chord between two nodes on the curve."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ PRESSURE_AT_REST = 0.05  # of the range of the pressure
 
 @dataclass(frozen=True)
 class LinkPlacement:
-    """Chain of links fitted to a shape over time. Joint i is at the base of link i; index 0 is the base.
+    """Chain of n rigid links fitted to a shape over time: link lengths, rest angles, joint angles and tip positions.
+    Joint i is at the base of link i; index 0 is the base.
 
     N is n in the plane. In space N is 2 n, with the two swing angles of each joint interleaved (a_1, b_1, ..., a_n,
     b_n). The chain does not twist about its links, neither at rest nor in motion.
@@ -69,23 +70,24 @@ class LinkPlacement:
 
     @property
     def n(self) -> int:
-        """Number of links."""
+        """Number of links in the chain."""
         return len(self.link_length)
 
     @property
     def rest_rotation(self) -> NDArray[np.float64]:
-        """Rotation (n, 3, 3) of each link relative to the previous one at rest, for a spatial chain."""
+        """Rotation matrix (n, 3, 3) of each link of a spatial chain relative to the previous link at rest."""
         return swing_matrices(self.rest_angle.reshape(self.n, 2))
 
     @property
     def rest_bend(self) -> NDArray[np.float64]:
-        """Angle (n,) [rad] of each link to the previous one at rest; unsigned for a spatial chain."""
+        """Angle (n,) [rad] between each of n links and the previous one at rest; unsigned for a spatial chain."""
         if len(self.base) == 2:
             return self.rest_angle
         return np.asarray(np.linalg.norm(self.rest_angle.reshape(self.n, 2), axis=1))
 
     def beside(self, place: ArrayLike) -> list[LinkPoint]:
-        """Return points (P, 3) [m] of the body at rest, in the base frame, as `LinkPoint`s of a spatial chain.
+        """Attach each of P points `place` (P, 3) [m], on the body at rest in the base frame, to the nearest link of a
+        spatial chain, and return them as `LinkPoint`s.
 
         Each point is assigned to the nearest link, or to the base before the first joint where that is nearest.
         """
@@ -93,7 +95,7 @@ class LinkPlacement:
         return beside_links(places, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the chain over time as an `xarray.Dataset` with units."""
+        """Return the link lengths, joint angles and tips of the chain over time as an `xarray.Dataset` with units."""
         import xarray as xr
 
         def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:
@@ -127,7 +129,8 @@ def links_of(
     length: str = "rest",
     rest: tuple[float, float] | None = None,
 ) -> LinkPlacement:
-    """Fit a chain of links to a shape, planar or spatial, and return its joint angles over time.
+    """Fit a chain of rigid links, planar or spatial, to the recorded shape of a body and return its link lengths and
+    joint angles over time.
 
     alpha_i = atan2(-dx, dy) of chord i;  theta_i = alpha_i - alpha_{i-1}, alpha_0 = 0 (the base tangent +y);
     theta_i0 = theta_i of the rest shape;  q_i = theta_i - theta_i0
@@ -208,7 +211,8 @@ def _chosen_nodes(
         names = [str(name) for name in recording["station"].values]
         unknown = [name for name in stations if name not in names]
         if unknown:
-            raise InputError(f"the recording has no station {', '.join(unknown)}; its stations are {', '.join(names)}")
+            raise InputError(f"the recording has no station {', '.join(unknown)}: choose stations among "
+                             f"{', '.join(names)}")
         knots = s[[names.index(name) for name in stations]]
     else:
         knots = np.array(node_arc_length, dtype=np.float64)

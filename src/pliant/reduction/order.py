@@ -1,4 +1,4 @@
-"""Select the number of links by the error of the spline through the joints."""
+"""Select the number of links of a chain by the distance between the recorded body and the spline through the joints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def select_order(
     metric: str = "arc",
     nodes: str = "auto",
 ) -> OrderResult:
-    """Compute the error of the reconstructed shape for 2 to `max_order` segments, and choose the lowest within `bound`.
+    """Compute the largest error of the reconstructed shape for chains of 2 to `max_order` links, and choose the lowest
+    number of links with an error within `bound` [m].
 
     In every frame a cubic spline through the n + 1 joints, base and tip included, is compared with the measured body at
     all its stations. Bodies may be planar or three-dimensional.

@@ -1,4 +1,6 @@
-"""Result of an order selection: errors by order and frame, the chosen order and the reason."""
+"""Result of the selection of a number of links: error of the reconstructed shape for each number, the chosen one and
+the reason.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ FEW_STATIONS = 3  # inside a segment; with fewer, the largest error at the stati
 
 @dataclass(frozen=True, repr=False)
 class OrderResult(Shown):
-    """Errors of the reconstructed shape for every order, and the chosen order.
+    """Error of the reconstructed shape for every evaluated number of links (order) and every frame, and the chosen
+    order.
 
     Attributes
     ----------
@@ -63,12 +66,12 @@ class OrderResult(Shown):
 
     @property
     def frames(self) -> int:
-        """Number of frames that were used."""
+        """Number of frames of the recording in which the error was computed."""
         return len(self.time)
 
     @property
     def chosen(self) -> int | None:
-        """Lowest order whose largest error over all frames is within the bound; None where there is none."""
+        """Lowest number of links whose largest error over all frames is within the bound; None where there is none."""
         if self.bound is None:
             return None
         for n, errors, inside in zip(self.orders, self.max_error, self.stations_between, strict=True):
@@ -78,7 +81,9 @@ class OrderResult(Shown):
 
     @property
     def reason(self) -> str:
-        """Sentence that says why this order was chosen, or none; it warns where the stations are too few to judge."""
+        """Sentence that says why this number of links was chosen, or why none was. It warns where the stations are too
+        few to judge.
+        """
         if self.bound is None:
             return "No order was chosen, because no bound was given."
         bound = f"the bound of {self.bound * 1e3:g} mm"
@@ -96,25 +101,32 @@ class OrderResult(Shown):
         return f"{text} (maximum error {self.max_error[self._row(n)].max() * 1e3:.2f} mm)." + self._caution(n)
 
     def fraction_within(self, order: int) -> float:
-        """Return the fraction of frames whose largest error is within the bound; 1 without a bound."""
+        """Return the fraction of frames in which the largest error of a chain of this number of links is within the
+        bound; 1 without a bound.
+        """
         if self.bound is None:
             return 1.0
         return float((self.max_error[self._row(order)] <= self.bound).mean())
 
     def worst_frames(self, order: int, count: int = 5) -> list[tuple[float, float]]:
-        """Return (time [s], largest error [m]) of the `count` worst frames of an order, worst first."""
+        """Return time [s] and largest error [m] of the `count` frames that a chain of this number of links reconstructs
+        worst, worst first.
+        """
         errors = self.max_error[self._row(order)]
         return [(float(self.time[k]), float(errors[k])) for k in np.argsort(-errors, kind="stable")[:count]]
 
     def operations(self, order: int) -> int:
-        """Return the approximate number of additions and multiplications per evaluation of n-link dynamics.
+        """Return the approximate number of additions and multiplications to evaluate the dynamics of a chain of `order`
+        links once.
 
         It counts dense equations in absolute angles.
         """
         return round(order**3 / 3 + 55 * order**2 / 6)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the errors by order and the choice in millimetres, as `pliant order --json` prints them."""
+        """Return the errors [mm] of every number of links and the chosen number as a dict, as `pliant order --json`
+        prints it.
+        """
         return {
             "orders": {str(n): self._row_dict(k) for k, n in enumerate(self.orders)},
             "chosen": self.chosen,
@@ -124,7 +136,7 @@ class OrderResult(Shown):
         }
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the errors over order and time as an `xarray.Dataset` with units."""
+        """Return the errors of every number of links over time as an `xarray.Dataset` with units."""
         import xarray as xr
 
         about = {"max_error": (self.max_error, "largest"), "mean_error": (self.mean_error, "mean")}
@@ -140,7 +152,7 @@ class OrderResult(Shown):
         return xr.Dataset(data, coords, attrs | {"reason": self.reason, "notes": "\n".join(self.notes)})
 
     def summary(self) -> str:
-        """Return the choice, its settings and its data in sentences."""
+        """Return the chosen number of links, the settings of the selection and the data used, as sentences."""
         kind = "at equal arc length" if self.metric == "arc" else "to the closest point"
         place = "at equal arc length" if self.placement == "equal" else "where the largest error is smallest"
         text = f"{self.reason} Errors {kind}, joints {place}, {self.boundary} spline, {self.stations} stations"
@@ -150,7 +162,7 @@ class OrderResult(Shown):
         return text
 
     def card(self) -> Card:
-        """Return a table of the errors of every order, and the choice, as a card for notebooks."""
+        """Return the chosen number of links and a table of the errors of every number, for display in a notebook."""
         head = ["segments", "max mm", "mean mm", "95 % of max mm", "frames within bound"]
         rows = []
         for n, row in zip(self.orders, self.to_dict()["orders"].values(), strict=True):

@@ -1,4 +1,6 @@
-"""Choose the positions of the joints: at equal arc length, or such that the largest error is smallest."""
+"""Choose the positions of the joints along the body: at equal arc length, or such that the largest error of the spline
+through them is smallest.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ START_SEGMENTS = 16
 
 
 def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") -> NDArray[np.float64]:
-    """Return the arc lengths (n + 1,) [m] of nodes at equal spacing, base and tip included.
+    """Return the arc lengths (n + 1,) [m] of the nodes of n segments of equal length along the body, base and tip
+    included.
 
     With ``nodes="interpolated"`` they are exactly j L / n, between stations where necessary. With ``"stations"`` they
     are at the nearest stations. ``"auto"`` interpolates from 65 stations on: a local cubic between stations L / 64
@@ -35,7 +38,8 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
 
 
 def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc lengths (n + 1,) [m] of nodes with a small largest error, never worse than that of `start`.
+    """Search the arc lengths (n + 1,) [m] of the nodes of n segments for which the spline through them is closest to
+    the body, and return them. Their largest error is at most that of `start`.
 
     Base and tip are fixed. The search moves nodes from station to station, alone and in blocks, on a set of active
     frames. It adds the worst of all frames until none is worse than the active ones. It starts from the equal nodes and
@@ -72,7 +76,9 @@ def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64
 
 
 def stations_between(arc_length: NDArray[np.float64], knots: NDArray[np.float64]) -> int:
-    """Return the smallest number of stations strictly inside a segment; only these show its error."""
+    """Return the smallest number of stations strictly between two neighbouring nodes. The error of the spline can only
+    be measured at such stations.
+    """
     tolerance = 1e-9 * arc_length[-1]
     inside = [((arc_length > a + tolerance) & (arc_length < b - tolerance)).sum() for a, b in pairwise(knots)]
     return int(min(inside))
@@ -94,7 +100,9 @@ class _Search:
         self.seen: dict[bytes, float] = {}
 
     def cost(self, index: NDArray[np.intp]) -> float:
-        """Return the largest squared error [m^2] for nodes at the stations `index`."""
+        """Return the largest squared distance [m^2] between the body and the spline through nodes at the stations with
+        the indices `index`.
+        """
         key = index.tobytes()
         if key not in self.seen:
             spline, slope = spline_matrix(self.s[index], self.s, self.boundary)
@@ -106,7 +114,9 @@ class _Search:
         return self.seen[key]
 
     def descend(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], float]:
-        """Return the best indices found from `index`, and their largest error [m]."""
+        """Move nodes between stations, starting from the station indices `index`, while this reduces the largest error
+        of the spline through them. Return the last indices and that error [m].
+        """
         cost = self.cost(index)
         n = index.size - 1
         stride = max(1, self.s.size // (4 * n))

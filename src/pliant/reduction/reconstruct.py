@@ -1,4 +1,6 @@
-"""Reconstruct a continuous shape from a chain: a spline through the tips, or a curve of continuous curvature."""
+"""Reconstruct the continuous shape of a body from a chain of links: a spline through the link tips, or a curve of
+continuous curvature.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ def spline_shape(
     base: ArrayLike = (0.0, 0.0),
     base_tangent: ArrayLike = (0.0, 1.0),
 ) -> NDArray[np.float64]:
-    """Evaluate the cubic spline through the base and the link tips, and return points (T, P, d) [m].
+    """Reconstruct a continuous shape from a chain of links: return P points (T, P, d) [m] in T frames on the cubic
+    spline through the base and the link tips.
 
     Parameters
     ----------
@@ -70,7 +73,8 @@ def spline_shape(
 
 
 def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> NDArray[np.float64]:
-    """Return the continuous, piecewise linear curvature (T, P) [1/m] of a chain with turns (T, n) = q + theta_0 [rad].
+    """Return the curvature (T, P) [1/m] at P arc lengths of a continuous curve that follows a planar chain of n links
+    over T frames. `turns` (T, n) [rad] is the angle of each link to the previous one: q + theta_0.
 
     The tangent angle phi(s) is the quadratic spline whose mean over segment i is the chord angle
     alpha_i = sum_{k<=i} turns_k, with phi(0) = 0: the derivative of the clamped cubic spline through
@@ -82,7 +86,8 @@ def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: 
 def curvature_shape(
     turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike, *, base: ArrayLike = (0.0, 0.0)
 ) -> NDArray[np.float64]:
-    """Return the planar shape (T, P, 2) [m] whose curvature is that of `curvature_profile`, from the base along +y.
+    """Reconstruct a continuous planar shape from a chain of links: return P points (T, P, 2) [m] over T frames of a
+    curve with continuous curvature that leaves the base along +y.
 
     The length is exact by construction. The curve passes near the link tips, not through them.
 

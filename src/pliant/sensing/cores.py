@@ -1,4 +1,4 @@
-"""Reading the shape of a body from a file, the strain of a multicore fibre included."""
+"""Read the shape of a body from a file, which may hold the strain of a multicore fibre."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 class Cores(FileMapping):
-    """The table `cores` of a mapping: where the cores of a fibre lie, and in which files their strain is."""
+    """Options that describe the cores of a multicore fibre: their positions in the cross-section, and the files that
+    hold their strain.
+    """
 
     radius_um: float = Field(gt=0)  # distance of the outer cores from the axis of the fibre
     outer: int = Field(3, ge=2)  # number of outer cores, evenly spread
@@ -35,14 +37,16 @@ class Cores(FileMapping):
     files: tuple[str, ...] = ()  # parts of file names, one a core; the first is in the name of the file read
 
     def layout(self) -> CoreLayout:
-        """Return the positions of the cores in the cross-section."""
+        """Return the positions of the cores in the cross-section of the fibre as a `CoreLayout`."""
         return CoreLayout.symmetric(
             self.outer, 1e-6 * self.radius_um, centre=self.centre, first_angle=np.radians(self.first_angle_deg),
             pitch=None if self.pitch_mm is None else 1e-3 * self.pitch_mm,
         )
 
     def paths(self, path: Path) -> list[Path]:
-        """Return the files of all cores: `path`, and those whose names differ from it in their part alone."""
+        """Return the paths of the files of all cores: that of the first core, `path`, and those with the part of its
+        name that stands for the core replaced.
+        """
         if not self.files:
             return [path]
         first = self.files[0]
@@ -53,7 +57,7 @@ class Cores(FileMapping):
 
 
 def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, format: str | None = None) -> xr.Dataset:  # noqa: A002
-    """Read a recording as `pliant.read` does, and turn the strain of a multicore fibre into its shape.
+    """Read a recording from a file, as `pliant.read` does. The strain of a multicore fibre is converted to its shape.
 
     Parameters
     ----------
@@ -106,5 +110,5 @@ def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, fo
 
 
 def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the steps in the history of a recording, one line each."""
+    """Return the processing steps in the history of a recording as a list of lines."""
     return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]

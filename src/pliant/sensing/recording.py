@@ -1,4 +1,6 @@
-"""Convert a recording of strain to a recording of positions, with the uncertainty of the points."""
+"""Convert a recording of the strain in a multicore fibre to a recording of positions along the fibre, with their
+uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ def shape_from_strain(
     bridge: int = 0,
     sigma_strain: float | None = None,
 ) -> xr.Dataset:
-    """Integrate the strain of a multicore fibre and return a recording of positions in space.
+    """Compute the shape of a multicore fibre from a recording of its strain, and return a recording of positions in
+    space.
 
     Parameters
     ----------
@@ -55,7 +58,8 @@ def shape_from_strain(
     """
     check_recording(recording)
     if "strain" not in recording:
-        raise InputError("shape_from_strain needs strain, but the recording holds none")
+        raise InputError("shape_from_strain needs strain, but the recording holds none: read a file with the strain "
+                         "of the cores")
     if bridge < 0:
         raise InputError(f"bridge must be 0 or a positive number of gauges, not {bridge}")
     s = recording["gauge_position"].values
@@ -108,7 +112,8 @@ def _estimated_noise(residual: NDArray[np.float64], layout: CoreLayout, sees_twi
 
 
 def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
-    """Return the standard deviation [m] of the tip of a straight fibre across its axis.
+    """Return the standard deviation [m] of the tip position, across the axis of a straight fibre, from that of the
+    measured curvature.
 
     sigma_tip = sigma_kappa sqrt(ds L^3 / 3), for independent errors of the curvature samples
 
@@ -129,7 +134,8 @@ def point_covariance(
     sigma_base_angle: float = 0.0,
     sigma_bias: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Return the covariance (S, 2, 2) [m^2] of each point of a planar curve, to first order.
+    """Return the covariance matrix (S, 2, 2) [m^2] of the position of each of S points on a planar curve, from the
+    errors of its measured curvature. It is accurate to first order.
 
     delta p_k = sum_{j<=k} S (p_k - p_j) delta kappa_j ds_j + S (p_k - p_0) delta phi_0,  S = [[0, -1], [1, 0]]
 

@@ -23,7 +23,7 @@ COMMON_MODES = ("centre", "least-squares")
 
 @dataclass(frozen=True)
 class CoreLayout:
-    """Positions of the cores in the cross-section of a fibre.
+    """Positions of the cores in the cross-section of a multicore fibre: distance from the axis [m] and angle [rad].
 
     Attributes
     ----------
@@ -53,14 +53,16 @@ class CoreLayout:
     def symmetric(
         cls, outer: int, radius: float, *, centre: bool = True, first_angle: float = 0.0, pitch: float | None = None
     ) -> CoreLayout:
-        """Return a layout of `outer` evenly spaced cores at `radius` [m], with a centre core before them on request."""
+        """Return the positions of `outer` evenly spaced cores at the distance `radius` [m] from the fibre's axis,
+        preceded by a centre core where `centre` is True.
+        """
         angle = first_angle + 2 * np.pi * np.arange(outer) / outer
         lead = [0.0] if centre else []
         return cls(np.array([*lead, *([radius] * outer)]), np.array([*lead, *angle]), pitch)
 
     @property
     def twist_gain(self) -> NDArray[np.float64]:
-        """Strain (C,) of each core per rad/m of twist; 0 without a pitch."""
+        """Axial strain (C,) of each of C cores per rad/m of fibre twist; 0 for straight cores."""
         if self.pitch is None:
             return np.zeros_like(self.radius)
         turn = 2 * np.pi / self.pitch
@@ -70,7 +72,7 @@ class CoreLayout:
 
 @dataclass(frozen=True)
 class FibreState:
-    """Curvature, twist and common strain along a fibre, as `curvature_from_strain` returns them.
+    """Curvature, twist and common strain over time at each gauge along a multicore fibre.
 
     Attributes
     ----------
@@ -99,7 +101,8 @@ class FibreState:
 def curvature_from_strain(
     strain: ArrayLike, gauge_position: ArrayLike, layout: CoreLayout, *, common_mode: str = "least-squares"
 ) -> FibreState:
-    """Compute curvature vector, twist and common strain at every gauge from the strain of the cores.
+    """Compute the curvature (two components), the twist and the strain common to all cores at each gauge, from the
+    strain (T, C, G) of C cores at G gauges over T frames.
 
     Parameters
     ----------

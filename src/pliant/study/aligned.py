@@ -1,4 +1,6 @@
-"""Recordings of a study on one clock and in one rest position, with what is reported of each."""
+"""Alignment of a study's recordings on one clock and in one rest position, with sentences on each recording for the
+report.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,10 @@ class Aligned(NamedTuple):
 
 
 def rest_place(name: str, recording: xr.Dataset) -> Array:
-    """Return the mean position (S, 2) [m] of the stations in the rest window of the alignment."""
+    """Return the mean position (S, 2) [m] of the S stations of a recording during the rest window of its alignment."""
     if "alignment" not in recording.attrs:
-        raise InputError(f"recording {name} was aligned before the study: common_rest needs the tracker's recording")
+        raise InputError(f"recording {name} was aligned before the study, but common_rest needs positions in the "
+                         "tracker's frame: use the recording before its alignment, or remove common_rest")
     start, stop = alignment_of(recording).rest_s
     window = (recording["time"].values >= start) & (recording["time"].values <= stop)
     return np.asarray(np.nanmean(recording["position"].values[window], axis=0))
@@ -52,7 +55,8 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
     shifted = {}
     for name, one in recordings.items():
         if one.body.station.values.tolist() != stations:
-            raise InputError(f"recording {name} has other stations than {first}: common_rest needs the same ones")
+            raise InputError(f"recording {name} has other stations than {first}, but common_rest needs the same ones: "
+                             "remove common_rest, or state the same stations in [alignment]")
         move = goal - rest_place(name, one.body)
         far = 1e3 * float(np.linalg.norm(move, axis=1).max())
         moved = f"shifted by up to {far:.3g} mm, station by station, to the rest position of {first}"
@@ -62,7 +66,9 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
 
 
 def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) -> xr.Dataset:
-    """Return the recording with the pressure of a log from another file, still on the log's own clock."""
+    """Return the recording with the pressure added from a separate log file. The pressure stays on the log's
+    own clock.
+    """
     if "pressure" not in log:
         raise InputError(f"recording {name}: {file} holds no pressure: state its pressure column in pressure_mapping")
     if "pressure" in recording:
@@ -77,7 +83,8 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
 def on_one_clock(
     recording: xr.Dataset, entry: Recording, name: str
 ) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
-    """Return the recording with its pressure on the shape's clock, the estimated offset, and sentences for the report.
+    """Return the recording with its pressure moved to the shape's clock, the estimated offset of the clocks, and
+    sentences on it for the report.
 
     The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
     """

@@ -1,4 +1,6 @@
-"""The model of the body that a study states: entries, preset, taper, and tendons with estimated azimuths."""
+"""Functions that build the model of a study's actuator from its table [actuator], a preset, a taper, and tendons with
+estimated azimuths.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ def study_model(
     actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
     sign: int = 1,
 ) -> Model:
-    """Return the model of the study's actuator, from its entries, its preset and the recorded shape.
+    """Return the model of the study's actuator, built from the table [actuator], its preset and, for dense shapes,
+    links placed on a recorded shape.
 
     Parameters
     ----------
@@ -78,7 +81,8 @@ def study_model(
 
 
 def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
-    """Return the chambers of an actuator with `joints` joints; in space each at its azimuth, by default 90 degrees.
+    """Return the `Chamber` objects that the tables of a study describe, on an actuator with `joints` joints. In space
+    each chamber lies at its azimuth, by default 90 degrees.
 
     A chamber at 90 degrees bends the body about +x, as a chamber of a planar body does.
     """
@@ -103,16 +107,19 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
 
 
 def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
-    """Return the numbers, from 1, of the joints on which an input acts: all if its entry states none."""
+    """Return the numbers (from 1) of the joints on which a chamber or tendon acts; all joints if its table
+    states none.
+    """
     turned = list(range(1, joints + 1)) if entry.joints is None else entry.joints
     if strange := [j for j in turned if not 1 <= j <= joints]:
         what = "tendon" if isinstance(entry, TendonTable) else "chamber"
-        raise InputError(f"{what} {entry.name} acts on joint {strange[0]}, but the chain has joints 1 to {joints}")
+        raise InputError(f"{what} {entry.name} acts on joint {strange[0]}, but the chain has joints 1 to {joints}: "
+                         "correct its joints, or links in [actuator]")
     return turned
 
 
 def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
-    """Return the tendon of a study's table, on a chain of `length` [m] with `joints` joints."""
+    """Return the `Tendon` that a table of the study describes, on a chain of `length` [m] with `joints` joints."""
     if entry.azimuth_deg is None:
         raise InputError(f"tendon {entry.name}: state azimuth_deg; it can only be estimated in a study with recordings")
     passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed_joints(entry, length, joints)
@@ -123,7 +130,9 @@ def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
 
 
 def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
-    """Return the chain of links placed on a measured shape, with the link tips as its observed points."""
+    """Return a model whose links have the lengths and rest angles of links placed on a measured shape. Its observed
+    points are the link tips.
+    """
     turns: dict[str, Any] = {"rest_angle": links.rest_angle}
     if len(links.base) == 3:
         space = values.get("space")
@@ -139,7 +148,7 @@ def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
 
 
 def in_base_frame(gravity: Array, rotation: Array | None, sign: int, dimension: int = 2) -> Array:
-    """Return gravity (2,) or (3,) [m/s^2] in the base frame.
+    """Return the gravity that a study states as a vector (2,) or (3,) [m/s^2] in the base frame.
 
     Three numbers are in the tracker's frame. Two numbers are in the base frame, with their x multiplied by `sign`. For
     a body in space without an alignment, three numbers are in the base frame.
@@ -164,14 +173,16 @@ def presets() -> list[str]:
 
 
 def preset(name: str) -> Any:
-    """Return the module of an actuator preset; its BODY holds the arguments of `chain_model`."""
+    """Return the module of the actuator preset `name`. Its constant BODY is a dict of arguments for `chain_model`."""
     if name not in presets():
         raise InputError(f"unknown actuator preset {name!r}: use one of {', '.join(presets())}")
     return import_module(f"pliant.actuators.{name}")
 
 
 def slices(length: float, joints: int) -> tuple[Array, float]:
-    """Return the midpoints (joints, SLICES) [m] of thin slices of each joint's segment, and their thickness [m]."""
+    """Cut each joint's segment of the body into thin slices; return their midpoints (joints, SLICES) [m from base] and
+    their thickness [m].
+    """
     thin = length / (joints * SLICES)
     return (thin * (np.arange(joints * SLICES) + 0.5)).reshape(joints, SLICES), thin
 
@@ -187,7 +198,9 @@ def checked_radius(taper: TaperTable, length: float) -> None:
 
 
 def tapered_springs(taper: TaperTable, length: float, joints: int) -> Array:
-    """Return the stiffness (joints,) [N m/rad] of joints in the middle of equal segments: 1 / integral of 1 / (E I)."""
+    """Return the stiffness (joints,) [N m/rad] of the joints of a tapered body: 1 / integral of 1 / (E I) over each of
+    the equal segments.
+    """
     checked_radius(taper, length)
     s, thin = slices(length, joints)
     bending = taper.modulus * np.pi / 4 * np.interp(s, taper.at, taper.radius) ** 4
@@ -195,7 +208,9 @@ def tapered_springs(taper: TaperTable, length: float, joints: int) -> Array:
 
 
 def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Array:
-    """Return the mass (n,) of each link [kg], without the part before the first joint, which does not move."""
+    """Return the masses (n,) [kg] of the n links of a tapered body. The part before the first joint is left out, since
+    it does not move.
+    """
     ends = length - np.append(np.cumsum(link_length[::-1])[::-1], 0.0)
     s, thin = slices(length, link_length.size)
     section = taper.density * np.pi * np.interp(s, taper.at, taper.radius).ravel() ** 2
@@ -205,7 +220,9 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
 def tapered_extensions(
     taper: TaperTable, length: float, segments: Sequence[Extension], joints: int,
 ) -> tuple[Extension, ...]:
-    """Return the extensible segments with the axial stiffness of the tapered body: length / integral of 1 / (E A)."""
+    """Return the extensible segments of a tapered body with their axial stiffness [N]: segment length / integral of 1 /
+    (E A).
+    """
     s, thin = slices(length, joints)
     axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
     tapered = []
@@ -217,7 +234,8 @@ def tapered_extensions(
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
-    """Return the distance (joints,) of a tendon from the axis at each joint, divided by its lever at the base.
+    """Return the distance of a tendon from the body's axis at each joint (joints,), as a fraction of its distance at
+    the base.
 
     The distance is averaged over the joint's segment, and is 0 beyond the end of the tendon.
     """
@@ -246,7 +264,8 @@ def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str,
     """
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
-        raise InputError("[actuator.taper] needs length and links, and replaces stiffness and mass: remove those")
+        raise InputError("[actuator.taper] needs length and links in [actuator], and replaces stiffness and mass: "
+                         "state length and links, and remove stiffness and mass")
     springs = tapered_springs(taper, length, links)
     mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
     return {"stiffness": springs, "mass": mass,
@@ -299,8 +318,8 @@ def with_azimuths(
 
 
 def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
-    """Return the motion of the last station across the base tangent for a unit of each input (C, 2) [m], by least
-    squares.
+    """Return the displacement (C, 2) [m] of the last station across the base tangent for one unit of each of C inputs,
+    by least squares.
     """
     inputs, moves = [], []
     for exp in experiments:

@@ -1,5 +1,5 @@
-"""Preparation of dense shapes in a study: tip, body, alignment, order, links and experiment (paper, Secs. II and
-III-A).
+"""Preparation of a study's dense shapes: find tip and body, align, choose the number of links, place them, and build
+the experiment (paper, Secs. II and III-A).
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ REST_S = 0.1  # the rest shape is the mean of the first frames, before the press
 def body_of_fibre(
     raw: xr.Dataset, fibre: Fibre, *, space: bool = False, normal: np.ndarray | None = None
 ) -> tuple[xr.Dataset, str]:
-    """Return the body cut from a fibre with lead, body, cap and tail, in the base frame, and a sentence on its tip.
+    """Cut the actuator's body out of the shape of a whole fibre; return it in the base frame, with a sentence on how
+    its tip was found.
 
     Parameters
     ----------
@@ -61,7 +62,8 @@ def body_of_fibre(
 
 
 def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
-    """Return the arc length [m] of the base, the side to which the cap bends (1 or -1), and a sentence on the cap.
+    """Find the cap at the fibre's tip; return the arc length [m] of the body's base, the side to which the cap bends (1
+    or -1), and a sentence on the cap.
 
     The base lies one body length before the cap. In space, the cap is found by the magnitude of its curvature.
     """
@@ -87,7 +89,9 @@ def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
 
 
 def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
-    """Return the curvature, order and links of the recording whose shape determines the chain."""
+    """Compute the curvature, the number of links and their placement from the recording whose shape determines the
+    chain of links.
+    """
     order: OrderResult = select_order(
         body, max_order=max(reduction.max_order, reduction.links or 2), bound=1e-3 * reduction.bound_mm,
         boundary=reduction.boundary, placement=reduction.placement,
@@ -105,7 +109,9 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
 
 
 def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
-    """Return the arc lengths (n + 1,) [m] of the joints and the tip, from the order selection or mid-segment."""
+    """Return the arc lengths (n + 1,) [m] of n joints and the tip. The joints lie in the middle of equal segments, or
+    where the order selection placed them.
+    """
     if reduction.joint_placement == "midsegment":
         return np.asarray(order.length / n * np.append(np.arange(n) + 0.5, n))
     if n not in order.orders:
@@ -114,7 +120,9 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
 
 
 def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
-    """Return nodes (n + 1,) [m] scaled to the length of this recording's body, if it differs by less than 1 %."""
+    """Scale the arc lengths (n + 1,) [m] of n joints and the tip to the length of this recording's body, if the lengths
+    differ by less than 1 %.
+    """
     if "arc_length" not in body.coords:
         return nodes
     length = float(body["arc_length"].to_numpy()[-1])
@@ -122,7 +130,9 @@ def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
 
 
 def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacement) -> Experiment:
-    """Return the experiment that observes the link tips of a dense shape, with nodes as in `chain`."""
+    """Return the experiment of a recorded dense shape, observed at the tips of links whose joints lie at the same arc
+    lengths as in `chain`.
+    """
     entry = study.recordings[name]
     links = links_of(body, node_arc_length=scaled_nodes(chain.node_arc_length, body))
     base = links.base if chain.node_arc_length[0] == 0 else 0.0  # else links.base is the first joint, not the base

@@ -30,13 +30,16 @@ def stated_case(actuator: ActuatorEntry) -> Case:
 
 
 def body_warnings(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """Return warnings about the stated body compared with one recording of it, by the name of the check."""
+    """Return warnings on contradictions between the stated body and one recording of it. Their keys are the names of
+    the checks.
+    """
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
 def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
-    """Prefix an InputError raised inside the block with the warning about units, if there is one.
+    """Context manager that puts the warning about units, if there is one, before the message of an InputError raised
+    inside.
 
     A wrong unit is often the cause of another error, such as a base that seems to move by metres.
 
@@ -55,7 +58,7 @@ def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
 
 
 def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
-    """Return the warnings about a study's recordings and body, each once.
+    """Return the warnings about a study's recordings and its stated body, without duplicates.
 
     A warning about a recording begins with its name. A warning about the body is taken from the first recording that
     shows it. Warnings from comparisons between recordings come last.

@@ -170,7 +170,9 @@ def inspect_all(
 
 
 def space_entry(out: Lines, trials: Sequence[Trial]) -> None:
-    """Write whether the body moves in space, with the out-of-plane fraction of the motion as the reason."""
+    """Write the entry `space`, or a comment that proposes it, with the fraction of the motion that is out of its
+    best-fit plane.
+    """
     share = 100 * max(trial.out_of_plane for trial in trials)
     reason = f"{share:.0f} % of the motion is out of its best-fit plane"
     if spatial_study(trials):
@@ -258,7 +260,8 @@ def weight(out: Lines, trials: Sequence[Trial], gravity: Sequence[float] | None)
 
 
 def down(trials: Sequence[Trial]) -> list[float]:
-    """Return gravity [m/s^2] of a body that hangs at rest, along the tracker's axis nearest to its base tangent.
+    """Return the gravity vector [m/s^2] of a body that hangs at rest, along the tracker's axis nearest to the base
+    tangent.
 
     For recordings of angles alone the direction is +y of the base frame.
     """
@@ -271,7 +274,7 @@ def down(trials: Sequence[Trial]) -> list[float]:
 
 
 def hanging(trials: Sequence[Trial]) -> str:
-    """Return a comment that states gravity for a body that hangs at rest."""
+    """Return the text of a comment with the gravity vector that holds if the body hangs at rest."""
     return f"{down(trials)} if the body hangs at rest"
 
 
@@ -335,7 +338,7 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
     if kind == "release":
         out.put("excitation", "release", "no pressure, and the body does not return: taken as free decay after release"
                 + (f" ({when})" if when else ""))
-        out.say('if a pressure moved it, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
+        out.say('if a pressure moved the body, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
     elif kind in ("pulse", "step"):
         edges = "a pulse is assumed, its edges" if kind == "pulse" else "a step is assumed, its start"
         out.say(f"the pressure was not recorded: {edges} estimated from the motion and fitted"
@@ -350,7 +353,7 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
 
 
 def moving_beside(trial: Trial) -> list[str] | None:
-    """Return the names of the stations that move, if other stations than the base stand still; None otherwise."""
+    """If some stations besides the base stand still, return the names of the stations that move; otherwise None."""
     if trial.dense or trial.angles_only or trial.aligned is None:
         return None
     names = [str(s) for s in trial.aligned["station"].values if str(s) != trial.base]
@@ -373,7 +376,7 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
         out.put(name, "free", meaning)
     if held and trials[0].angles_only:
         out.table("fits.midsegment")
-        out.say("with few links, stiffness depends on the assumed joint positions; compare their held-out predictions")
+        out.say("with few links, stiffness depends on the assumed joint positions: compare the errors of these fits")
         out.put("title", "Joints in the middle of their segments")
         out.put("like", "first")
         out.put("joint_placement", "midsegment")
@@ -403,7 +406,7 @@ def selection(out: Lines, trials: Sequence[Trial]) -> None:
 
 
 def free_parameters(trials: Sequence[Trial], held: str | None) -> list[tuple[str, str]]:
-    """Return (name, comment) of each parameter that the recordings can determine."""
+    """Return (name, comment) of each parameter of a fit that the recordings can determine."""
     kinds, first = {excitation(trial) for trial in trials}, trials[0]
     levels = {round(trial.highest_pa, -2) for trial in trials if trial.name != held and trial.highest_pa is not None}
     free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
@@ -425,7 +428,8 @@ def free_parameters(trials: Sequence[Trial], held: str | None) -> list[tuple[str
 
 
 def place_parameters(trials: Sequence[Trial], kinds: Collection[str]) -> list[tuple[str, str]]:
-    """Return (name, comment) of the parameters for the base tangent's error and the last station's position.
+    """Return (name, comment) of the fit parameters for the error of the base tangent and for the last station's
+    position on its link.
 
     They are free for marker stations alone, not for dense shapes, planar recordings or free decays.
     """

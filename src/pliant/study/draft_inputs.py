@@ -1,4 +1,6 @@
-"""Tables of a generated study file for its inputs, as the motion shows them: chambers, tendons, their channels."""
+"""Tables of a generated study file for the chambers and tendons that the motion shows, and for the channels that drive
+them.
+"""
 
 from __future__ import annotations
 
@@ -88,11 +90,12 @@ def tendons(out: Lines, trial: Trial) -> None:
             out.ask("pulley", "m, radius of the motors' pulleys")
             pair_entry(out, one)
         if not k and one.kind != "tension":
-            out.say("line_stiffness = 1000  (N/m, with its mounts: only its ratio to the body's is determined)")
+            out.say("line_stiffness = 1000  (N/m, tendon with its mounts: the motion shows only its ratio to the "
+                    "body's stiffness)")
 
 
 def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
-    """Write the azimuth [degrees] of an input, or an open question if it is None."""
+    """Write the entry with the azimuth [degrees] of a chamber or tendon, or an open question if the azimuth is None."""
     out.ask("azimuth_deg", "degrees around the axis; `pliant new` estimates it from a recording that begins at rest",
             azimuth, f"from x towards y of the base frame, {source}")
 
@@ -105,7 +108,8 @@ def pair_entry(out: Lines, one: RecordedInput) -> None:
 
 
 def joints_up_to(end: float, length: float | None) -> list[int]:
-    """Return the numbers, from 1, of the joints up to `end` [m], each in the middle of one of 5 equal segments.
+    """Return the numbers (from 1) of the joints from the base up to `end` [m]. The 5 joints lie in the middle of equal
+    segments.
 
     The segments divide `length` [m], or `end` if the length is None. A margin of 5 % is added to `end`.
     """
@@ -122,7 +126,9 @@ def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, 
 
 
 def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
-    """Write which channel of a recording drives which input, and whether it was measured and held between updates."""
+    """Write the entries that say which recorded channel drives which input of the model, and whether it was measured
+    and held between updates.
+    """
     recorded = several(trial.recording)
     if driving := [*(name for name in names if name in recorded), *(one.name for one in trial.tendon_inputs)]:
         out.put("drive", {name: name for name in driving}, "input of the model = channel of the recording")
@@ -133,8 +139,8 @@ def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
 
 
 def azimuths(recording: xr.Dataset) -> list[float]:
-    """Return the azimuth of each pressure's chamber [degrees, 0 to 360] from x towards y, from the last station's
-    motion.
+    """Estimate the azimuth of each chamber [degrees, 0 to 360, from x towards y] from the direction in which its
+    pressure moves the last station.
 
     A chamber bends the body away from itself. The station's displacement is assumed to be linear in all pressures.
 
@@ -148,7 +154,9 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Return the linear gain of stations' displacement across the base tangent [m] for each input (C, S, 1 or 2)."""
+    """Return the displacement [m] of S stations across the base tangent for one unit of each of C inputs, (C, S, 1) in
+    a plane or (C, S, 2) in space.
+    """
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
     design = np.column_stack([inputs, np.ones(len(inputs))])
@@ -160,8 +168,8 @@ def sideways(recording: xr.Dataset) -> np.ndarray:
 
 
 def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
-    """Return the side to which a chamber bends a planar body (1 or -1), and where the bend begins and ends [m from
-    base].
+    """Return the side to which a chamber bends a planar body (1 or -1), and the distances [m] from the base between
+    which it bends.
 
     The bend is assumed to be even between two points at tenths of the body, and the body straight elsewhere. If
     no part explains the displacements of the stations much better, the bend is assumed to be even over the whole body.
@@ -189,13 +197,16 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
 
 
 def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Return the sideways displacement at heights (S,) [m] of a body of unit curvature from `begin` to `end` [m]."""
+    """Return the sideways displacement of points at the heights (S,) [m] of a body that has curvature 1 from `begin` to
+    `end` [m] and is straight elsewhere.
+    """
     bent = np.clip(height, begin, end) - begin
     return np.asarray(bent * (height - begin - 0.5 * bent))
 
 
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
-    """Return for each input the azimuth of its tendon [degrees] and where it ends [m along the base tangent at rest].
+    """Return for each input the azimuth of its tendon [degrees] and the height of the tendon's end [m, along the base
+    tangent at rest].
 
     A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
     straight beyond. The end is the station with which this best explains the displacements of all stations.

@@ -33,7 +33,9 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Datase
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return trial mapping entries for a file that its reader cannot read without a mapping; empty if none applies."""
+    """Return the mapping entries (camera or units) to try on a file that cannot be read without a mapping; empty if
+    there are none.
+    """
     if not path.is_file():
         return []
     head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), stated.get("format")
@@ -58,7 +60,7 @@ LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms",
 
 
 def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
-    """Pair each recording of a shape with its pressure log, a file of pressure alone, or with None.
+    """Pair each file that holds a shape with the file that holds its pressure alone, or with None.
 
     A log belongs to the recording whose name begins with the log's name, or the reverse; of several, the longest name.
 

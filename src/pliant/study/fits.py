@@ -1,4 +1,6 @@
-"""Fits and model selection of a study: fit the training recordings, then predict each recording, with bands."""
+"""Fits and model selection of a study: fit the training recordings, then predict the held-out ones with 95 % prediction
+bands.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,8 @@ def fit_outcome(
     study: Study, name: str, title: str, entry: Fit | SelectionEntry, result: FitResult, seconds: float,
     experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
-    """Return the outcome of a fit: its predictions of each recording, and bootstrap standard errors if the study asks.
+    """Return the predictions of a fitted model for each recording, and bootstrap standard errors if the study requests
+    them.
 
     Results that cannot be computed (a recording, a band, the bootstrap) are listed in `not_computed` of the outcome.
     """
@@ -117,7 +120,7 @@ def run_model_selection(
 def selection_fit(
     study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
-    """Return the outcome of the selected stage, in the form of a fit of the study."""
+    """Return the results of the model that the model selection chose, in the same form as those of a fit."""
     entry = study.model_selection or SelectionEntry(train=[], starts=1)
     step = selection.step
     return fit_outcome(
@@ -143,7 +146,8 @@ def records_of(
     train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, step: float, weighting: str,
     failures: Failures,
 ) -> tuple[RecordOutcome, ...]:
-    """Return the outcomes of the training recordings and of the held-out ones, predicted by the fit.
+    """Compare each training and held-out recording with the motion that the fitted model predicts for it, and return
+    the comparisons.
 
     For a held-out recording, all parameters are held constant except its own edge times.
 
@@ -193,7 +197,9 @@ def warn_of_step(
 
 
 def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
-    """Return the outcome of a held-out recording, and the fit of its edge times."""
+    """Return the comparison of a held-out recording with its prediction, and the fit of the recording's own pressure
+    edge times.
+    """
     _, refit = predict_held_out(exp, result, step=step)
     record = outcome_of(exp, "held_out", refit, refit.values, step)
     edges = {p.name.removeprefix(f"{exp.name}."): refit.values[p.name] for p in refit.parameters if p.free}

@@ -24,7 +24,9 @@ WIDE = 1.959964  # standard errors to each side of a 95 % interval
 
 
 def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:
-    """Raise InputError if a forecast states a level or pressures that its template recording does not have."""
+    """Raise InputError if a forecast states a pressure level or pressures although the recording on which it is based
+    has no such input.
+    """
     for name, entry in study.forecasts.items():
         excitation = experiments[entry.like].excitation
         if entry.level is not None and excitation not in ("pulse", "step"):
@@ -35,7 +37,8 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
             )
         if entry.pressures and excitation != "trace":
             raise InputError(
-                f"forecast {name}: pressures needs a measured pressure, but {entry.like!r} is a {excitation}"
+                f"forecast {name}: pressures needs a measured pressure, but {entry.like!r} is a {excitation}: name a "
+                "recording with a measured pressure as `like`"
             )
 
 
@@ -105,8 +108,8 @@ def run_forecast(
 
 
 def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:
-    """Return the experiment of a forecast: `template` with other loads, another level or the pressures
-    `driven` [Pa].
+    """Return the experiment of a forecast: the recording `template` with other loads, another pressure level or the
+    chamber pressures `driven` [Pa].
     """
     level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
     case = replace(template, name=name, level=level, known={**template.known, **entry.known})
@@ -116,20 +119,24 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
-    """Return the model error of the last station's motion (T, 2 or 1), as one standard deviation; see `discrepancy`."""
+    """Return the standard deviation (T, axes) of the model's error in the last station's motion over T frames, in m, or
+    rad for angles.
+    """
     prediction = predict(result.model, case, values, step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:
-    """Return the experiment with the chambers in `highest` driven up to these pressures [Pa], the others held constant.
+    """Return the experiment with each chamber in `highest` driven up to its pressure there [Pa], and all other chambers
+    held constant.
 
     The time series of each driven chamber is that of the most driven chamber of the template, scaled so that its first
     value is 0 and its highest is 1.
     """
     drives, lead = template.drives, template.pressure
     if lead is None:
-        raise InputError(f"forecast {template.name}: its recording has no measured pressure: change like")
+        raise InputError(f"forecast {template.name}: the recording named by `like` has no measured pressure: name one "
+                         "that has")
     course = (lead.pressure - lead.pressure[0]) / (lead.peak - lead.pressure[0])
 
     def driven(first: float, chamber: str, time: np.ndarray = lead.time) -> Trace:
@@ -143,6 +150,8 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
 
 
 def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
-    """Return the edge times of a case that was not recorded, as estimated from the template's motion."""
+    """Return the times [s] at which the pressure of a forecast rises and falls, estimated from the motion of the
+    recording `template`.
+    """
     recorded = edges(template)
     return {name: recorded[name.rpartition(".")[2]] for name in names}

@@ -38,7 +38,7 @@ run_helper()
 
 
 class FitQueue:
-    """A queue of the fits that wait, and the outcomes of those that have ended."""
+    """The fits of a study that have not started, and the outcomes of those that have ended."""
 
     def __init__(self, study: Study, experiments: Mapping[str, Experiment], model: Model) -> None:
         self.common = (study, experiments, model)
@@ -54,7 +54,7 @@ class FitQueue:
             return None
 
     def missing(self) -> list[str]:
-        """Return the names of the fits without an outcome; empty after an unexpected error."""
+        """Return the names of the fits that have no outcome; an empty list after an unexpected error in any fit."""
         given_up = any(map(is_bug, self.outcomes.values()))
         return [] if given_up else [name for name in self.common[0].fits if name not in self.outcomes]
 
@@ -163,7 +163,7 @@ class Helper(Thread):
             self.name_of_fit = None
 
     def stop(self, *, busy: bool = True) -> None:
-        """End the process; with `busy=False`, only if it has no fit at the moment."""
+        """End the helper process. With `busy=False`, it is ended only if it computes no fit at the moment."""
         if busy or self.name_of_fit is None:
             self.stopped = True
             if self.process is not None:

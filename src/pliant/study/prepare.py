@@ -78,7 +78,7 @@ def check_pressure_unit(name: str, recording: xr.Dataset) -> None:
 
 
 def all_aligned(study: Study) -> dict[str, Aligned]:
-    """Return every recording of the study in the base frame, by name.
+    """Read every recording of the study and return them in the base frame, by name.
 
     For several chambers or a body in space, the x axis of all recordings is that of the first.
 
@@ -97,7 +97,8 @@ def all_aligned(study: Study) -> dict[str, Aligned]:
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
-    """Return the recordings with planar ones turned by half a turn, if the first one bends to the negative side.  # D4
+    """Turn all planar recordings by half a turn if the first one bends to the negative side, and return all recordings.
+    # D4
 
     All planar recordings are turned alike. A body with several chambers is left as it was recorded, since its chambers
     may bend it to different sides. Recordings aligned by `pliant.align` are in the base frame already.
@@ -145,7 +146,9 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
-    """Return the rows of a recording between two fractions of its number of rows, with the inputs of that time."""
+    """Return the rows of a recording between two fractions (0 to 1) of its number of rows, with the inputs recorded in
+    that time.
+    """
     count = recording.sizes["time"]
     first, last = (round(f * count) for f in (start, stop))
     if not 0 <= first < last <= count:
@@ -157,8 +160,8 @@ def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.D
 def in_frame(
     study: Study, name: str, raw: xr.Dataset, alignment: AlignmentEntry, normal: Array | None,
 ) -> tuple[xr.Dataset, xr.Dataset, str]:
-    """Return a recording's stations in the tracker's frame, the same in the base frame, and how a fibre's tip was
-    found.
+    """Return a recording's stations in the tracker's frame, the same stations in the base frame, and a sentence on how
+    a fibre's tip was found.
     """
     space = bool(study.actuator.space)
     check_frame(name, raw, space=space)
@@ -189,7 +192,7 @@ def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
 
 
 def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> AlignmentEntry:
-    """Return the study's alignment, with the entries that a recording states itself taking precedence."""
+    """Return the study's alignment, with the entries of a recording's own alignment taking precedence."""
     if own is None:
         return shared
     return AlignmentEntry(stations=own.stations or shared.stations, options={**shared.options, **own.options},
@@ -197,7 +200,8 @@ def merged_alignment(shared: AlignmentEntry, own: AlignmentEntry | None) -> Alig
 
 
 def checked_rest(alignment: AlignmentEntry) -> tuple[float, float] | None:
-    """Return the rest window [s] of a recording of angles alone; None if the study states none.
+    """Return the time (start, end) [s] in which the body is at rest, for a recording of angles alone; None if the study
+    states none.
 
     Other options of the alignment do not apply to angles.
     """
@@ -221,7 +225,9 @@ def checked_options(alignment: AlignmentEntry) -> dict[str, Any]:
 
 
 def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experiment:
-    """Return the `Experiment` of an aligned recording: moving stations, actuation input, known loads."""
+    """Return the `Experiment` of an aligned recording, with its moving stations, its actuation input and its known
+    loads.
+    """
     entry: Recording = study.recordings[name]
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
     stations = entry.stations or moving_stations(name, recording, base)
@@ -250,7 +256,8 @@ def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
 
 
 def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
-    """Return the number of links that angles support, one for each angle; None if positions were recorded.
+    """Return the number of links that recorded angles can determine, one for each angle; None if positions were
+    recorded.
 
     Raises
     ------
@@ -268,7 +275,7 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
 
 
 def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
-    """Return the recordings in which the body hardly moved, each with a sentence that says so.
+    """Return a sentence for each recording in which the body hardly moved, by the name of the recording.
 
     A fit to such a recording would fit its noise.
     """
@@ -299,7 +306,8 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         if not left["train"]:
             perhaps = "".join(f"; {line}" for line in doubts)
             raise InputError(
-                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}"
+                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}; train on a "
+                "recording in which the body moves more"
             )
         return entry.model_copy(update=left)
 

@@ -108,7 +108,9 @@ def run_study(
 def all_fits(
     study: Study, ready: PreparedStudy, notify: Notify, workers: int | None,
 ) -> tuple[list[tuple[str, FitOutcome | Exception]], ModelSelection | None]:
-    """Return (name, outcome or error) of the selected stage and of every fit, and the result of the model selection."""
+    """Compute the model selection and every fit of a study; return a pair (name, outcome or error) for each, and the
+    result of the selection.
+    """
     ends: list[tuple[str, FitOutcome | Exception]] = []
     chosen = None
     try:
@@ -121,7 +123,7 @@ def all_fits(
 
 
 def computed(ends: Sequence[tuple[str, FitOutcome | Exception]]) -> tuple[tuple[FitOutcome, ...], list[NotComputed]]:
-    """Return the fits that could be computed, and entries for those that could not.
+    """Return the outcomes of the fits that could be computed, and for each other fit a description of its failure.
 
     Raises
     ------
@@ -205,7 +207,9 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
 
 
 def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: float, notify: Notify) -> StudyOutcome:
-    """Write study, results, report, model and metrics as one set, so that files of different runs never mix."""
+    """Write the study, its results, report, model and metrics into `folder` together, so that files of different runs
+    never mix.
+    """
     from pliant.view.report import write_report  # loaded when something is written
 
     resolved: dict[str, Any] = study.model_dump(exclude_none=True)

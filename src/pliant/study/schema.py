@@ -25,7 +25,7 @@ Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard 
 
 
 class StudyEntry(BaseModel):
-    """A table of the study file; an unknown key in it is an error."""
+    """A table of the study file, in which an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -82,7 +82,9 @@ class TaperTable(StudyEntry):
 
 
 class StationTable(StudyEntry):
-    """The position of an observed point on the body; without it, the first frames determine the position."""
+    """The position of an observed point, such as a marker, on the body. Without this table the position is computed
+    from the first frames.
+    """
 
     name: str
     at: float  # m along the body, from the base
@@ -149,7 +151,7 @@ class Fibre(StudyEntry):
 
     @model_validator(mode="after")
     def one_end(self) -> Fibre:
-        """Check that the entry states either the cap (curvature and length) or `start`, not both."""
+        """Check that the table [fibre] states either the cap (curvature and length) or `start`, not both."""
         capped = self.cap_curvature is not None and self.cap_length is not None
         if capped == (self.start is not None) or (self.cap_curvature is None) != (self.cap_length is None):
             raise ValueError("[fibre] needs either cap_curvature and cap_length, or start")
@@ -169,7 +171,9 @@ class Reduction(StudyEntry):
 
 
 class KnownForce(StudyEntry):
-    """A known force at a point of the body, such as a pulling thread; linear between the times."""
+    """A known force at a point of the body, such as a pulling thread, linearly interpolated between the stated
+    times.
+    """
 
     station: str | None = None  # name of a point of the model
     link: int | None = Field(None, ge=1)  # or a link, numbered from 1
@@ -186,13 +190,15 @@ class KnownForce(StudyEntry):
         return self
 
     def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force in the base frame, whose x axis is `x_sign` (1 or -1) times that of the recording."""
+        """Return the force in the base frame; `x_sign` (1 or -1) is the direction of the recording's x axis there."""
         point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
         return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
 
 
 class Recording(StudyEntry):
-    """One recording of a study; `shorthand` describes defaults and entries for many trials in one file."""
+    """One recording of a study: its file, alignment, excitation, known loads, and the channels that drive the
+    chambers.
+    """
 
     file: str
     mapping: dict[str, Any] | None = None
@@ -222,7 +228,7 @@ class Recording(StudyEntry):
 
 
 class Fit(StudyEntry):
-    """One fit: its free parameters, training and held-out recordings; `shorthand` describes `like` and `without`."""
+    """One fit: its free parameters, the recordings to train on and to hold out, and options of the optimisation."""
 
     title: str = ""
     train: list[str]
@@ -238,7 +244,7 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with more and more free parameters, chosen by their error on the held-out recordings."""
+    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors."""
 
     train: list[str]
     held_out: list[str] = []
@@ -251,7 +257,9 @@ class SelectionEntry(StudyEntry):
 
 
 class WiringEntry(StudyEntry):
-    """Wirings to compare; a wiring says which recorded pressure drives which chamber."""
+    """Wirings to compare by their fit to the training recordings. A wiring says which recorded pressure drives which
+    chamber.
+    """
 
     fit: str = ""  # fit whose parameters and training recordings are used; default: the first
     drives: dict[str, dict[str, str | int]] = {}  # by name; default: every permutation of the stated pressures
@@ -335,7 +343,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def check_names(study: Study, path: Path) -> None:
-    """Check that every used recording is listed, and that no fit trains on a recording that it holds out.
+    """Check that each recording of a fit is listed, and that no fit trains on a recording that it holds out.
 
     Raises InputError otherwise.
     """
@@ -350,7 +358,8 @@ def check_names(study: Study, path: Path) -> None:
     for name, fit in learning.items():
         for record in [*fit.train, *fit.held_out]:
             if record not in study.recordings:
-                raise InputError(f"study {path}: fit {name} uses recording {record!r}, not one of {listed}")
+                raise InputError(f"study {path}: fit {name} uses recording {record!r}, not one of {listed}: correct "
+                                 "its `train` or `held_out`")
         both = set(fit.train) & set(fit.held_out)
         if both or not fit.train:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
@@ -368,19 +377,22 @@ def check_forecast_names(study: Study, path: Path) -> None:
     for name, entry in study.forecasts.items():
         if entry.like not in study.recordings:
             listed = ", ".join(study.recordings)
-            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}, not one of {listed}")
+            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}, not one of {listed}: "
+                             "correct its `like`")
         if entry.fit and entry.fit not in study.fits:
             fits = ", ".join(study.fits)
-            raise InputError(f"study {path}: forecast {name} uses fit {entry.fit!r}, which is not one of {fits}")
+            raise InputError(f"study {path}: forecast {name} uses fit {entry.fit!r}, which is not one of {fits}: "
+                             "correct its `fit`")
 
 
 def check_reduction(study: Study, path: Path) -> None:
-    """Check that [reduction] names a listed recording, and that no fit states links or joint placement besides."""
+    """Check that [reduction] names a listed recording, and that no fit also states links or joint placement."""
     if study.reduction is None:
         return
     if study.reduction.recording not in (None, *study.recordings):
         listed = ", ".join(study.recordings)
-        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of {listed}")
+        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of "
+                         f"{listed}: correct its `recording`")
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
         entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
         raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "
@@ -388,7 +400,7 @@ def check_reduction(study: Study, path: Path) -> None:
 
 
 def check_chambers(study: Study, path: Path) -> None:
-    """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive existing ones.
+    """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive no others.
 
     Chambers and tendons act on numbered joints, so that a fit cannot change the number of links.
     """
@@ -414,12 +426,13 @@ def check_chambers(study: Study, path: Path) -> None:
     for where, chambers in driven.items():
         if strange := [c for c in chambers if c not in names]:
             raise InputError(
-                f"study {path}: {where} drives the chamber {strange[0]!r}, but the actuator has {', '.join(names)}"
+                f"study {path}: {where} drives the chamber {strange[0]!r}, but the actuator has {', '.join(names)}: "
+                "use these names"
             )
 
 
 def check_parameters(study: Study, path: Path) -> None:
-    """Check that every parameter that is fitted or known exists and has a possible value, before any computation."""
+    """Check, before any computation, that each parameter in the study exists and has a possible value."""
     tables: dict[str, Mapping[str, Any]] = {f"recording {n}": r.known for n, r in study.recordings.items()}
     tables |= {f"forecast {n}": f.known for n, f in study.forecasts.items()}
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}

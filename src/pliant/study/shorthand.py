@@ -40,12 +40,14 @@ def expanded(content: Any, path: Path) -> Any:
 
 
 def tables(content: Any) -> bool:
-    """Return whether `content` is a table whose entries are all tables."""
+    """Return True if `content` is a table in which every value is a table too."""
     return isinstance(content, Mapping) and all(isinstance(entry, Mapping) for entry in content.values())
 
 
 def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
-    """Return `shared` merged with `own`, which takes precedence, table by table; keys of `shared` come first."""
+    """Return the table `shared` with the values of the table `own` added, also inside nested tables. Values of `own`
+    take precedence.
+    """
     both = dict(shared)
     for key, value in own.items():
         old = both.get(key)
@@ -54,8 +56,8 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
 
 
 def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """Return every recording with the defaults merged in, and the trial names of each entry that selects
-    many trials.
+    """Return every recording with the defaults merged in, and the names of the trials of each recording that selects
+    many trials from a file.
     """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
@@ -78,7 +80,9 @@ def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, T
 
 
 def trials(name: str, select: Any, path: Path) -> list[str]:
-    """Return the names of the trials that the entry `name` selects, such as name_3."""
+    """Return the names of the trials that the recording `name` selects from its file, such as "name_3" for the
+    trial 3.
+    """
     form = 'select = { column = "ID", values = [0, 3, 4] }'
     if not isinstance(select, Mapping) or set(select) != {"column", "values"}:
         raise InputError(f"study {path}: recording {name} needs {form}, got select = {select!r:.80}")
@@ -87,12 +91,15 @@ def trials(name: str, select: Any, path: Path) -> list[str]:
         raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
                          f"{values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}")
+        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}: list each "
+                         "trial once")
     return [f"{name}_{value}" for value in values]
 
 
 def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
-    """Return a fit in which the name of an entry with many trials is replaced by the names of these trials."""
+    """Return a fit in whose lists of recordings the name of a recording with many trials is replaced by the names of
+    these trials.
+    """
     lists = {key: fit[key] for key in ("train", "held_out") if isinstance(fit.get(key), list)}
     return {**fit, **{
         key: [name for r in records for name in (groups.get(r, [r]) if isinstance(r, str) else [r])]
@@ -101,15 +108,19 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
 
 
 def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
-    """Return a fit in full: the fit that it is `like`, with its own entries, less the parameters in `without`."""
+    """Return a fit completed with the entries of the fit named in its `like`, and without the parameters listed in its
+    `without`.
+    """
     own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}")
+            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}: "
+                             "correct its `like`")
         if like in (*above, name):
-            raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}")
+            raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}; remove "
+                             "one `like`")
         shared = fit_of(like, fits, (*above, name), path)
         shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)

@@ -61,11 +61,11 @@ class Lines:
         self.text += ["", f"[{name}]"]
 
     def put(self, name: str, value: Any, comment: str = "") -> None:
-        """Add an entry with an optional comment."""
+        """Add a line ``name = value``, with an optional comment."""
         self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
 
     def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
-        """Add an entry with its value, or with "?" and the question if the value is None."""
+        """Add a line ``name = value`` or, if the value is None, a line ``name = "?"`` with the question as comment."""
         if value is not None:
             self.put(name, float(f"{value:.4g}") if isinstance(value, float) else value, known)
             return

@@ -84,7 +84,7 @@ class Trial:
 
     @property
     def grouped(self) -> xr.Dataset:
-        """Return the recording with one station for each cluster of markers."""
+        """Return the recording with one station for each group of markers on a rigid part."""
         return assemble(self.recording, self.stations) if self.stations else self.recording
 
     @property
@@ -105,7 +105,9 @@ class Trial:
 
     @property
     def last_motion(self) -> np.ndarray:
-        """Return the last station's motion (T, axes): position [m], or angle [rad] if the file holds angles alone."""
+        """Return the motion of the last station over T frames (T, axes): position [m], or angle [rad] if the file holds
+        angles alone.
+        """
         recording = self.recording if self.aligned is None else self.aligned
         last = recording["angle"].values[:, -1:, None] if self.angles_only else recording["position"].values[:, -1:]
         return without_spikes(last)[:, 0]
@@ -196,7 +198,7 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
         held = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
-            else "pressure alone: a study needs the shape too"
+            else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
         )
         raise InputError(f"{path.name} holds {held}")
     assessed = quality(recording)
@@ -238,7 +240,9 @@ def in_space(trial: Trial) -> Trial:
 
 
 def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials with all planar recordings aligned to the first one's plane normal, so that x is the same."""
+    """Return the inspected files with all planar recordings aligned to the plane of the first one, so that x has the
+    same direction in all.
+    """
     done: list[Trial] = []
     normal = None
     for trial in trials:
@@ -253,7 +257,8 @@ def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
-    """Group markers on one rigid part by their names: ``Tip - 1``, ``Tip - 2``, ... become ``tip``; base first.
+    """Group the names of markers that belong to one rigid part, with the base first: ``Tip - 1``, ``Tip - 2``, ... form
+    the group ``tip``.
 
     The result is empty unless there are at least two groups, one of them with three markers or more.
     """
@@ -268,7 +273,8 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
-    """Return the marker groups suggested by names that can be rigid plates; other markers become stations of one.
+    """Return the groups of markers that can sit on one rigid plate, by their names and distances. Every other marker is
+    a station of its own.
 
     The result is empty if no group has more than one marker.
     """
@@ -297,7 +303,9 @@ def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
 def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
-    """Return options of `align`, with the station named base, else one that does not move, else the first, as base."""
+    """Return the options of `align` for a recording. The base is the station named base, else one that does not move,
+    else the first.
+    """
     names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
@@ -333,7 +341,7 @@ def excitation(trial: Trial) -> Excitation:
 
 
 def held_out(trials: Sequence[Trial]) -> str | None:
-    """Return the name of the recording to hold out; None if there is only one.
+    """Return the name of the recording to hold out for validation; None if there is only one recording.
 
     It is the recording with the middle pressure (of two, the lower), so that the test does not extrapolate. If some
     pressure is unknown, the peak displacement decides instead. If only some recordings drive several chambers together,

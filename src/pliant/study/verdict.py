@@ -109,7 +109,9 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """Return sentences on missing oscillation and on lengthening of the body, which the error metrics do not show."""
+    """Return sentences on two properties that the error metrics do not show: a motion without oscillation, and a body
+    that lengthens.
+    """
     sentences = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if measured is None and sized(m, "steady_state")[0]["measured"] is not None:
@@ -122,7 +124,7 @@ def unlike(m: dict[str, Any]) -> str:
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the model's lengthening as the end of a sentence on the body's lengthening."""
+    """Return the end of a sentence on the body's measured lengthening, which says how much the model lengthens."""
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
         return "the model does not"
@@ -130,7 +132,8 @@ def by_the_model(m: dict[str, Any]) -> str:
 
 
 def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Yield (suffix, frequency, damping ratio) of large and of small swings, or of all swings together.
+    """Yield (suffix, frequency, damping ratio), each measured and modelled, for large and for small swings, or for all
+    swings together.
 
     Large and small swings are separate if the recording shows both. One number for both would hide that friction or
     stiffness depends on the amplitude.
@@ -144,7 +147,9 @@ def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, 
 
 
 def judged(m: dict[str, Any], targets: Targets) -> str:
-    """Return the targets and whether the metrics meet them, as the end of a sentence; "" without targets."""
+    """Return the end of a sentence that says which targets the metrics of a recording meet and which they miss; ""
+    without targets.
+    """
     parts = []
     if targets.rmse_percent_of_travel is not None:
         good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
@@ -165,7 +170,9 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
-    """Return the state, sentences and warnings of the first fit, judged by its held-out recordings if it has any."""
+    """Return the headline of the report: its state (good, open, beware or missed), sentences and warnings on the first
+    fit.
+    """
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]
     lost = [m for m in fit.missing if m.role == "held_out"]
@@ -192,8 +199,8 @@ def lost_sentence(lost: Sequence[NotComputed]) -> str:
 
 
 def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
-    """Yield warnings on results of the first fit and the study that could not be computed, and a count for
-    other fits.
+    """Yield a warning for each result of the first fit and of the whole study that could not be computed, and one with
+    the count for all other fits.
     """
     yield from (n.sentence for n in (*outcome.failed, *outcome.fits[0].not_computed))
     if others := sum(len(f.not_computed) for f in outcome.fits[1:]):
@@ -201,7 +208,7 @@ def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
 
 
 def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
-    """Return a sentence with the RMS error of the recordings, as a range if there are several."""
+    """Return a sentence with the RMS error of the model on the recordings, as a range if there are several."""
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
@@ -219,11 +226,11 @@ def target_sentence(verdicts: Sequence[str]) -> str:
     count = sum(bool(v) and "missed" not in v for v in verdicts)
     if count == len(verdicts):
         return "The targets are met." if len(verdicts) > 1 else "The target is met."
-    return f"The targets are met by {count} of {len(verdicts)}." if len(verdicts) > 1 else "The target is missed."
+    return f"Targets are met by {count} of {len(verdicts)} records." if len(verdicts) > 1 else "The target is missed."
 
 
 def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
-    """Yield the warnings about the fit itself, not about single recordings."""
+    """Yield the warnings about a fit as a whole, not about single recordings."""
     if not held:
         yield "No record is held out: this shows that the model can fit the recordings, not that it predicts others."
     if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
@@ -237,15 +244,17 @@ def record_warnings(record: RecordOutcome) -> Iterator[str]:
 
 
 def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
-    """Return a sentence on the largest deviation relative to its warning limit; "" if none exceeds half of
-    its limit.
+    """Return a sentence on the largest deviation of the model, relative to the limit beyond which the report warns of
+    it; "" if it is below half of that limit.
     """
     large = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
     return f" Largest deviation: {max(large)[1]}" if large else ""
 
 
 def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
-    """Yield each deviation of the model from the recording as (fraction of its warning limit, sentence)."""
+    """Yield (size, sentence) for each deviation of the model from a recording. The size is the deviation divided by the
+    limit beyond which the report warns.
+    """
     m, name = record.metrics, record.name
     (travel, unit), (most, _), (steady, _) = (sized(m, k) for k in ("travel", "max", "steady_state_error"))
     far = 100 * most / travel
@@ -253,7 +262,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     measured, modelled = m["overshoot_percent"]["measured"], m["overshoot_percent"]["modelled"]
     if measured is not None:
         off = (modelled or 0.0) - measured
-        yield abs(off) / OVERSHOOT, f"{name}: model overshoot {off:+.0f} points relative to measured {measured:.0f} %."
+        yield (abs(off) / OVERSHOOT,
+               f"{name}: model overshoot {off:+.0f} percentage points relative to measured {measured:.0f} %.")
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
     if (measured is None) != (modelled is None):
         rings = (f"the body oscillates at {measured:.3g} Hz, the model does not oscillate." if measured is not None
@@ -275,7 +285,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
 
 
 def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
-    """Yield the deviations of frequency and damping ratio as (fraction of warning limit, sentence).
+    """Yield (size, sentence) for deviations of frequency and damping ratio. The size is the deviation divided by the
+    limit beyond which the report warns.
 
     Large and small swings are compared separately where both are known.
     """

@@ -38,7 +38,8 @@ def candidates(study: Study) -> dict[str, Drive]:
     if study.wiring.drives:
         return ({STATED: stated[0]} if len(stated) == 1 else {}) | dict(study.wiring.drives)
     if len(stated) != 1:
-        raise InputError("[wiring] needs wirings, or the same drive in all recordings: list [wiring.drives.NAME]")
+        raise InputError("[wiring] has no wirings to compare: list them as [wiring.drives.NAME], or state the same "
+                         "drive in all recordings")
     chambers, pressures = list(stated[0]), list(stated[0].values())
     orders = list(permutations(pressures))
     if len(orders) > MOST:
@@ -88,7 +89,9 @@ def compare_wirings(
 def wired_experiments(
     study: Study, recordings: Mapping[str, xr.Dataset], fit_name: str, drive: Drive,
 ) -> list[Experiment]:
-    """Return the training experiments of a fit with the pressures of every recording wired as `drive` says."""
+    """Return the training experiments of a fit in which `drive` states the recorded pressure that drives each
+    chamber.
+    """
     names = study.fits[fit_name].train
     entries = {n: study.recordings[n].model_copy(update={"drive": drive}) for n in names}
     other = study.model_copy(update={"recordings": study.recordings | entries})
@@ -96,8 +99,8 @@ def wired_experiments(
 
 
 def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
-    """Return the residual statistics of a wiring on its training recordings, and their mean error [% of peak
-    displacement].
+    """Fit the model to training recordings with one wiring; return the statistics of the residuals and the mean error
+    [% of peak displacement].
     """
     entry = study.fits[name]
     result = fit(

@@ -28,7 +28,9 @@ class Circle:
     friction: float = 0.3
 
     def row(self) -> list[float]:
-        """Return the obstacle's seven numbers for the compiled time loop."""
+        """Return seven numbers that describe the post to the compiled time loop: kind, geometry (3), stiffness,
+        friction, slip speed.
+        """
         return [0.0, *self.centre, self.radius, self.stiffness, self.friction, SLIP_SPEED]
 
 
@@ -42,12 +44,15 @@ class Wall:
     friction: float = 0.3
 
     def row(self) -> list[float]:
-        """Return the obstacle's seven numbers for the compiled time loop."""
+        """Return seven numbers that describe the wall to the compiled time loop: kind, geometry (3), stiffness,
+        friction, slip speed.
+        """
         return [1.0, *self.normal, self.offset, self.stiffness, self.friction, SLIP_SPEED]
 
 
 def obstacle_rows(obstacles: Sequence[Circle | Wall]) -> NDArray[np.float64]:
-    """Return an (O, 7) array of the obstacles: kind, geometry (3), stiffness, friction coefficient and slip speed.
+    """Return an (O, 7) array of O obstacles. A row holds kind, geometry (3 numbers), stiffness, friction coefficient
+    and slip speed.
 
     Raises
     ------

@@ -53,7 +53,7 @@ class Keeper(elastica.CallBackBaseClass):
         self.every, self.kept = every, kept
 
     def make_callback(self, system: Any, time: float, current_step: int) -> None:  # noqa: ARG002  PyElastica's
-        """Append the present state to the list at every `every`-th step."""
+        """Store the present state of the rod at every `every`-th step."""
         if current_step % self.every == 0:
             kappa = system.kappa  # a turn about d1 bends towards -d2
             state = (system.position_collection.T, system.director_collection.transpose(2, 0, 1),
@@ -62,7 +62,8 @@ class Keeper(elastica.CallBackBaseClass):
 
 
 def integrate(body: BodyInSpace, pressure: Array, *, every: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Simulate the body from rest and return its sampled motion.
+    """Simulate the body from rest under chamber pressures; return times, pressures, node positions, directors and
+    curvature.
 
     Returns time (T,) [s], pressure (T, C) [Pa], node positions (T, E + 1, 3) [m], directors (T, E, 3, 3) and curvature
     (T, E - 1, 2) [1/m], sampled at every `every`-th step. `pressure` (P, C) [Pa] gives the pressures at each time step

@@ -113,7 +113,8 @@ def first_frequency(stiffness: float, mass: float, cap: float, length: float) ->
 
 
 def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return fractions and relaxation times (P,) [s] of Prony branches that approximate a springpot of order `order`.
+    """Return the stiffness fractions and relaxation times [s] (P,) of P Prony branches that approximate a springpot of
+    order `order`.
 
     At `omega` [rad/s] their loss modulus is `loss` times the stiffness, or less. The springpot ``c s^order`` is the sum
     over relaxations ``s / (s + w)`` with density ``c sin(pi order)/pi w^order`` in ln w. Even steps in ln w give the
@@ -128,7 +129,9 @@ def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.n
 
 
 def drawn(seed: int, attempt: int) -> dict[str, float]:
-    """Return one random value for every range of `FAMILY`, each from its own random stream."""
+    """Draw one random number from every range of `FAMILY` and return them by name. Each range has its own random
+    stream.
+    """
     out = {}
     for name, d in FAMILY.items():
         u = float(np.random.default_rng([seed, attempt, zlib.crc32(name.encode())]).random())
@@ -137,7 +140,9 @@ def drawn(seed: int, attempt: int) -> dict[str, float]:
 
 
 def body_of(d: dict[str, float], seed: int) -> RodParameters:
-    """Return the rod parameters for the drawn numbers `d`, still without damping and relaxation."""
+    """Return the parameters of a rod made from the random numbers `d`, still without damping and viscoelastic
+    branches.
+    """
     r, length = d["chamber_radius"], d["length"]
     height, width = r + d["wall"], 2.0 * (r + d["wall"])
     area = 0.5 * np.pi * height**2 - 0.5 * np.pi * r**2 + d["wall"] * width  # half-round shell on a base
@@ -157,7 +162,8 @@ def body_of(d: dict[str, float], seed: int) -> RodParameters:
 
 
 def with_memory(body: RodParameters, d: dict[str, float], seed: int, omega: float) -> RodParameters:
-    """Return the rod with viscous, fractional and creep losses, whose loss factor at `omega` [rad/s] is ``d["loss"]``.
+    """Return the rod with viscous, springpot and creep losses added, so that its loss factor at `omega` [rad/s] is
+    ``d["loss"]``.
 
     The viscous part supplies the loss that springpot and creep do not cover. It is 0 where they alone exceed the drawn
     loss factor.
@@ -219,7 +225,7 @@ def family_member(seed: int) -> Member:
 def instruments(
     d: dict[str, float], pressure: float, body: RodParameters
 ) -> tuple[SupplyRegulator | Iso6358, PressureSensor, FibreSensor]:
-    """Return valve, pressure transducer and fibre sensor for the drawn numbers `d`.
+    """Return a valve, a pressure transducer and a fibre sensor made from the random numbers `d`.
 
     The full scale of the instruments is 2.5 times the working pressure `pressure` [Pa].
     """

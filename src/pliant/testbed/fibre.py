@@ -64,7 +64,7 @@ class FibreSensor:
 
 
 def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float64]:
-    """Return the arc lengths (G,) [m] of the fibre's samples, measured from the actuator's base."""
+    """Return the arc lengths (G,) [m] of the fibre's G sample points, measured from the actuator's base."""
     count = round((sensor.lead_in + p.length + p.cap_length + sensor.tail) / sensor.spacing)
     return np.asarray(-sensor.lead_in + sensor.spacing * np.arange(count + 1))
 
@@ -72,7 +72,9 @@ def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float6
 def body_angle(
     motion: RodMotion, p: RodParameters, at: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return arc lengths (F,) [m] along the body and tangent angles (T, F) [rad] there at the times `at` (T,) [s]."""
+    """Return arc lengths (F,) [m] of F points along the body and its tangent angles there (T, F) [rad] at T times `at`
+    [s].
+    """
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
     share = np.clip((at - motion.time[index]) / (motion.time[1] - motion.time[0]), 0.0, 1.0)[:, None]
     kappa = (1.0 - share) * motion.curvature[index] + share * motion.curvature[index + 1]
@@ -87,7 +89,9 @@ def body_angle(
 
 
 def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc lengths (T, F) [m] of the stretched body at the times `at`, for the points of `body_angle`."""
+    """Return the arc lengths (T, F) [m] that F points along the body have after it has stretched, at T times
+    `at` [s].
+    """
     s = np.linspace(0.0, p.length, FINE + 1)
     if not any(c.push for c in p.chambers):
         return np.tile(s, (at.size, 1))
@@ -99,7 +103,7 @@ def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> N
 def gauge_curvature(
     motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the true in-plane curvature (T, G) [1/m] of the fibre, averaged over each gauge.
+    """Return the true in-plane curvature (T, G) [1/m] of the fibre at T times, averaged over each of G gauges.
 
     The fibre is fixed at the base and slides in its lumen. It needs the length ``(1 + offset kappa) ds`` for a length
     ``ds`` of the body, so that the fibre position of the body's tip changes.
@@ -123,7 +127,9 @@ def gauge_curvature(
 def wandering_bias(
     sensor: FibreSensor, station: NDArray[np.float64], at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return a random curvature bias (T, G) [1/m], smooth along the fibre and an Ornstein-Uhlenbeck process in time."""
+    """Return a random error (T, G) [1/m] of G gauges' curvatures at T times: smooth along the fibre, an
+    Ornstein-Uhlenbeck process in time.
+    """
     waves = 24
     wave = rng.standard_normal(waves) / sensor.bias_length
     shape = np.vstack([np.cos(np.outer(wave, station)), np.sin(np.outer(wave, station))])
@@ -147,7 +153,9 @@ def sensed_curvature(
     specimen: np.random.Generator,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return the gauges' readings (2, T, G) [1/m]: curvature in the nominal bending plane, and out of plane."""
+    """Return the curvatures (2, T, G) [1/m] that G gauges read at T times, in the nominal bending plane and out of this
+    plane.
+    """
     true = gauge_curvature(motion, p, sensor, at)
     station = station_position(p, sensor)
     gain = 1.0 + sensor.gain_error * specimen.standard_normal()
@@ -160,7 +168,8 @@ def sensed_curvature(
 
 
 def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return the positions (T, G, 3) of curves with the curvatures `kappa` (2, T, G), starting at the origin along +x.
+    """Integrate the curvatures `kappa` (2, T, G) [1/m] of T curves in two planes to the positions (T, G, 3) [m] of
+    their G points, from the origin along +x.
 
     The first curvature turns the tangent towards +y, the second towards +z. The frame does not roll about the tangent.
     """
@@ -181,7 +190,9 @@ def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.fl
 
 
 def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return the strain (T, 4, G) of a centre core and three outer cores for the curvatures `kappa` (2, T, G) [1/m]."""
+    """Return the strains (T, 4, G) of a centre core and three outer cores at G gauges and T times, for the curvatures
+    `kappa` (2, T, G) [1/m] in two planes.
+    """
     drift = sensor.strain_drift * np.cumsum(rng.standard_normal(kappa.shape[1])) / np.sqrt(kappa.shape[1])
     cores = [np.zeros(kappa.shape[1:])]
     cores += [-sensor.core_radius * (kappa[0] * np.cos(a) + kappa[1] * np.sin(a)) for a in CORE_ANGLE[1:]]

@@ -54,7 +54,9 @@ class Laboratory:
 
     @classmethod
     def of(cls, who: Member, output: Output = "position") -> Laboratory:
-        """Return a laboratory with the instruments of the family member `who`."""
+        """Return a laboratory with the valve, the pressure transducer and the fibre sensor of the family member
+        `who`.
+        """
         return cls(who.valve, who.transducer, who.fibre, output=output)
 
 
@@ -114,7 +116,9 @@ def run_rod(
 def resolved(
     case: str | Scenario, body: str | int | RodParameters | Member, lab: Laboratory | None, output: Output = "position"
 ) -> tuple[Scenario, Member, Laboratory]:
-    """Return the scenario scaled to the body, the family member that `body` names, and its laboratory."""
+    """Return the scenario scaled to the body, the actuator that `body` names, and the laboratory with its
+    instruments.
+    """
     case = scenario(case) if isinstance(case, str) else case
     if isinstance(body, RodParameters):
         return case, Member("custom", body), lab or Laboratory(output=output)
@@ -186,7 +190,7 @@ def record(
     seed: int,
     attrs: dict[str, Any],
 ) -> xr.Dataset:
-    """Return the recording that the laboratory's instruments make of a motion at the times `at` (T,) [s]."""
+    """Return the recording that the laboratory's instruments make of a rod's motion at the T times `at` (T,) [s]."""
     stream = zlib.crc32(str(attrs["scenario"]).encode())
     specimen = np.random.default_rng([seed, 1])  # stays with the instruments from one scenario to the next
     rng = np.random.default_rng([seed, stream])
@@ -221,7 +225,7 @@ def record(
 
 
 def is_current(path: Path, key: str) -> bool:
-    """Return True if `path` already holds the recording with the content key `key`."""
+    """Return True if the file `path` already holds the recording whose content has the digest `key`."""
     if not path.is_file():
         return False
     try:

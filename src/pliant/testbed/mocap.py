@@ -37,7 +37,7 @@ def marker_names(mocap: MotionCapture) -> list[str]:
 def marker_positions(
     motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the true marker positions (T, M, 3) [m] in the actuator's frame at the times `at` (T,) [s]."""
+    """Return the true positions (T, M, 3) [m] of M markers in the actuator's frame at T times `at` (T,) [s]."""
     s, theta = body_angle(motion, p, at)
     half = 0.5 * (theta[:, 1:] + theta[:, :-1])
     step = np.diff(stretched(motion, p, at), axis=1)
@@ -55,7 +55,9 @@ def marker_positions(
 def observe_markers(
     motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return noisy marker positions (T, M, 3) [m] in a laboratory frame of random pose; lost markers are NaN."""
+    """Return noisy positions (T, M, 3) [m] of M markers at T times in a laboratory frame of random pose; lost markers
+    are NaN.
+    """
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()

@@ -95,7 +95,8 @@ class Plant:
         self._step = step
         chosen = valve or who.valve
         if isinstance(chosen, tuple) or len(self.parameters.chambers) > 1:
-            raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers: Plant supports one")
+            raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers: Plant supports one; "
+                             "choose an actuator with one chamber")
         if isinstance(chosen, Iso6358):
             raise InputError(f"actuator {who.name} has a spool valve: give a regulator as `valve`")
         self._valve = chosen

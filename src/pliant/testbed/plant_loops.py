@@ -1,4 +1,4 @@
-"""Compiled loop of the pressure regulator that continues from one command to the next."""
+"""Compiled simulation of the pressure regulator that continues from one command to the next."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 
 def regulate_on(commands, dt, sub, law, held, out):
-    """Integrate the regulator of `valve_loops.regulate` over held commands and write the pressures to `out` (N,)
-    [Pa].
+    """Simulate the pressure regulator of `valve_loops.regulate` over N steps of held commands and write its pressures
+    [Pa] to `out` (N,).
 
     Each of the `commands` (N,) [Pa] is held for a step of `dt` [s], which has `sub` midpoint substeps. `held` (2,) is
     the pressure [Pa] and its rate [Pa/s]; it is updated in place.

@@ -174,7 +174,7 @@ def actuator(name: str = "a") -> RodParameters:
 
 
 class RodBody(NamedTuple):
-    """Arrays of a discrete rod with E edges, B bending vertices and V = E + 1 nodes (SI units)."""
+    """Properties of the E edges, B bending vertices and V = E + 1 nodes of a discrete rod, as arrays (SI units)."""
 
     rest_length: NDArray[np.float64]  # (E,) m
     axial: NDArray[np.float64]  # (E,) N
@@ -228,7 +228,7 @@ def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArr
 
 
 def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bending moment per pressure (C, B) [N m/Pa] of each chamber at each bending vertex.
+    """Return the bending moment per pressure [N m/Pa] of each of C chambers at each of B bending vertices, (C, B).
 
     A vertex represents half an element on each side. A chamber that covers only part of this length acts with the
     covered fraction.
@@ -240,7 +240,9 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
-    """Return the axial force per pressure (C, E) [m2] of each chamber on each edge, scaled by the covered fraction."""
+    """Return the axial force per pressure [m2] of each of C chambers on each of E edges, (C, E), scaled by the fraction
+    of the edge that the chamber covers.
+    """
     end = np.arange(p.elements + 1) / p.elements
     out = np.zeros((len(p.chambers), edges))
     out[:, : p.elements] = [c.push * p.chamber_area * covered(c, end[:-1], end[1:]) for c in p.chambers]
@@ -259,7 +261,9 @@ def covered(
 
 
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return heights [m] and weights of the section's fibres at Gauss points, scaled to unit initial stiffness."""
+    """Return heights [m] and weights of Gauss points over the cross-section's height, scaled so that the initial
+    bending stiffness is 1.
+    """
     if p.linear:
         return np.empty(0), np.empty(0)
     node, share = np.polynomial.legendre.leggauss(6)
@@ -268,7 +272,8 @@ def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mass matrix (4, 4) [kg] and weight (4,) [N] of the rigid curved cap, on the two nodes of its edge.
+    """Return the mass matrix (4, 4) [kg] and the weight (4,) [N] of the rigid curved cap, for the coordinates x and y
+    of the two nodes of its edge.
 
     A point of the cap is ``x_N + a e + b S e`` with the edge ``e`` and ``S`` a quarter turn, which is linear in both
     nodes.
@@ -288,7 +293,7 @@ def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def node_position(p: RodParameters) -> NDArray[np.float64]:
-    """Return the arc lengths (V,) [m] of the nodes at rest.
+    """Return the arc lengths (V,) [m] of the rod's V nodes at rest.
 
     If there is a cap, the last node is the far end of the cap's edge.
     """
@@ -334,7 +339,8 @@ def build_body(p: RodParameters) -> RodBody:
 
 
 def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Return the coefficients of the exact update of ``xi' = (u - xi) / time`` over a step `dt`.
+    """Return the coefficients (P, 3) that update P viscoelastic branches ``xi' = (u - xi) / time`` exactly over a time
+    step `dt` [s].
 
     The input `u` varies linearly from u0 to u1 over the step.
 

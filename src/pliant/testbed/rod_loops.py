@@ -18,7 +18,8 @@ SOFT = 2e-4  # m, depth over which an obstacle's resistance sets in
 
 
 def section_law(bend, stiffness, height, share, locking):
-    """Return moment, tangent stiffness and energy density of the section at the curvature change `bend` [1/m].
+    """Return moment [N m], tangent stiffness [N m2] and energy per length [J/m] of a cross-section whose curvature has
+    changed by `bend` [1/m].
 
     The fibres at `height` above the inextensible base stretch by lam = 1 + bend height at fixed width: W = (lam^2 +
     lam^-2 - 2) / 2, or Gent's form with locking when `locking` > 0. With an empty `height` the law is linear.
@@ -49,8 +50,8 @@ def section_law(bend, stiffness, height, share, locking):
 
 
 def memory_moment(k, bend, body, state, clock):
-    """Return moment and tangent stiffness of vertex `k` from its Prony branches and slip elements at the end of the
-    step.
+    """Return moment [N m] and tangent stiffness [N m2] of the viscoelastic and the friction elements of vertex `k` at
+    the end of the time step.
     """
     moment = slope = 0.0
     before = state.curvature[k] - body.rest_curvature[k]
@@ -74,7 +75,9 @@ def memory_moment(k, bend, body, state, clock):
 
 
 def turning(x, k):
-    """Return the bending angle psi_k [rad] at vertex `k` and the gradients of the directions of its two edges."""
+    """Return the bending angle [rad] at vertex `k`, and the derivatives of the directions of its two edges by the
+    edges' x and y components.
+    """
     bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
     ax, ay = 0.0, 1.0
     if k > 0:
@@ -90,7 +93,7 @@ def curvatures(x, body, out):
 
 
 def volume(c, kappa, length, body):
-    """Return the volume [m3] of chamber `c` relative to the straight unstretched shape.
+    """Return the volume [m3] of chamber `c`, less its volume in the straight unstretched shape.
 
     The gain contributes through the curvature `kappa`, the thrust through the edge lengths `length`.
     """
@@ -103,7 +106,9 @@ def volume(c, kappa, length, body):
 
 
 def pressed(k, kappa, load, body):
-    """Return moment [N m] and its derivative by curvature at vertex `k`, summed over all chambers under pressure."""
+    """Return the bending moment [N m] of all chambers under pressure at vertex `k`, and its derivative by the
+    curvature.
+    """
     moment = slope = 0.0
     for c in range(body.gain.shape[0]):
         push = load[c] * body.gain[c, k]
@@ -113,7 +118,9 @@ def pressed(k, kappa, load, body):
 
 
 def add_bending(x, load, body, state, clock, band, torque, g):
-    """Add the bending stiffness of all vertices to `band` and write the net couple on each edge to `torque`."""
+    """Add the bending stiffness of all vertices to the banded Hessian `band`, and write the net couple [N m] on each
+    edge to `torque`.
+    """
     for e in range(torque.size):
         torque[e] = 0.0
     for k in range(body.weight.size):
@@ -140,7 +147,9 @@ def add_bending(x, load, body, state, clock, band, torque, g):
 
 
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
-    """Add the force +f on the far node and -f on the near node of edge `e`, and the stiffness between both nodes."""
+    """Add the force (fx, fy) on the far node and its opposite on the near node of edge `e` to `gradient`, and the
+    stiffness between both nodes to `band`.
+    """
     i = 2 * e
     gradient[i] += fx
     gradient[i + 1] += fy
@@ -160,7 +169,9 @@ def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
 
 
 def add_edges(x, body, state, clock, torque, geometric, gradient, band):
-    """Add forces and stiffness of the stretched edges and of their couples; `geometric` = 0 omits indefinite terms."""
+    """Add the tension of all edges, and the forces of the couples on them, to `gradient` and `band`. `geometric` = 0
+    omits indefinite terms.
+    """
     for e in range(body.rest_length.size):
         dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
         l2 = dx * dx + dy * dy
@@ -182,7 +193,9 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
 
 
 def add_thrust(x, load, body, geometric, gradient, band):
-    """Add the chambers' axial thrust on the edges; `geometric` = 0 omits terms that may be indefinite."""
+    """Add the chambers' axial thrust on all edges to `gradient` and `band`. `geometric` = 0 omits terms that may be
+    indefinite.
+    """
     for e in range(body.rest_length.size):
         push = 0.0
         for c in range(body.thrust.shape[0]):
@@ -197,7 +210,9 @@ def add_thrust(x, load, body, geometric, gradient, band):
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):
-    """Add inertia relative to the predicted positions `guess`, gravity, and the constant force on the pushed node."""
+    """Add inertia relative to the predicted positions `guess`, gravity, and the constant force on the pushed node to
+    `gradient` and `band`.
+    """
     last = x.shape[0] - 1
     for v in range(1, last + 1):
         i = 2 * (v - 1)
@@ -218,7 +233,9 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
 
 
 def gap_to(row, px, py):
-    """Return distance to the obstacle's surface [m], outward normal (x, y) and surface curvature [1/m] at a point."""
+    """Return the distance [m] of a point from an obstacle's surface, the outward normal (x, y), and the surface's
+    curvature [1/m].
+    """
     if row[0] == 0.0:
         dx, dy = px - row[1], py - row[2]
         far = np.sqrt(dx * dx + dy * dy)
@@ -227,7 +244,7 @@ def gap_to(row, px, py):
 
 
 def penalty(depth):
-    """Return force, slope and energy per unit stiffness for a penetration `depth` [m].
+    """Return contact force, slope and energy, each for a contact stiffness of 1, at a penetration `depth` [m].
 
     The force is quadratic up to the depth `SOFT` and linear beyond.
     """
@@ -239,7 +256,9 @@ def penalty(depth):
 
 
 def friction(row, grip, nx, ny, x, v, state, clock):
-    """Return tangential force and slope of regularised Coulomb friction, with the normal force of the last step."""
+    """Return the tangential friction force on node `v` and its slope, by regularised Coulomb friction with the normal
+    force of the last step.
+    """
     tx, ty = -ny, nx
     vt = (x[v, 0] - (4.0 * state.x[v, 0] - state.x_before[v, 0]) / 3.0) * tx
     vt = (vt + (x[v, 1] - (4.0 * state.x[v, 1] - state.x_before[v, 1]) / 3.0) * ty) / clock.h
@@ -248,7 +267,9 @@ def friction(row, grip, nx, ny, x, v, state, clock):
 
 
 def add_contact(x, obstacles, body, state, clock, gradient, band, force):
-    """Add penalty contact and friction between all nodes and obstacles; write the nodal forces to `force` [N]."""
+    """Add contact and friction between all nodes and obstacles to `gradient` and `band`, and write the forces [N] on
+    the nodes to `force`.
+    """
     for v in range(force.shape[0]):
         force[v, 0] = force[v, 1] = 0.0
     for o in range(obstacles.shape[0]):

@@ -52,20 +52,26 @@ class MotionInSpace(NamedTuple):
 
 
 def one_by_one(time: Array) -> Array:
-    """Return pressures (T, 3) [Pa] that fill one chamber after another: 90 kPa for 1 s, then 0 for 0.7 s."""
+    """Return the pressures (T, 3) [Pa] of three chambers at T times, filled one after another: 90 kPa for 1 s, then 0
+    for 0.7 s.
+    """
     start = QUIET + 1.7 * np.arange(3)
     return np.where((time[:, None] >= start) & (time[:, None] < start + 1.0), 90e3, 0.0)
 
 
 def around(time: Array) -> Array:
-    """Return pressures (T, 3) [Pa] that rotate about the axis once in 2 s, and are vented at 4.5 s."""
+    """Return the pressures (T, 3) [Pa] of three chambers at T times that turn the direction of bending about the axis
+    once in 2 s, and are vented at 4.5 s.
+    """
     phase = np.pi * (time - QUIET)[:, None] - 2 * np.pi / 3 * np.arange(3)
     rise = np.clip((time - QUIET) / 0.3, 0.0, 1.0) * (time < 4.5)
     return 50e3 * (1.0 + np.cos(phase)) * rise[:, None]
 
 
 def mixed(time: Array) -> Array:
-    """Return pressures (T, 3) [Pa] with a different frequency per chamber, plus two steps, vented at 5 s."""
+    """Return the pressures (T, 3) [Pa] of three chambers at T times, with a different frequency for each and two steps,
+    vented at 5 s.
+    """
     t = np.maximum(time - QUIET, 0.0)[:, None]
     waves = 25e3 * np.sin(np.pi * np.array([0.45, 0.7, 0.31]) * t) ** 2
     steps = 45e3 * np.stack([(time > 2.0) & (time < 3.2), 0 * time, (time > 3.0) & (time < 4.2)], axis=-1)
@@ -96,7 +102,9 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
 
 
 def lagged(command: Array, part: float) -> Array:
-    """Return `command` (T, C) filtered by a first-order lag; `part` is the time step divided by the time constant."""
+    """Return the pressures `command` (T, C) of C chambers after a first-order lag. `part` is the time step divided by
+    the time constant.
+    """
     from scipy.signal import lfilter
 
     keep = np.exp(-part)

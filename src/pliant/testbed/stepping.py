@@ -38,7 +38,7 @@ class RodState(NamedTuple):
 
 
 class StepClock(NamedTuple):
-    """Constants that depend on the length of a time step."""
+    """Constants of the time integration that depend on the length of a time step."""
 
     dt: float  # s
     h: float  # s, of the second-order backward difference
@@ -47,7 +47,7 @@ class StepClock(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Range of steps that the compiled loop takes, and the stride at which it records."""
+    """Range of time steps to simulate, and the number of steps between two stored states."""
 
     first: int
     stop: int
@@ -55,7 +55,7 @@ class Span(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch arrays of the compiled loop."""
+    """Scratch arrays of the compiled time loop."""
 
     x: Array
     drift: Array
@@ -70,7 +70,7 @@ class Work(NamedTuple):
 
 
 class Out(NamedTuple):
-    """Output arrays of the compiled loop, with R records each."""
+    """Arrays into which the compiled time loop writes R states of the rod."""
 
     position: Array
     velocity: Array
@@ -83,7 +83,7 @@ class Out(NamedTuple):
 
 @dataclass(frozen=True)
 class RodMotion:
-    """True motion of the rod: R records, V nodes, B bending vertices, C chambers.
+    """The simulated, true motion of the rod at R times, with V nodes, B bending vertices and C chambers.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ def settle(
     obstacles: ArrayLike | None = None,
     increments: int = 40,
 ) -> RodState:
-    """Compute the static equilibrium under constant loads, with all Prony branches relaxed.
+    """Compute the static equilibrium of the rod under constant loads, with all viscoelastic (Prony) branches relaxed.
 
     Parameters
     ----------

@@ -25,7 +25,8 @@ ITERATIONS = 60
 
 
 def factor(band):
-    """Compute the banded Cholesky factor of `band` in place; return False when the matrix is not positive definite.
+    """Compute the Cholesky factor of the banded matrix `band` in place; return False if the matrix is not positive
+    definite.
 
     Row i of `band` holds the entries of row i of the matrix from the diagonal leftwards.
     """
@@ -45,7 +46,9 @@ def factor(band):
 
 
 def substitute(band, b):
-    """Solve the linear system with the Cholesky factor of `factor`; the solution replaces `b`."""
+    """Solve the linear system whose Cholesky factor `band` comes from `factor`. The solution replaces the right-hand
+    side `b`.
+    """
     n = b.size
     for i in range(n):
         for m in range(max(0, i - BAND), i):
@@ -76,7 +79,9 @@ def copy(values, out):
 
 
 def gather(x, load, body, obstacles, state, clock, geometric, work):
-    """Compute gradient and Hessian of the incremental potential at `x` into `work`; return False when not finite."""
+    """Write gradient and Hessian of the incremental potential at the node positions `x` into `work`; return False if a
+    value is not finite.
+    """
     for i in range(work.gradient.size):
         work.gradient[i] = 0.0
         for d in range(BAND + 1):
@@ -93,14 +98,15 @@ def gather(x, load, body, obstacles, state, clock, geometric, work):
 
 
 def move(x, step, scale):
-    """Add `scale` times the Newton step to all free nodes `x` in place."""
+    """Move all free nodes of `x` in place by `scale` times the Newton step."""
     for v in range(1, x.shape[0]):
         x[v, 0] += scale * step[2 * v - 2]
         x[v, 1] += scale * step[2 * v - 1]
 
 
 def newton(x, load, body, obstacles, state, clock, work):
-    """Move `x` in place to equilibrium at the end of the step; return status, iterations and last update [m].
+    """Move the nodes `x` in place to equilibrium at the end of the time step; return status, number of iterations and
+    last update [m].
 
     A step that overshoots is shortened by the secant rule until the slope of the potential along it is below 0.9 times
     its initial magnitude. Without this rule friction and slip can make the iteration cycle.
@@ -162,7 +168,7 @@ def remember(x, body, state, clock, work):
 
 
 def energies(body, obstacles, state, out):
-    """Write the kinetic, elastic, hysteresis, gravity and contact energies [J] to `out` (5,)."""
+    """Write the kinetic, elastic, hysteresis, gravity and contact energies [J] of the rod to `out` (5,)."""
     for i in range(out.size):
         out[i] = 0.0
     last = state.x.shape[0] - 1
@@ -191,7 +197,7 @@ def energies(body, obstacles, state, out):
 
 
 def march(loads, span, body, obstacles, state, clock, work, out):
-    """Integrate the rod over the steps of a `simulate.Span` and write every `stride`-th state to `out`.
+    """Simulate the rod over the time steps of `span`, and write every `stride`-th state to `out`.
 
     Returns the status, the index of the failed step (or the end of the span), the last Newton update [m] and the total
     number of iterations. `loads` (S, C + 3) holds the loads of every step.

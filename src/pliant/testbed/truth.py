@@ -27,7 +27,7 @@ ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]
 
 
 def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the true joint rates (T, n) [rad/s] at the times `at` [s] of a chain along the rod.
+    """Return the true joint rates (T, n) [rad/s] of a chain of n links along the rod, at T times `at` [s].
 
     The joints lie at the arc lengths `nodes` (n + 1,) [m]. The rates follow from the rod's velocities, without a finite
     difference in time.
@@ -41,7 +41,9 @@ def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.fl
 
 
 def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return node positions (T, V, 2) [m] at the times `at` (T,) [s], by cubic Hermite interpolation."""
+    """Return the positions (T, V, 2) [m] of the rod's V nodes at T times `at` (T,) [s], by cubic Hermite
+    interpolation.
+    """
     step = motion.time[1] - motion.time[0]
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
     u = np.clip((at - motion.time[index]) / step, 0.0, 1.0)[:, None, None]
@@ -113,5 +115,6 @@ def read_truth(path: Path) -> xr.Dataset:
     except InputError as error:
         raise InputError(f"cannot read the file of true motion {path}: {error}") from None
     if str(schema := loaded.attrs.get("schema")) != SCHEMA:
-        raise InputError(f"{path} is no file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}")
+        raise InputError(f"{path} is no file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}; name a "
+                         "file of write_truth")
     return loaded

@@ -112,7 +112,8 @@ def supply_pressure(
         twin(regulate)(asked, dt, valve.law, out)
         return out
     if asked.max() > valve.source:
-        raise InputError(f"the command of {asked.max():.0f} Pa exceeds the supply pressure of {valve.source:.0f} Pa")
+        raise InputError(f"the command of {asked.max():.0f} Pa exceeds the supply pressure of {valve.source:.0f} Pa: "
+                         "lower the command, or raise source of the valve")
     twin(fill_chamber)(asked, dt, 8, valve.spool, valve.gas, out)
     return out
 
@@ -120,7 +121,7 @@ def supply_pressure(
 def read_pressure(
     time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return sample times (P,) [s] and readings (P,) [Pa] of the transducer.
+    """Return the P times (P,) [s] at which the transducer samples the pressure, and its readings (P,) [Pa].
 
     The first sample falls at a random time within the first period. For several chambers (R, C) each has its own
     transducer, all sampled at the same times, and the readings are (P, C).

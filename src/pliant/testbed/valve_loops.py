@@ -44,7 +44,8 @@ class Gas(NamedTuple):
 
 
 def regulate(command, dt, law, out):
-    """Integrate a second-order regulator with slew limits and write the pressures to `out` (S,) [Pa].
+    """Simulate a second-order pressure regulator with slew limits, and write its pressure [Pa] at S times to `out`
+    (S,).
 
     The equation is ``p'' = w^2 (u - p) - 2 z w p'``, with a natural frequency that is lower by the factor `exhaust` for
     falling pressure. `command` (S,) [Pa] holds the set points at steps of `dt` [s], and `law` is a `ValveLaw`. The two
@@ -95,7 +96,8 @@ def chamber_rate(p, opening, gas):
 
 
 def fill_chamber(command, dt, sub, spool, gas, out):
-    """Integrate the pressure of a chamber (`Gas`) behind a `Spool` and write it to `out` (S,) [Pa gauge].
+    """Simulate the pressure of a chamber (`gas`) behind a spool valve (`spool`), and write it [Pa gauge] at S times to
+    `out` (S,).
 
     `command` (S,) [Pa gauge] holds the set points at steps of `dt` [s]. Each step has `sub` substeps.
     """

@@ -85,7 +85,8 @@ def instants(path: Array, most: int = 4) -> list[int]:
 
 
 def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
-    """Return the names of the axes to draw, their unit, and how many of this unit make one SI unit.
+    """Return the names of the axes on which a figure shows positions ("mm") or angles ("deg"), the unit, and the factor
+    from SI to it.
 
     For "mm" the axes are x, y (and z); for "deg" there is one angle.
     """
@@ -93,7 +94,8 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Return (title, chamber, {highest pressure [Pa]: role of the recording}) for each pressure chamber of a fit.
+    """Return (title, chamber, marks) for each pressure chamber of a fit. `marks` maps the highest pressure [Pa] of each
+    recording to its role.
 
     Tendons are left out, since they have no torque law.
     """
@@ -109,14 +111,18 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
 
 
 def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
-    """Return `count` pressures [Pa] from 0 to 5 % beyond the highest pressure of the recordings on these laws."""
+    """Return `count` pressures [Pa] at which to draw torque laws, from 0 to 5 % beyond the highest pressure of their
+    recordings.
+    """
     levels = [0.0, *(p for _, _, marks in laws for p in marks)]
     low, high = min(levels), max(levels)
     return np.linspace(1.05 * low, 1.05 * (high if low < 0.0 else max(high, 1.0)), count)
 
 
 def slenderness(measured: Array, modelled: Array, body: bool) -> float:
-    """Return the height over the width of a path figure of stations (T, S, 2), limited to 0.3 to 1.1."""
+    """Return the ratio of height to width of a figure that shows the paths of S stations (T, S, 2), limited to 0.3 to
+    1.1.
+    """
     points = [measured[:, -1], modelled[:, -1]] if not body else [
         measured.reshape(-1, 2), modelled.reshape(-1, 2), np.zeros((1, 2))]
     width, height = np.ptp([np.nanmin(p, axis=0) for p in points] + [np.nanmax(p, axis=0) for p in points], axis=0)

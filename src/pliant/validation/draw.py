@@ -121,7 +121,9 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
 
 
 def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Draw]]:
-    """Yield the name and the function of a comparison figure for each recording that several fits predict."""
+    """Yield the name of a figure that compares fits, and the function that draws it, for each recording that several
+    fits predict.
+    """
     from pliant.validation import figures
 
     counts = Counter(r.name for f in fits for r in f.records)

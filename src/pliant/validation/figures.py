@@ -182,7 +182,7 @@ def path_figure(record: RecordOutcome) -> Figure:
 
 
 def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]]]]:
-    """Return a figure for the front, side and top view of points (T, S, 3) [m] at one scale, and the axes
+    """Return a figure with front, side and top view of S points over T frames (T, S, 3) [m] at one scale, and the axes
     of each view.
     """
     low, high = (f(points.reshape(-1, 3), axis=0) for f in (np.nanmin, np.nanmax))
@@ -203,7 +203,9 @@ def three_views(points: Array) -> tuple[Figure, list[tuple[Axes, tuple[int, int]
 
 
 def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
-    """Draw the path and the body of a recording in the plane of the two axes `view`."""
+    """Draw the measured and modelled path of the last station, and the body at a few instants, in the plane of the two
+    axes `view`.
+    """
     exp, axes = record.experiment, list(view)
     position, modelled = exp.position[..., axes], record.modelled[..., axes]
     measured = np.isfinite(exp.last_station).all(axis=1)
@@ -282,7 +284,9 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
 
 
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
-    """Draw residuals (T, S): the last station as a dark line, some other stations thin and light behind it."""
+    """Draw the residuals (T, S) of S stations over T frames: the last station as a dark line, some others thin and
+    light behind it.
+    """
     for k, s in enumerate(evenly_spaced(residual.shape[1] - 1)):
         label = "other stations" if k == 0 else None
         ax.plot(*thin(time, residual[:, s]), color="0.7", linestyle="-", linewidth=0.6, label=label)

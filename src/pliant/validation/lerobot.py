@@ -27,7 +27,9 @@ COUNTERS = {"timestamp": "float32", "frame_index": "int64", "episode_index": "in
 
 
 class Episode(NamedTuple):
-    """One recording at the frame rate of the data set: its columns by feature, each (T,) or (T, width)."""
+    """One recording at the frame rate of the data set. Its columns, by name of the feature, are arrays (T,) or (T,
+    width) over T frames.
+    """
 
     name: str
     role: str
@@ -114,14 +116,16 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
 
 
 def sampled(time: Array, own: Array, rows: Array) -> Array:
-    """Return columns (T, W), float32, interpolated linearly at `time` [s] between the finite values."""
+    """Return the W columns of `rows` at T other times `time` [s] (T, W), interpolated linearly between their finite
+    values, as float32.
+    """
     there = np.isfinite(rows)
     lines = [np.interp(time, own[t], column[t]) for column, t in zip(rows.T, there.T, strict=True)]
     return np.stack(lines, axis=1).astype(np.float32)
 
 
 def write_folder(folder: Path, sides: Sides, episodes: Sequence[Episode], fps: int) -> None:
-    """Write all files of the data set into a folder."""
+    """Write all files of a LeRobot data set into a folder."""
     import pandas as pd
 
     meta = folder / "meta"
@@ -158,7 +162,7 @@ def features_of(sides: Sides) -> dict[str, dict[str, Any]]:
 
 
 def write_data(folder: Path, episodes: Sequence[Episode], features: Mapping[str, Any]) -> list[tuple[int, int]]:
-    """Write the frames, one row group for each episode, and return the indices of chunk and file of each episode."""
+    """Write the frames of all episodes as Parquet files, and return the indices of chunk and file of each episode."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -211,8 +215,8 @@ def write_episodes(folder: Path, episodes: Sequence[Episode], places: Sequence[t
 
 
 def statistics(values: Array) -> dict[str, list[float] | list[int]]:
-    """Return minimum, maximum, mean, standard deviation, count and quantiles of each column of (T,) or (T,
-    W) values.
+    """Return minimum, maximum, mean, standard deviation, count and quantiles of each column of `values`, (T,) or (T, W)
+    for T frames.
     """
     rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
     exact = values.dtype.kind == "i"

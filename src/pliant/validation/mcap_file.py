@@ -46,11 +46,11 @@ class RosFile:
         self.topics: dict[str, Any] = {}
 
     def message(self, kind: str, **fields: Any) -> Any:
-        """Return a message of type `kind` with the given fields."""
+        """Return a ROS message of type `kind` with the given fields."""
         return self.store.types[kind](**fields)
 
     def header(self, nanoseconds: int) -> Any:
-        """Return a message header in the base frame at a time [ns]."""
+        """Return the header of a ROS message in the base frame at a time [ns]."""
         stamp = self.message("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         return self.message("std_msgs/msg/Header", stamp=stamp, frame_id=FRAME)
 
@@ -62,7 +62,7 @@ class RosFile:
         self.writer.write(self.topics[topic], nanoseconds, raw)
 
     def cloud(self, topic: str, nanoseconds: int, points: Array) -> None:
-        """Write points (S, 2) or (S, 3) [m] as a point cloud; NaN marks a point that was not measured."""
+        """Write S points (S, 2) or (S, 3) [m] as a point cloud; NaN marks a point that was not measured."""
         row = in_three(points).astype("<f4")
         fields = [self.message("sensor_msgs/msg/PointField", name=axis, offset=4 * k, datatype=FLOAT32, count=1)
                   for k, axis in enumerate("xyz")]  # fmt: skip
@@ -73,7 +73,7 @@ class RosFile:
         )  # fmt: skip
 
     def line(self, topic: str, nanoseconds: int, points: Array) -> None:
-        """Write a line through points (P, 2) or (P, 3) [m] as a marker."""
+        """Write a line through P points (P, 2) or (P, 3) [m] as a marker."""
         zero = {"x": 0.0, "y": 0.0, "z": 0.0}
         pose = self.message("geometry_msgs/msg/Pose", position=self.message("geometry_msgs/msg/Point", **zero),
                             orientation=self.message("geometry_msgs/msg/Quaternion", **zero, w=1.0))  # fmt: skip
@@ -149,7 +149,9 @@ def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
 
 
 def write_side(file: RosFile, side: Side, inputs: dict[str, int], begin: float) -> None:
-    """Write one recording from the time `begin` [s] on; `inputs` maps each topic to its column."""
+    """Write the motion of one recording into the file, from the time `begin` [s] on. `inputs` maps each ROS topic to a
+    column of the inputs.
+    """
     file.write("/record", nanoseconds_of(begin), TEXT, data=f"{side.name} ({side.role.replace('_', ' ')})")
     for k, time in enumerate(side.time - side.time[0] + begin):
         at = nanoseconds_of(time)
@@ -163,7 +165,9 @@ def write_side(file: RosFile, side: Side, inputs: dict[str, int], begin: float) 
 
 
 def topics_of_inputs(sides: Sides) -> Iterator[tuple[str, int]]:
-    """Yield the topic of each input (a name valid in ROS, with the unit) and its column."""
+    """Yield (ROS topic, column) for each input. The name of the topic is made from the name and the unit of the
+    input.
+    """
     taken: set[str] = set()
     for k, (name, unit) in enumerate(zip(sides.inputs, sides.units, strict=True)):
         plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "pressure"
@@ -174,7 +178,7 @@ def topics_of_inputs(sides: Sides) -> Iterator[tuple[str, int]]:
 
 
 def in_three(points: Array) -> Array:
-    """Return points (S, 3) [m], with z = 0 for points in a plane."""
+    """Return S points in a plane (S, 2) as (S, 3) [m] with z = 0; return points in space unchanged."""
     return points if points.shape[1] == 3 else np.column_stack([points, np.zeros(len(points))])
 
 

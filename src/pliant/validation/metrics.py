@@ -105,7 +105,8 @@ def definitions(*, turns: bool) -> dict[str, str]:
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
-    """Return the metrics of a modelled motion (T, S, 2) [m] against an experiment.
+    """Compare the modelled motion (T, S, 2) [m] of S stations over T frames with a recording, and return the error
+    metrics by name.
 
     Parameters
     ----------
@@ -149,8 +150,8 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
 
 
 def response(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Return frequency, damping ratio, overshoot and steady state of one point's path (T, 2) [m] or angle
-    (T, 1) [rad].
+    """Return frequency, damping ratio, overshoot and steady state of one point's path (T, 2) [m], or of one angle (T,
+    1) [rad], over T frames.
     """
     unit, factor = exp.shown_in
     measured = np.isfinite(path).all(axis=1)
@@ -180,7 +181,9 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def on_window(exp: Experiment, t: Array) -> Array | None:
-    """Return which of the times `t` lie in the plateau of the pressure, as booleans; None if there is no plateau."""
+    """Return a boolean for each of the times `t` [s], True on the plateau of the pressure; None if there is no
+    plateau.
+    """
     if exp.excitation in ("pulse", "step"):
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))
@@ -192,7 +195,8 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
 
 
 def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
-    """Return the largest change of the measured body's length, and that of the modelled motion in the same frames.
+    """Return the largest change of the measured body's length from its first frames, in mm and in %, and the change of
+    the modelled body in the same frames.
 
     `modelled` is (T, S, 2) [m].
     """
@@ -205,7 +209,8 @@ def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
 
 
 def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
-    """Return the largest change of a body's length from its first frames, computed from its points (T, S, 2) [m].
+    """Return the largest change of a body's length from its first frames, in mm and in %, from S points along it over T
+    frames (T, S, 2) [m].
 
     The length is that of circular arcs through the points (`pliant.numerics.curve`). The change is the median over the
     2 % of the frames (at least five) in which the body is longest, or shortest if it shortens by more.
@@ -223,7 +228,8 @@ def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
 
 
 def extreme_frames(length: Array) -> Array:
-    """Return the indices of the 2 % of frames (at least 5) in which a length (T,) differs most from its first frames.
+    """Return the indices of the 2 % of frames (at least 5) in which a length (T,) over T frames differs most from that
+    of the first frames.
 
     They are the longest or the shortest frames, whichever differ more.
     """
@@ -235,15 +241,16 @@ def extreme_frames(length: Array) -> Array:
 
 
 def change(length: Array, frames: Array, names: tuple[str, str]) -> dict[str, float | None]:
-    """Return the change of a length (T,) [m] from its first frames to the given frames, in mm and in %,
-    under `names`.
+    """Return the change of a length (T,) [m] from its first frames to the frames with the indices `frames`, in mm and
+    in %, as a dict with the two `names`.
     """
     rest, there = float(np.median(length[:FEWEST])), float(np.median(length[frames]))
     return dict(zip(names, (1e3 * (there - rest), 100 * (there / rest - 1)), strict=True))
 
 
 def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
-    """Return frequency, damping ratio and amplitude of the large and the small swings of a path (T, 2) [m].
+    """Return frequency, damping ratio and amplitude, for the large and for the small swings of one point's path (T, 2)
+    [m] over T frames.
 
     All values are None for a step, since its first motion is the rise and not a swing.
     """
@@ -262,7 +269,8 @@ def two_amplitudes(exp: Experiment, path: Array) -> dict[str, float | None]:
 
 
 def chord_angles(position: Array) -> Array:
-    """Return the angles (T, S) [rad] from each chord to the next, through stations (T, S, 2) [m]; the first from +y.
+    """Return the angles (T, S) [rad] between successive straight lines through S stations (T, S, 2) [m] over T frames.
+    The first is measured from +y.
 
     In space, with stations (T, S, 3), the result is (T, S, 2): the rotation vector across the chord; the first from +z.
     """
@@ -275,7 +283,8 @@ def chord_angles(position: Array) -> Array:
 
 
 def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, list[float] | None]:
-    """Return the errors of the angles between chords [mrad]; None for a single station or angles alone.
+    """Return the RMS and the steady error [mrad] of the modelled angles between the straight lines through the
+    stations; None for one station or angles alone.
 
     `settled` (T,) marks the frames at the end of the motion.
     """
@@ -293,7 +302,8 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
 
 
 def swing_metrics(exp: Experiment, modelled: Array, on: Array | None) -> dict[str, Any]:
-    """Return the two-amplitude and joint metrics of a modelled motion (T, S, 2) [m].
+    """Return the metrics of large and small swings, and of single joints, for the modelled motion (T, S, 2) [m] of S
+    stations over T frames.
 
     `on` (T,) marks the frames of the pressure's plateau; None if there is none.
     """

@@ -16,7 +16,7 @@ class MetricsEntry(BaseModel):
 
 
 class Pair(MetricsEntry):
-    """A trait of the motion, measured and modelled; null if a motion does not have it."""
+    """A property of the motion, such as its frequency, measured and modelled; null if a motion does not have it."""
 
     measured: float | None
     modelled: float | None
@@ -41,7 +41,7 @@ class Failure(MetricsEntry):
 
 
 class Compared(MetricsEntry):
-    """Metrics of every recording under a fit, common to positions and angles."""
+    """Metrics of one recording under one fit that exist for positions and for angles."""
 
     role: Role = Field(description="whether the fit used the recording for training or held it out")
     fit: str = Field("", description="the first fit that computes this recording; present under `records` only")
@@ -65,7 +65,7 @@ class Compared(MetricsEntry):
 
 
 class Record(Compared):
-    """One recording of positions under one fit."""
+    """Metrics of one recording of positions under one fit."""
 
     rmse_mm: float
     max_mm: float
@@ -82,7 +82,7 @@ class Record(Compared):
 
 
 class AngleRecord(Compared):
-    """One recording of angles without positions under one fit."""
+    """Metrics of one recording of angles without positions under one fit."""
 
     rmse_deg: float
     max_deg: float
@@ -147,7 +147,7 @@ class FitEntry(MetricsEntry):
 
 
 class HeadlineEntry(MetricsEntry):
-    """The verdict in short."""
+    """The short verdict on the study."""
 
     state: Literal["good", "beware", "missed", "open"]
     sentence: str

@@ -19,7 +19,8 @@ from pliant.validation.figures import columns_in_time, drawing, legend
 
 
 def motion_figure(trajectory: xr.Dataset) -> Figure:
-    """Draw simulated X_i and Y_i of the link tips against time with the pressure below, in the style of the paper.
+    """Draw the simulated coordinates X_i, Y_i of the tip of each link i against time, with the pressure below, in the
+    style of the paper.
 
     Parameters
     ----------

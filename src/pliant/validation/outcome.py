@@ -38,12 +38,12 @@ class RecordOutcome:
     inputs: Mapping[str, str] = field(default_factory=dict)  # inputs of the model: name and SI unit; empty: pressures
 
     def unit_of(self, name: str) -> str:
-        """Return the SI unit of the input with this name, or of the first input for ""."""
+        """Return the SI unit of the model's input with this name, or of its first input for the empty name."""
         return self.inputs.get(name) or next(iter(self.inputs.values()), "Pa")
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Return the SI units of the columns of `pressure`."""
+        """Return the SI units of the model's inputs, in the order of the columns of `pressure`."""
         return tuple(self.inputs.values()) or ("Pa",) * self.pressure.shape[-1]
 
 
@@ -65,7 +65,9 @@ class FitOutcome:
         return tuple(f for f in self.not_computed if f.record and f.record not in there)
 
     def record_dicts(self) -> dict[str, dict[str, Any]]:
-        """Return role and metrics of each recording, and for one that could not be computed, the reason."""
+        """Return the role and the metrics of each recording by its name, with the reason if a result could not be
+        computed.
+        """
         rows: dict[str, dict[str, Any]] = {r.name: {"role": r.role, **r.metrics} for r in self.records}
         for f in self.not_computed:
             if f.record:
@@ -94,7 +96,9 @@ class FitOutcome:
 
 @dataclass(frozen=True)
 class Shape:
-    """Results from the dense shape of one recording: curvature, order, links."""
+    """Results of the reduction of one recording's dense shape: its curvature, the number of links, and their
+    placement.
+    """
 
     name: str
     arc_length: Array  # (S,) m
@@ -120,8 +124,8 @@ class Clocks:
 
     @classmethod
     def of(cls, recording: xr.Dataset, found: Delay) -> Clocks:
-        """Return the clock correction of a recording, which still has its original clocks, from the result
-        of `sync`.
+        """Return the clock correction that `sync` found for a recording, with its motion and its pressure on the
+        original clocks.
         """
         motion, pressure = body_course(recording), pressure_course(recording)
         return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
@@ -175,13 +179,13 @@ class Wirings:
                 f"2 ln L is lower by {fitted[1].behind:.0f}.")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the comparison as plain values, for JSON."""
+        """Return the comparison of wirings as plain values, for JSON."""
         rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "reason": r.reason} for r in self.rows}
         return {"fit": self.fit, "sentence": self.sentence, "wirings": rows}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any] | None) -> Wirings | None:
-        """Return the comparison from the result of `to_dict`; None if `content` is None."""
+        """Return the comparison of wirings from the result of `to_dict`; None if `content` is None."""
         if content is None:
             return None
         rows = (WiringRow(n, r["train_percent"], r["behind"], r["reason"]) for n, r in content["wirings"].items())
@@ -235,7 +239,7 @@ class StudyOutcome(Shown):
         return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
 
     def card(self) -> Card:
-        """Return the headline and a table of every recording under each fit, for display."""
+        """Return the headline, and a table with the errors of every recording under each fit, for display."""
         rows, unit = [], "deg" if self.turns else "mm"
         for f in self.fits:
             for r in f.records:
@@ -277,7 +281,8 @@ class StudyOutcome(Shown):
 
 
 def in_recorded_axes(outcome: StudyOutcome, like: Mapping[str, str], signs: Mapping[str, int]) -> StudyOutcome:
-    """Return the outcome with all positions in the axes of the recordings, for tables, figures and files.
+    """Return the results of a study with all positions in the axes of the recordings instead of the base frame, for
+    tables, figures and files.
 
     Models and their parameters stay in the base frame, where positive angles bend the body towards -x.
 
@@ -308,7 +313,7 @@ def mirrored(position: np.ndarray) -> np.ndarray:
 
 
 def turned_record(record: RecordOutcome) -> RecordOutcome:
-    """Return the outcome of a recording turned by pi about the base tangent."""
+    """Return the results of a recording with its positions turned by half a turn about the base tangent."""
     return replace(
         record, experiment=record.experiment.turned(), modelled=mirrored(record.modelled),
         band=None if record.band is None else turned_band(record.band),
@@ -317,18 +322,18 @@ def turned_record(record: RecordOutcome) -> RecordOutcome:
 
 
 def turned_band(band: Band) -> Band:
-    """Return a band turned by pi about the base tangent, so that the limits of x change places."""
+    """Return a prediction band turned by half a turn about the base tangent, so that the limits of x change places."""
     edges = np.stack([mirrored(band.lower), mirrored(band.upper)])
     return replace(band, position=mirrored(band.position), lower=edges.min(axis=0), upper=edges.max(axis=0))
 
 
 def turned_forecast(forecast: Forecast) -> Forecast:
-    """Return a forecast turned by pi about the base tangent."""
+    """Return the results of a forecast turned by half a turn about the base tangent."""
     return replace(forecast, tip=mirrored(forecast.tip))
 
 
 def turned_shape(shape: Shape) -> Shape:
-    """Return a dense shape, with the chain of links placed on it, turned by pi about the base tangent."""
+    """Return a dense shape, and the chain of links placed on it, turned by half a turn about the base tangent."""
     links = replace(
         shape.links, base=mirrored(shape.links.base), tips=mirrored(shape.links.tips),
         rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,

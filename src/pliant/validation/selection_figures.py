@@ -31,7 +31,9 @@ def order_figure(shape: Shape) -> Any:
 
 
 def shape_figure(shape: Shape) -> Any:
-    """Draw the curvature along the body at many instants, and the chain of links with its spline at a few."""
+    """Draw the curvature along a body at many instants, and at a few instants the chain of links with a spline through
+    its joints.
+    """
     with drawing():
         figure, (left, right) = side_by_side(2, (1, 1), 3.4)
         curvature_fan(left, shape.arc_length, shape.curvature, shape.rest_curvature)
@@ -42,7 +44,8 @@ def shape_figure(shape: Shape) -> Any:
 
 
 def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
-    """Return measured points (F, S, 2), joints (F, n + 1, 2) and splines (F, P, 2) [m from base] at a few frames.
+    """Return points of the measured body, the joints, and a spline through the joints, each (frames, points, 2) [m from
+    base], at a few frames.
 
     Only complete frames are used, since the chain was fitted to these alone. A body in space is projected onto the
     vertical plane in which it moves most.
@@ -50,7 +53,8 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
     links = shape.links
     whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
     if len(whole) != len(links.tips):
-        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)}")
+        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)} "
+                         "frames: compute the links again from this shape")
     tips = links.tips - links.base
     frames = instants(tips[:, -1])
     upright = np.eye(tips.shape[2])

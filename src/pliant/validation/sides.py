@@ -76,10 +76,11 @@ def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) 
     chosen = fit_named(outcome.fits, fit)
     known = {r.name: r for r in chosen.records}
     if strange := [r for r in records if r not in known]:
-        raise InputError(f"fit {chosen.name!r} has no recording {strange[0]!r}; it has {', '.join(known) or 'none'}")
+        raise InputError(f"fit {chosen.name!r} has no recording {strange[0]!r}: choose from "
+                         f"{', '.join(known) or 'none'}")
     wanted = [known[r] for r in records] if records else list(known.values())
     if not wanted:
-        raise InputError(f"fit {chosen.name!r} has no recording whose motion could be computed")
+        raise InputError(f"fit {chosen.name!r} has no recording whose motion could be computed: choose another fit")
     first = wanted[0].experiment
     for r in wanted:
         if r.experiment.stations != first.stations:
@@ -103,8 +104,8 @@ def fit_named(fits: Sequence[FitOutcome], name: str) -> FitOutcome:
 
 
 def side_of(record: RecordOutcome, inputs: Sequence[str]) -> Side:
-    """Return the measured and modelled motion of one recording, with inputs as recorded, or fitted if none was
-    recorded.
+    """Return the measured and modelled motion of one recording with its recorded inputs. If none were recorded, the
+    inputs are those of the fit.
     """
     exp = record.experiment
     values = np.array(record.pressure, dtype=float).reshape(exp.time.size, -1)

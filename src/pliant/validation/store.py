@@ -76,7 +76,7 @@ def in_metres(dims: Sequence[str], values: Array, name: str = "") -> tuple[Seque
 
 
 def of_inputs(units: Sequence[str]) -> dict[str, str]:
-    """Return the attributes of a variable whose columns are inputs: their common unit, or the unit of each."""
+    """Return the netCDF attributes (units, long name) of a variable whose columns are inputs of the model."""
     listed = units if len(set(units)) > 1 else units[:1]
     kind = input_words(units)[0].replace("pressure", "gauge pressure")
     return {"units": ", ".join(listed), "long_name": f"measured {kind}"}
@@ -106,7 +106,9 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
 
 
 def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
-    """Return the motion under every fit; NaN if a fit does not use the recording or has no band."""
+    """Return the modelled motion of a recording under every fit, with NaN where a fit does not use the recording or has
+    no band.
+    """
     rows = [next((r for r in f.records if r.name == exp.name), None) for f in fits]
     variables: dict[str, Any] = {"fit": [f.name for f in fits]}
 
@@ -128,7 +130,9 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
 
 
 def shaped(shape: Shape) -> dict[str, xr.Dataset]:
-    """Return the dense shape, its orders and its links, each as a group of the file."""
+    """Return three groups of the file: the dense shape with its curvature, the errors of each number of links, and the
+    chosen links.
+    """
     profile = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
            "position": in_metres(("frame", "place", "axis"), shape.position),
            "curvature": (("whole_frame", "place"), shape.curvature, {"units": "1/m"}),
@@ -145,7 +149,7 @@ def shaped(shape: Shape) -> dict[str, xr.Dataset]:
 
 
 def plain(result: Any, but: set[str]) -> str:
-    """Return the fields of a dataclass that are not arrays, as JSON; tuples of arrays become lists."""
+    """Return the fields of a dataclass as JSON text, without its arrays and without the fields named in `but`."""
     values: dict[str, Any] = {}
     for f in fields(result):
         value = getattr(result, f.name)
@@ -156,7 +160,7 @@ def plain(result: Any, but: set[str]) -> str:
 
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
-    """Return a forecast's tip motion and its half-width as a data set."""
+    """Return the predicted motion of the tip and the half-width of its band, for a forecast, as a data set."""
     units = {"units": "rad" if forecast.tip.shape[1] == 1 else "m"}
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
@@ -203,23 +207,23 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid JSON: {clipped(str(error))}; run the study again") from None
     if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":
-        raise InputError(f"{path} is not a metrics.json of `pliant run`")
+        raise InputError(f"{path} is not a metrics.json of `pliant run`: name a folder that it has written")
     return metrics
 
 
 def groups_of(folder: Path) -> Groups:
-    """Return the groups of results.nc, read into memory."""
+    """Read results.nc from the folder of a run, and return its groups by name."""
     path = folder / FILE
     if not path.is_file():
         raise InputError(f"{folder} has no {FILE}: it was written by an older pliant; run the study again")
     loaded = read_groups(path)
     if str(loaded["/"].attrs.get("schema")) != "pliant-results":
-        raise InputError(f"{path} is not a results.nc of `pliant run`")
+        raise InputError(f"{path} is not a results.nc of `pliant run`: name a folder that it has written")
     return loaded
 
 
 def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
-    """Return the outcome of a study from the content of both files."""
+    """Return the results of a study from the content of metrics.json and results.nc."""
     recordings = {
         str(recording.attrs["name"]): (experiment_of(recording), recording)
         for name, recording in groups.items()
@@ -242,7 +246,7 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
 
 
 def experiment_of(recording: xr.Dataset) -> Experiment:
-    """Return a recording as the fit used it."""
+    """Return a recording stored in results.nc as the `Experiment` that the fits used."""
     trace = None
     drives = {}
     if "driven" in recording:
@@ -292,7 +296,7 @@ def fit_of(
 
 
 def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
-    """Return the results that could not be computed, of a fit or of the study."""
+    """Return the results that could not be computed, as stored in metrics.json for one fit or for the whole study."""
     return tuple(NotComputed(**n) for n in entry.get("not_computed", ()))
 
 
@@ -341,7 +345,7 @@ def shape_of(groups: Groups) -> Shape | None:
 
 
 def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """Return a model selection with the content that its table and figure need.
+    """Return a model selection restored from metrics.json, with what its table and its figure need.
 
     The fit results of single stages are not stored; `result` stands for each.
     """
@@ -358,7 +362,7 @@ def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSele
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
-    """Return the correction of a pressure's clock."""
+    """Return the stored correction of a pressure's clock to the clock of the shape."""
     recording = next(g for k, g in groups.items() if k.startswith("/clocks_") and g.attrs["name"] == name)
     time, motion, clock, pressure = (recording[k].values for k in ("time", "motion", "clock", "pressure"))
     return Clocks(entry["message"], time, motion, clock, pressure, entry["delay_s"], entry["drift"])

@@ -131,6 +131,6 @@ def control_figure(
 
 
 def by_column(values: Any) -> Any:
-    """Return the columns (m, T) of values (T,) or (T, m)."""
+    """Return values (T,) or (T, m) over T frames as m rows (m, T), one for each column."""
     made = np.asarray(values)
     return made[None] if made.ndim == 1 else made.T

@@ -28,7 +28,9 @@ LABELS = {
 
 
 def input_words(units: Iterable[str]) -> tuple[str, str]:
-    """Return a word for inputs of these SI units, such as "pressure", and the units in which figures show them."""
+    """Return a word for inputs of these SI units, such as "pressure" for Pa, and the units in which figures show them,
+    such as kPa.
+    """
     kinds = list(dict.fromkeys(units))
     word = INPUTS[kinds[0]] if len(kinds) == 1 else "input"
     return word, ", ".join(shown_in(unit)[1] for unit in kinds)
@@ -60,7 +62,9 @@ def readable(name: str) -> str:
 
 
 def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
-    """Return the value and unit of a metric that is a length [mm] or an angle [degrees], whichever was compared."""
+    """Return the value and the unit of the metric `name`: mm if positions were compared, degrees if angles were
+    compared.
+    """
     return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")
 
 

@@ -1,4 +1,6 @@
-"""Track the body's silhouette from frame to frame, starting from the motion in the previous two frames."""
+"""Track the silhouette of a body through a video: its motion in the previous two frames predicts where to search in the
+next.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ LEAST_PIXELS = 40  # least number of pixels of the body in the small picture
 
 @dataclass
 class Known:
-    """State of the tracker: line, motion per frame, half width, lightness and length in the previous frames."""
+    """State of the silhouette tracker after a frame: centreline, displacement since the frame before, half width
+    [pixels], lightness, and length of the body.
+    """
 
     line: Array  # (S, 2)
     step: Array  # (S, 2), since the previous frame
@@ -47,7 +51,9 @@ class Known:
 
 
 class Follower:
-    """Tracker of the body's silhouette; `base` (2,) is the position of the base in pixels, where it is known."""
+    """Tracker of the body's silhouette through the frames of a video. `base` (2,) [pixels] is the position of the
+    body's base, where it is known.
+    """
 
     def __init__(self, around: Surroundings, base: Array | None = None) -> None:
         self.around, self.base = around, base
@@ -209,7 +215,7 @@ def _median(values: Array) -> Array:
 
 
 def longest_run(flags: Array) -> int:
-    """Return the length of the longest run of true flags."""
+    """Return the length of the longest run of successive True values."""
     best = run = 0
     for flag in flags.tolist():
         run = run + 1 if flag else 0
@@ -218,7 +224,7 @@ def longest_run(flags: Array) -> int:
 
 
 def mask_of(small: Array, around: Surroundings) -> Array:
-    """Return the mask (h, w) of the pixels of the body in a small picture (h, w, 3)."""
+    """Return a mask (h, w) of the pixels of the body in a scaled-down picture (h, w, 3) of h by w pixels."""
     cv2 = opencv("tracking a video")
     light, behind = small.astype(np.float32) @ around.weight, around.small @ around.weight
     share = (light - behind) / np.maximum(around.body - behind, 0.3)
@@ -234,7 +240,8 @@ def mask_of(small: Array, around: Surroundings) -> Array:
 
 
 def rough_line(mask: Array, start: Array | None) -> Array | None:
-    """Return points (N, 2) along the middle of a mask (h, w), base first; None where the mask is too small.
+    """Return N points (N, 2) [pixels] along the middle of the body, base first, from the mask (h, w) of its pixels;
+    None where the mask is too small.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Track marks on the body in every frame: dots of one colour, or ArUco markers."""
+"""Track marks on the body in every frame of a video: dots of one colour, or ArUco markers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ COLOURED = 40.0  # least difference of a dot's colour from grey, in levels
 
 
 def chain(points: Array) -> Array:
-    """Return the order (M,) of points (M, 2) along the body: from one end to the nearest point, and so on."""
+    """Return the indices (M,) of M points (M, 2) in their order along the body: from one end, each followed by the
+    nearest remaining point.
+    """
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     order = [int(apart.max(axis=1).argmax())]
     while len(order) < len(points):
@@ -37,7 +39,7 @@ def chain(points: Array) -> Array:
 
 
 class Dots:
-    """Detector of dots of one colour (blue, green, red), with sub-pixel centroids weighted by that colour."""
+    """Detector of coloured dots in a picture, which locates their centres to a fraction of a pixel."""
 
     def __init__(self, colour: tuple[float, float, float], region: Region | None = None) -> None:
         self.region = region
@@ -49,7 +51,9 @@ class Dots:
         self.weight = (away / (away @ away)).astype(np.float32)[None]
 
     def all(self, picture: Array, *, round_ones: bool = False) -> tuple[Array, Array]:
-        """Return centres (N, 2) and masses (N,) of all regions of that colour, or of the round ones only."""
+        """Return the centres (N, 2) [pixels] and masses (N,) (sums of colour weights) of N regions of the dots' colour
+        in a picture; with `round_ones` only of round regions.
+        """
         share = self.cv2.transform(picture.astype(np.float32), self.weight)
         count, label, facts, _ = self.cv2.connectedComponentsWithStats((share > HALF_COLOUR).astype(np.uint8))
         found = []
@@ -75,7 +79,8 @@ class Dots:
 def follow_dots(
     reel: Reel, colour: tuple[float, float, float], count: int | None = None, region: Region | None = None,
 ) -> tuple[list[str], Iterator[Frame]]:
-    """Return lines about marks left out, and an iterator of time [s], picture and dots (M, 2) [pixels] per frame.
+    """Track M coloured dots on a body: return an iterator that yields time [s], picture and dot centres (M, 2) [pixels]
+    of each frame. Also return sentences on marks that were left out.
 
     The dots are in order along the body, with NaN where one is hidden.
 
@@ -104,7 +109,8 @@ def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterat
 
 
 class ChainOfDots:
-    """Tracker of the dots (M, 2) of a body from frame to frame, from the slowest dot outwards.
+    """Tracker of the M dots (M, 2) [pixels] on a body from frame to frame, which starts each search at the slowest dot
+    and proceeds to its neighbours.
 
     The slowest dot is searched near its expected position, within a reach that grows with its speed and with the frames
     since it was last seen. Each neighbour is then searched from the dot found before, at the known distance and in the
@@ -231,12 +237,13 @@ def _on_one_body(points: Array, count: int | None) -> Array:
 
 
 def hexadecimal(colour: tuple[float, float, float]) -> str:
-    """Return the colour (blue, green, red) as ``#rrggbb``."""
+    """Return a colour, given as (blue, green, red) from 0 to 255, as text ``#rrggbb``."""
     return "#" + "".join(f"{round(c):02x}" for c in reversed(colour))
 
 
 def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
-    """Return the marker numbers along the body, and an iterator of time [s], picture and centres (M, 2) [pixels].
+    """Track M ArUco markers on a body: return their numbers in order along the body, and an iterator that yields time
+    [s], picture and marker centres (M, 2) [pixels] of each frame.
 
     Centres of hidden markers are NaN.
 

@@ -17,7 +17,8 @@ CODEC = "mp4v"  # MPEG-4: every build of OpenCV's wheels writes and reads it
 
 @contextmanager
 def movie(path: Path, rate: float, size: tuple[int, int]) -> Iterator[Callable[[np.ndarray], None]]:
-    """Open a video file for writing and yield a function that appends a frame (H, W, 3), uint8, blue green red.
+    """Open a video file for writing and yield a function that appends one frame (H, W, 3) of H by W pixels in blue,
+    green, red (uint8).
 
     The file appears under its name only when the block ends without an error.
 

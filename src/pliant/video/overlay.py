@@ -26,7 +26,8 @@ Draw = Callable[[float, Array, Array | None], None]
 
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
-    """Open overlay files and yield a function of time, picture and points that adds one frame.
+    """Open files for pictures or videos of the tracked shape, and yield a function that draws the points of one frame
+    over its picture and adds it to them.
 
     The files appear only when the block ends without an error.
     """
@@ -59,7 +60,9 @@ def _size(reel: Reel, most: int) -> tuple[int, int]:
 
 
 def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, int]) -> Array:
-    """Return the picture scaled to `size`, with the points (S, 2) [pixels] as a line, its ends marked, and the time."""
+    """Return the picture of a frame scaled to `size`, with the time and with S tracked points (S, 2) [pixels] drawn as
+    a line.
+    """
     cv2 = opencv("drawing on a video")
     canvas = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     share = size[0] / picture.shape[1]

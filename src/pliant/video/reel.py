@@ -1,4 +1,4 @@
-"""Read a video frame by frame, with the time of each frame from its container and changes of brightness removed."""
+"""Read a video frame by frame with the times stored in the file, and compensate for changes of brightness."""
 
 from __future__ import annotations
 
@@ -38,11 +38,13 @@ class Reel:
 
     @property
     def coarse(self) -> int:
-        """Spacing of the coarse grid, pixels."""
+        """Spacing [pixels] of the grid of pixels on which brightness is measured."""
         return max(1, self.width // COARSE)
 
     def gain(self, part: Array) -> Array:
-        """Return the brightness (3,) of a coarse picture (h, w, 3) relative to the reference; 1 where unknown."""
+        """Return the brightness (3,) of a coarsely sampled picture (h, w, 3), relative to the median picture of the
+        video, in blue, green and red.
+        """
         if self.reference is None:
             return np.ones(3)
         good = (self.reference > DARK) & (self.reference < BRIGHT) & (part > DARK / 2) & (part < SATURATED)
@@ -50,7 +52,9 @@ class Reel:
         return np.array([np.median(r) if r.size > FEWEST_POINTS else 1.0 for r in ratios])
 
     def even(self, picture: Array) -> Array:
-        """Return the picture (H, W, 3) adjusted to the brightness of the reference; unchanged without a reference."""
+        """Return the picture (H, W, 3) of H by W pixels adjusted to the median brightness of the video; unchanged for a
+        video of steady brightness.
+        """
         if self.reference is None:
             return picture
         gain = self.gain(picture[:: self.coarse, :: self.coarse])
@@ -58,7 +62,9 @@ class Reel:
         return np.stack([table[:, c][picture[..., c]] for c in range(3)], axis=2)
 
     def frames(self) -> Iterator[tuple[float, Array]]:
-        """Yield the time [s] and the picture (H, W, 3), uint8, blue green red, of each frame."""
+        """Yield the time [s] and the picture of each frame of the video: (H, W, 3), H by W pixels in blue, green, red
+        (uint8).
+        """
         with _opened(self.path) as (cv2, film):
             while True:
                 whole, picture = film.read()
@@ -67,14 +73,16 @@ class Reel:
                 yield 1e-3 * film.get(cv2.CAP_PROP_POS_MSEC), self.even(picture)
 
     def sampled(self, count: int, width: int) -> Array:
-        """Return at most `count` frames, evenly over the video, scaled to `width`: (K, h, w, 3) uint8."""
+        """Return at most `count` frames, spread evenly over the video and scaled to `width` pixels, as an array (K, h,
+        w, 3) of K pictures (uint8).
+        """
         with _opened(self.path) as (cv2, film):
             size = (width, max(1, round(self.height * width / self.width)))
             pictures = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
         return np.array(pictures)
 
     def pictures(self, count: int) -> Iterator[Array]:
-        """Yield the frames that `sampled` returns, at full size."""
+        """Yield at most `count` frames at full size, spread evenly over the video."""
         with _opened(self.path) as (cv2, film):
             yield from self._some(cv2, film, count)
 
@@ -118,7 +126,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:
-    """Return the video with all frames adjusted to its median brightness, per colour, and a history line.
+    """Return the video with each frame adjusted, in each colour, to the median brightness of the video. Also return a
+    history line on the change of brightness, if any.
 
     Brightness is the median ratio of a frame to the median frame, so that moving objects have no influence while they
     cover less than half of the picture. A video of steady brightness is returned unchanged.

@@ -28,7 +28,8 @@ BEYOND = 2.0  # widths beyond the end of the line in which the tip is searched
 
 @dataclass(frozen=True)
 class Ribbon:
-    """Measured body in one frame, base to tip: line (S, 2), half widths (S,) [pixels], lightness (S,), seen (S,).
+    """Body measured in one frame, at S points from base to tip: centreline (S, 2) [pixels], half widths (S,) [pixels],
+    lightness (S,), and a mask (S,) of the points at which both edges were found.
 
     `seen` marks the points at which both edges were found, `tip` whether the tip was found.
     """
@@ -41,7 +42,7 @@ class Ribbon:
 
 
 class Basis:
-    """Smoothing splines along the body, with parameter 0 at the base and 1 at the tip."""
+    """Smoothing splines for quantities along the body, over a parameter that is 0 at the base and 1 at the tip."""
 
     def __init__(self, count: int) -> None:
         from scipy.interpolate import BSpline
@@ -54,7 +55,9 @@ class Basis:
         self.rough = ROUGHNESS * count * (stiff * third).T @ third / SPANS
 
     def smooth(self, values: Array, weight: Array) -> Array:
-        """Return values (S, d) smoothed with weights (S,); values of weight 0 are filled in."""
+        """Return the quantity `values` (S, d) at S points along the body, smoothed with weights (S,); values of weight
+        0 are replaced by the spline.
+        """
         left = self.matrix.T * weight
         return np.asarray(self.matrix @ np.linalg.solve(left @ self.matrix + self.rough, left @ values))
 
@@ -63,21 +66,23 @@ BASIS = Basis(POINTS)
 
 
 def evenly(line: Array, count: int = POINTS) -> Array:
-    """Return `count` points at equal spacing along the line (N, 2)."""
+    """Return `count` points [pixels] at equal spacing along the polyline through N points `line` (N, 2)."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
     at = np.linspace(0.0, along[-1], count)
     return np.stack([np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1])], axis=1)
 
 
 def normals(line: Array) -> tuple[Array, Array]:
-    """Return unit tangents and normals (S, 2) of a line; the normal is the tangent turned by 90 degrees from y to x."""
+    """Return the unit tangents (S, 2) and unit normals (S, 2) at S points of a line; the normal is the tangent turned
+    by 90 degrees from y to x.
+    """
     tangent = np.gradient(line, axis=0)
     tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
     return tangent, np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
 
 
 class Sampler:
-    """Sampler of the lightness of a frame and of the background, on the scale of the body's lightness."""
+    """Sampler of lightness in a picture and in the background, on a scale on which body and background differ by 1."""
 
     def __init__(self, around: Surroundings) -> None:
         self.around = around
@@ -92,13 +97,16 @@ class Sampler:
 
 
 def share(light: Array, behind: Array, body: Array) -> Array:
-    """Return the fraction (S, U) of each pixel that the body covers; low contrast gives 0."""
+    """Return the fraction of each sample (S, U), at U points across each of S points of the body, that the body covers.
+    It is 0 where body and background hardly differ.
+    """
     contrast = body[:, None] - behind
     return np.asarray(np.clip((light - behind) / np.where(np.abs(contrast) < 0.2, np.inf, contrast), -0.2, 1.4))
 
 
 def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
-    """Return where profiles (S, U) first fall below one half from column `first` (S,) on, and their slope there.
+    """Return where each of S profiles (S, U) of U samples first falls below one half, from column `first` (S,) on, and
+    its slope there.
 
     Returns
     -------
@@ -116,7 +124,9 @@ def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
 
 
 def edges(profile: Array, middle: int) -> tuple[Array, Array, Array]:
-    """Return the columns (S,) of the left and right edge about column `middle`, and the lower slope of the two (S,)."""
+    """Return the positions (S,), as column numbers, of the left and the right edge in S profiles (S, U) across the
+    body, and the smaller slope (S,) at the two edges.
+    """
     last = profile.shape[1] - 1
     left, rise = crossing(profile[:, ::-1], np.full(len(profile), last - middle))
     right, fall = crossing(profile, np.full(len(profile), middle))

@@ -1,4 +1,4 @@
-"""Track the centreline of the body's silhouette in every frame of a video, and check that the camera does not move."""
+"""Track the centreline of the body's silhouette in every frame of a video, and check that the camera stands still."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ MOST_SHIFTED = 0.02  # fraction of frames that may show larger shifts, as when a
 def follow_silhouette(
     reel: Reel, base: tuple[float, float] | None = None
 ) -> Iterator[tuple[float, Array, Array | None]]:
-    """Yield time [s], picture and centreline (S, 2) [pixels], base to tip, of each frame; None where hidden.
+    """Track the silhouette of a body: yield the time [s], the picture and S points (S, 2) [pixels] of the centreline,
+    base to tip, for each frame. The points are None where the body is hidden.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def follow_silhouette(
 
 
 def base_of(reel: Reel, around: Surroundings) -> Array:
-    """Return the position of the base (2,) [pixels], the median over the first frames, as the base does not move."""
+    """Return the position (2,) [pixels] of the body's base in the picture: the median over the first frames."""
     follow, found = Follower(around), []
     for tried, (_, picture) in enumerate(reel.frames(), 1):
         ribbon = follow(picture)
@@ -65,7 +66,7 @@ def base_of(reel: Reel, around: Surroundings) -> Array:
 
 
 class Stillness:
-    """Shift of the picture in each frame, by least squares on the grey levels of patches; see `refuse`."""
+    """Test for a moving camera, which measures the shift [pixels] of each frame of a video against its background."""
 
     def __init__(self, around: Surroundings, reel: Reel) -> None:
         self.cv2 = opencv("tracking a video")
@@ -93,7 +94,7 @@ class Stillness:
             self.shifts.append(float(np.hypot(*np.median(found, axis=0))))
 
     def refuse(self) -> None:
-        """Raise InputError where the camera moved in more than 2 % of the frames."""
+        """Raise InputError where the camera moved in more than 2 % of the frames of the video."""
         shifts = np.array(self.shifts)
         if len(shifts) and (shifts > MOST_SHIFT).mean() > MOST_SHIFTED:
             raise InputError(

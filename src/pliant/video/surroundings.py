@@ -1,4 +1,4 @@
-"""Separate body and background in a video, from scaled-down frames spread over the video.
+"""Determine the colour of the body and the picture of the background in a video, from a few scaled-down frames.
 
 The body is what moves. Its colour is therefore the colour that many pixels take at some time and the surroundings do
 not have. The background of a pixel is its colour while the body is elsewhere. Where the body never leaves, at its base,
@@ -28,7 +28,7 @@ NEAR = 0.35  # of the contrast of body and background: values of a pixel that cl
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Colour of the body and picture of the background, as `surroundings` determines them.
+    """Colour of the body and picture of the background in a video, by which the pixels of the body are recognised.
 
     Attributes
     ----------
@@ -57,7 +57,8 @@ class Surroundings:
 
 
 def surroundings(reel: Reel) -> Surroundings:
-    """Determine the colour of the body and the background of a video.
+    """Determine the colour of the body and the background picture of a video, by which the pixels of the body are
+    recognised.
 
     Raises
     ------
@@ -79,7 +80,9 @@ def surroundings(reel: Reel) -> Surroundings:
 
 
 def refuse_moving_camera(stack: Array, reel: Reel) -> None:
-    """Raise InputError where most corners in the pictures move, which means that the camera moves."""
+    """Raise InputError where most corners in the sampled pictures `stack` of a video move, which means that the camera
+    moves.
+    """
     cv2 = opencv("tracking a video")
     grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in stack]
     corners = cv2.goodFeaturesToTrack(grey[0], 60, 0.02, 12)
@@ -98,7 +101,9 @@ def refuse_moving_camera(stack: Array, reel: Reel) -> None:
 
 
 def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float]:
-    """Return the mask (h, w) of the pixels that change, and the noise in grey levels."""
+    """Return a mask (h, w) of the pixels whose colour changes in the sampled pictures `stack` of a video, and the noise
+    in grey levels.
+    """
     cv2 = opencv("tracking a video")
     change = [cv2.absdiff(picture, middle) for picture in stack]
     noise = 1.4826 * float(np.median([c[::4, ::4] for c in change]))
@@ -116,7 +121,9 @@ def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float
 
 
 def commonest(stack: Array, moving: Array) -> Array:
-    """Return the colour (3,) that most moving pixels take at some time and the rest of the picture does not have."""
+    """Return the colour (3,) of the body in a video: the one that most changing pixels take at some time and that is
+    rare around them.
+    """
     cv2 = opencv("tracking a video")
     crossed = _binned(stack[:, moving])
     ordered = np.sort(crossed, axis=0)
@@ -149,7 +156,9 @@ def _blurred(histogram: Array) -> Array:
 
 
 def discriminant(middle: Array, moving: Array, body: Array, noise: float, reel: Reel) -> Array:
-    """Return the colour weights (3,) for which body and background differ most."""
+    """Return weights (3,) of blue, green and red for which the weighted sums of body and background colour differ most
+    relative to the noise. The sums differ by 1.
+    """
     cv2 = opencv("tracking a video")
     around = cv2.dilate(moving.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool)
     colours = middle[around].astype(np.float32)  # what passes by, a hand or a mark, is no background

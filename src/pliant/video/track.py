@@ -1,4 +1,4 @@
-"""Track the shape of a soft body in a video and return it as a recording; lost and repeated frames are counted."""
+"""Track the shape of a soft body in a video and return it as a recording. Lost and repeated frames are counted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated
 
 @dataclass(frozen=True)
 class Tracking:
-    """Settings of video tracking: method, base, dots, region and overlays.
+    """Options of video tracking: the method (silhouette, dots or markers), the position of the base, the colour of
+    dots, the part of the picture, and overlay files.
 
     Attributes
     ----------
@@ -77,11 +78,12 @@ class Tracking:
         if self.region is not None and not _is_region(self.region):
             raise InputError(f"region must be [left, top, right, bottom] in pixels, not {self.region!r:.60}")
         if (self.method == "dots") != (self.colour is not None):
-            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour")
+            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour: add "
+                             "colour, or set method to dots")
 
     @property
     def blue_green_red(self) -> tuple[float, float, float]:
-        """Colour of the dots as blue, green, red from 0 to 255."""
+        """Colour of the dots as (blue, green, red), each from 0 to 255."""
         text = (self.colour or "").removeprefix("#")
         try:
             r, g, b = bytes.fromhex(text)
@@ -265,14 +267,17 @@ def _even(position: Array, stations: int) -> tuple[Array, Array, list[str], int]
 
 
 def lost_in_times(time: Array) -> tuple[int, int]:
-    """Return the number of missing frames in the times (T,) [s] and the number of gaps that they form."""
+    """Return the number of frames that are missing in the frame times (T,) [s] of a video, and the number of gaps that
+    they form.
+    """
     step = np.diff(time)
     missing = np.rint(step / np.median(step)).astype(int) - 1
     return int(missing[missing > 0].sum()), int((missing > 0).sum())
 
 
 def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array, Array]:
-    """Return masks (T,) of frames that repeat the previous one, and of steps twice as long as their neighbours.
+    """Return two masks (T,) of the T frames of a video: those that repeat the previous frame, and those in which the
+    body moves twice as far as in the neighbouring frames.
 
     A step that is twice as long suggests a missing frame.
 

@@ -53,7 +53,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
 
 
 def thinning(outcome: StudyOutcome) -> int:
-    """Return k if the page shows every k-th frame, chosen so that the page's size stays limited."""
+    """Return the number k such that the page shows every k-th frame of the recordings and its size stays limited."""
     numbers = 0
     for fit in outcome.fits:
         for r in fit.records:
@@ -139,7 +139,9 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
 
 
 def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
-    """Return the torque law of each fit [mN m over kPa], with the pressure levels of its recordings."""
+    """Return the torque law of each fit (torque [mN m] against pressure [kPa]) for the page, with the highest pressures
+    of its recordings.
+    """
     known = [law for f in fits for law in laws_of(f)]
     levels = sorted({p for _, _, marks in known for p in marks})
     pressure = np.unique([*pressures_of(known, 100), *levels])
@@ -174,7 +176,8 @@ def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
 
 @dataclass
 class Pack:
-    """A collection of arrays to be stored in a page; for each, a description says where it lies in the data.
+    """A collection of arrays packed into one block of bytes for a page. The description of an array says where in the
+    block it is.
 
     Values are rounded to 1/65 000 of their range, such as 3 um for 0.2 m, and stored as differences along the first
     axis, which compress well.
@@ -197,7 +200,7 @@ class Pack:
         return note
 
     def put(self, content: bytes) -> None:
-        """Add raw bytes; their number must be even."""
+        """Append raw bytes to the packed data; their number must be even."""
         self.parts.append(content)
         self.used += len(content)
 
@@ -207,7 +210,7 @@ class Pack:
 
 
 def unpack(text: str, note: dict[str, Any]) -> Array:
-    """Return the array that a description refers to, as the page's script reads it."""
+    """Return the array that the description `note` locates in the packed `text`, as the page's script reads it."""
     content = zlib.decompress(base64.b64decode(text))
     count = int(np.prod(note["shape"]))
     steps = np.frombuffer(content, dtype="<u2", count=count, offset=note["at"]).reshape(note["shape"])

@@ -32,7 +32,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Slider(NamedTuple):
-    """A number of the model that the page may change, with its range."""
+    """A parameter of the model that a slider on the page changes, with its range and unit."""
 
     name: str
     value: float
@@ -89,7 +89,7 @@ def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, 
 
 
 def moves(model: Model, name: str, value: float) -> bool:
-    """Return whether a parameter changes the model, rather than belonging to one recording."""
+    """Return True if the parameter `name` changes the model, and False if it belongs to a single recording."""
     try:
         return apply(model, {name: 1.01 * value}) != model
     except (InputError, KeyError):
@@ -145,7 +145,9 @@ class Live:
         self.next_record: str | None = None
 
     def receive(self, request: PageRequest) -> None:
-        """Apply the quick parts of a request (inputs, speed, pull) and store the rest for `job`."""
+        """Apply the inputs, the speed and the pull of a request at once, and store its other parts until `job` is
+        called.
+        """
         if request.pressure_kpa is not None and len(request.pressure_kpa) == self.chambers:
             sent = np.array(request.pressure_kpa) / self.factor
             pressed = np.array(self.model.actuation.units) == "Pa"
@@ -171,7 +173,9 @@ class Live:
         return job
 
     def prepare(self, job: Job) -> tuple[Model, Stepper] | str:
-        """Return the model of a job and its stepper, or an error message; the running model is not changed."""
+        """Return the model that a job requests and a time stepper for it, or an error message. The running model is not
+        changed.
+        """
         numbers = {n: float(np.clip(v, self.sliders[n].low, self.sliders[n].high))
                    for n, v in job.changed.items() if n in self.sliders}
         model = self.content.model
@@ -205,7 +209,7 @@ class Live:
         self.model, self.stepper = model, stepper
 
     def build(self) -> None:
-        """Fulfil the stored requests at once, on this thread."""
+        """Apply the stored requests of the page at once, on the thread of the caller."""
         if self.pending:
             job = self.job()
             self.replace_model(job, self.prepare(job))
@@ -237,7 +241,9 @@ class Live:
             self.restart(0.0)
 
     def play(self, exp: Experiment) -> None:
-        """Set the command to the recorded pressure at this time; at the end, start the recording again."""
+        """Set the command to the pressure that was recorded at the simulated time; at the recording's end, start it
+        again from rest.
+        """
         if self.stepper.time > np.ptp(exp.time):
             self.restart(0.0)
         if exp.pressure is not None:
@@ -246,7 +252,9 @@ class Live:
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:
-        """Add the impulse of the hand's spring over one step to the velocity: M dv = h J'F."""
+        """Add the impulse of the spring between hand and body over one time step h to the joint velocities: M dv = h
+        J'F.
+        """
         self.force[:] = 0.0
         if self.pull is None or self.pull.link >= self.model.n:
             return

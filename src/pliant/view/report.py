@@ -145,7 +145,9 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 
 
 def worst_record(outcome: StudyOutcome) -> str:
-    """Return a sentence on what to look at first: the first fit's worst held-out record, or its worst record."""
+    """Return a sentence that names the recording with the largest error under the first fit, a held-out one if there
+    are any.
+    """
     records = outcome.fits[0].records
     candidates = [r for r in records if r.role == "held_out"] or list(records)
     if not candidates:

@@ -36,7 +36,9 @@ def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOu
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
-    """Return the names of the metrics for a table's columns; with `turns`, those of angles [degrees]."""
+    """Return the names of the metrics for the columns of a table; with `turns`, those of recordings of angles
+    [degrees].
+    """
     if not turns:
         return tuple(keys)
     return tuple(k.replace("_mm", "_deg") for k in keys if k != "rmse_percent_of_length")
@@ -71,7 +73,7 @@ def missing_row(fit: FitOutcome, missing: NotComputed) -> dict[str, Any]:
 
 
 def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
-    """Return the texts of one row in the table of large and small swings and single joints."""
+    """Return the texts of one row in the table of the metrics of large swings, of small swings and of single joints."""
     m = record.metrics
     pairs = [[digits((m.get(k) or {}).get(who)) for who in ("measured", "modelled")] for k in DETAILS]
     joints = [[digits(v, 2, sign) for v in m.get(k) or ()] for k, sign in (
@@ -80,7 +82,9 @@ def detail_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
 
 
 def points_text(record: RecordOutcome) -> str:
-    """Return a sentence on how much of a recording was compared."""
+    """Return a sentence on how many frames of a recording were compared, and how many of its points were not
+    measured.
+    """
     m, exp = record.metrics, record.experiment
     frames, missing = m.get("frames", exp.time.size), m.get("points_not_seen", 0)
     unit, factor = exp.shown_in
@@ -198,7 +202,9 @@ def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
 
 
 def plausible(m: Model) -> list[tuple[str, str]]:
-    """Return the first mode, and thickness and modulus of a solid silicone rod of the same mass, length and EI."""
+    """Return (name, value) pairs: the first natural mode, and thickness and modulus of a solid silicone rod with the
+    body's mass, length and EI.
+    """
     area = m.mass / m.length / RUBBER
     modulus = float(np.mean(bending_stiffness(m))) * 4.0 * np.pi / area**2  # I = A^2 / (4 pi) of a disc
     rod = (f"as a solid silicone rod of {RUBBER:.0f} kg/m³: {digits(1e3 * np.sqrt(4 * area / np.pi))} mm thick, "

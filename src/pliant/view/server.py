@@ -27,7 +27,7 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 
 def running(content: PageContent) -> Live | WatchedLoop:
-    """Return the moving body of a page: a running model, or the control loop to watch."""
+    """Return the body whose motion the page shows: a simulated model, or a control loop in another process."""
     return Live(content) if content.log is None else WatchedLoop(content.log, content.model, content.touch)
 
 
@@ -50,7 +50,9 @@ def live_page(content: PageContent, live: Live | WatchedLoop) -> str:
 
 
 def chamber_names(model: Model, count: int) -> list[str]:
-    """Return the names of the pressures on the page: those of the model if it names all of them."""
+    """Return the names of the `count` pressures on the page: those of the model's chambers if it has that many, else
+    numbers.
+    """
     names = [c.name for c in model.chambers]
     if count == 1:
         return ["pressure"] if names == [Chamber.name] else names[:1]

@@ -63,7 +63,7 @@ class WatchedLoop:
         self.pending = False  # no model is ever built
 
     def named(self, what: str) -> list[int]:
-        """Return the column numbers of the pressures or the commands, one for each chamber."""
+        """Return the numbers of the log's columns with the pressures or the commands, one for each chamber."""
         return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
 
     def receive(self, request: PageRequest) -> None:
@@ -114,7 +114,7 @@ class WatchedLoop:
         }
 
     def wanted(self, value: dict[str, float]) -> str:
-        """Return the target and the error of each controlled output as text."""
+        """Return a text with the target and the error of each controlled output, from one row of the log."""
         texts = []
         for name in (c.removeprefix("target_") for c in self.columns if c.startswith("target_")):
             output, unit = name.rpartition("_")[::2]
@@ -124,8 +124,8 @@ class WatchedLoop:
         return "; ".join(texts)
 
     def touching(self, value: dict[str, float]) -> list[float] | None:
-        """Return position [mm] and components [N] of the single force that explains the torques; None if
-        there is none.
+        """Return the position [mm] and components [N] of the single contact force that explains the disturbance
+        torques; None if there is none.
         """
         n = self.model.n
         angle, torque, sd = (np.array([value.get(name.format(i + 1), np.nan) for i in range(n)])

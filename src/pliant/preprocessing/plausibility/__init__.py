@@ -1,4 +1,5 @@
-"""Plausibility checks of recordings, stated data and models, for mistakes that give a wrong model silently.
+"""Checks for mistakes that would silently give a wrong model, such as a wrong unit in a recording, in the stated data
+or in a fitted model.
 
 Each check is one function in a list, and `doubts` runs them. A check only warns and changes nothing.
 """
@@ -16,6 +17,8 @@ __all__ = ["CHECKS", "UNITS", "Case", "Check", "doubts"]
 
 
 def doubts(case: Case, *subjects: Subject) -> dict[str, str]:
-    """Return the sentences of all checks of `subjects` (default: all) that found a problem, by name of the check."""
+    """Run the plausibility checks of the given subjects (recording, body, model; default: all) and return, by name of
+    the check, a sentence on each problem found.
+    """
     chosen = [c for c in CHECKS if not subjects or c.subject in subjects]
     return {c.name: sentence for c in chosen if (sentence := c.find(case))}

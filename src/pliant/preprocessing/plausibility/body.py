@@ -1,4 +1,6 @@
-"""Checks of the stated length, mass and gravity of a body against its recording and usual soft bodies."""
+"""Checks of the stated length, mass and gravity of a body against its recording and against values usual for soft
+bodies.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ ACROSS = 0.1  # fraction of gravity across the plane beyond which the plane or g
 
 
 def length(case: Case) -> str:
-    """Return a sentence where the stated length is implausible, such as in another unit than metres; else ""."""
+    """Return a sentence where the stated length of the body is implausible, such as in millimetres; else ""."""
     if case.length is None:
         return ""
     if not LEAST_BODY < case.length < MOST_BODY:
@@ -31,7 +33,9 @@ def length(case: Case) -> str:
 
 
 def reach(case: Case) -> float | None:
-    """Return the arc length of a dense shape, else the largest distance of a point from the base [m], or None."""
+    """Return how far the recorded body extends [m]: the arc length of its last station or, without arc length, the
+    largest distance from the base. Return None without positions.
+    """
     recording = case.aligned
     if recording is None or "position" not in recording:
         return None
@@ -42,7 +46,7 @@ def reach(case: Case) -> float | None:
 
 
 def mass(case: Case) -> str:
-    """Return a sentence where the stated mass is implausible, such as in grams; else ""."""
+    """Return a sentence where the stated mass of the body is implausible, such as in grams; else ""."""
     if case.mass is None or case.length is None or not LEAST_BODY < case.length < MOST_BODY:
         return ""
     if case.diameter is not None:
@@ -62,7 +66,9 @@ def mass(case: Case) -> str:
 
 
 def gravity(case: Case) -> str:
-    """Return a sentence where gravity is not the earth's or points across the plane of bending; else ""."""
+    """Return a sentence where the stated gravity is not about 9.81 m/s^2, or has a large component perpendicular to the
+    plane of bending; else "".
+    """
     if case.gravity is None or not any(case.gravity):
         return ""
     size = float(np.linalg.norm(case.gravity))
@@ -84,13 +90,12 @@ def gravity(case: Case) -> str:
 
 CHECKS = (
     Check("length", "body", "stated length and the largest measured distance of a point from the base",
-          f"below {SHORTER:g} or above {LONGER:g} times that distance, or outside {1e3 * LEAST_BODY:g} mm to "
-          f"{MOST_BODY:g} m",
-          length),
+          f"the stated length is below {SHORTER:g} or above {LONGER:g} times that distance, or outside "
+          f"{1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length),
     Check("mass", "body", "stated mass over length, and diameter where it is stated",
-          f"density outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m3 (foam, steel); without a diameter, a silicone body "
-          f"wider than {WIDEST:g} of its length", mass),
+          f"the density is outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m3 (foam, steel) or, without a diameter, a "
+          f"silicone body of this mass would be wider than {WIDEST:g} of its length", mass),
     Check("gravity", "body", "stated gravity and the plane of bending",
-          f"more than {100 * ACROSS:g} % of it across the plane (6 degrees, more than the error of a tracker's axes), "
-          f"or a magnitude other than {EARTH[0]:g} to {EARTH[1]:g} m/s^2", gravity),
+          f"more than {100 * ACROSS:g} % of gravity is across the plane (6 degrees, more than the error of a tracker's "
+          f"axes), or its magnitude is not within {EARTH[0]:g} to {EARTH[1]:g} m/s^2", gravity),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Checks of sample times: milliseconds that were read as seconds, and the reverse."""
+"""Checks of the sample times of a recording: milliseconds that were read as seconds, and the reverse."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ SLOWEST, FASTEST = 1.0, 5e-5  # s from sample to sample
 
 
 def unit(case: Case) -> str:
-    """Return a sentence where samples are too far apart or too close for the motion of a soft body; else ""."""
+    """Return a sentence where the times between samples are implausibly long or short for a soft body, which suggests a
+    wrong unit of time; else "".
+    """
     for name, what in (("time", "frames"), ("pressure_time", "samples of pressure")):
         if case.recording is None or name not in case.recording.coords or case.recording.sizes.get(name, 0) < 2:
             continue
@@ -25,6 +27,6 @@ def unit(case: Case) -> str:
 
 CHECKS = (
     Check("unit of time", "recording", "the median step of the times of shape and pressure",
-          f"above {SLOWEST:g} s, too slow for a motion; below {1e6 * FASTEST:g} us, faster than sensors of motion and "
-          "pressure sample", unit),
+          f"it is above {SLOWEST:g} s, too slow for a motion, or below {1e6 * FASTEST:g} us, faster than sensors of "
+          "motion and pressure sample", unit),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Input (`Case`) and definition (`Check`) of a plausibility check."""
+"""Data classes of the plausibility checks: the data that a check examines, and the check itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ Subject = Literal["recording", "body", "model"]
 
 @dataclass(frozen=True)
 class Case:
-    """Input of the plausibility checks: recording, stated data and model, as far as they are known.
+    """Data that the plausibility checks examine: a recording, the stated length, mass and gravity of the body, and a
+    fitted model.
 
     A check finds nothing where its input is missing.
 

@@ -15,7 +15,7 @@ USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is state
 
 
 def stiffness(case: Case) -> str:
-    """Return a sentence where the fitted bending stiffness is implausible for the size of the body; else ""."""
+    """Return a sentence where the fitted bending stiffness is implausible for the size of the body, else ""."""
     if case.model is None:
         return ""
     section, length = float(np.max(bending_stiffness(case.model))), case.model.length
@@ -33,7 +33,8 @@ def stiffness(case: Case) -> str:
 
 
 def torque(case: Case) -> str:
-    """Return a sentence where no chamber within the body could produce the fitted torque per pascal; else "".
+    """Return a sentence where the fitted torque per pascal is larger than a pressure chamber within the body could
+    produce, else an empty text.
 
     The torque per pascal is an area times a lever arm.
     """
@@ -52,9 +53,9 @@ def torque(case: Case) -> str:
 
 CHECKS = (
     Check("bending stiffness", "model", "fitted EI over the fourth power of the length; the modulus where a diameter "
-          "is stated", f"above {STIFFEST:g} Pa, a solid rod of 8 MPa a third as wide as long; modulus outside "
-          f"{MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
+          "is stated", f"the ratio is above {STIFFEST:g} Pa, that of a solid rod of 8 MPa a third as wide as long, "
+          f"or the modulus is outside {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
     Check("torque", "model", "fitted torque per pascal, which is a chamber's area times its lever arm",
-          "above the whole section times its radius; the diameter where none is stated is "
-          f"{USUAL_WIDTH:g} of the length", torque),
+          "the product is above the area of the whole section times its radius, with a diameter of "
+          f"{USUAL_WIDTH:g} of the length where none is stated", torque),
 )  # fmt: skip

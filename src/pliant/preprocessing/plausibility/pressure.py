@@ -22,7 +22,7 @@ SCATTER = 0.25  # of the steps between other readings that reverse direction: tw
 
 
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
-    """Yield the name and the finite values (P,) [Pa] of each measured pressure."""
+    """Yield the name and the measured values (P,) [Pa], without NaN, of each recorded pressure."""
     if case.recording is None or "pressure" not in case.recording:
         return
     recording = case.recording
@@ -38,14 +38,18 @@ def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
-    """Return the initial pressure and the smallest and largest magnitude of a pressure, Pa."""
+    """Return three numbers [Pa] of a measured pressure (P,): its initial value, and its smallest and largest magnitude
+    without outliers.
+    """
     low, high = np.percentile(np.abs(values), [1, 99])
     passes_zero = np.prod(np.percentile(values, [1, 99])) < 0
     return float(np.median(values[:5])), 0.0 if passes_zero else float(low), float(high)
 
 
 def whole_counts(values: NDArray) -> bool:
-    """Return whether all values are whole multiples of a unit that a file may state, or of a few of them."""
+    """Return whether all values (P,) [Pa] of a pressure are whole multiples of a step that itself is a small whole
+    number of a unit of pressure, such as 1 mbar.
+    """
     levels = np.unique(np.round(values, 6))
     if len(levels) < FEWEST_LEVELS:
         return False
@@ -57,19 +61,23 @@ def whole_counts(values: NDArray) -> bool:
 
 
 def is_absolute(values: NDArray) -> bool:
-    """Return whether a pressure (P,) [Pa] starts or has its minimum at the atmosphere and never comes near 0."""
+    """Return whether a pressure (P,) [Pa] of P samples seems absolute: it starts or has its minimum near atmospheric
+    pressure and never comes near 0.
+    """
     start, low, _ = ends(values)
     return low > VENTED and any(ATMOSPHERE[0] <= p <= ATMOSPHERE[1] for p in (start, low))
 
 
 def never_vented(values: NDArray) -> bool:
-    """Return whether a pressure (P,) [Pa] never comes near 0."""
+    """Return whether a pressure (P,) [Pa] of P samples never comes near 0."""
     _, low, high = ends(values)
     return low > OFFSET * high
 
 
 def unit(case: Case) -> str:
-    """Return a sentence where the pressure is too low or too high for a soft actuator; else ""."""
+    """Return a sentence where the pressure is too low or too high for a soft actuator, which suggests a wrong unit;
+    else "".
+    """
     highest = max((float(np.abs(v).max()) for _, v in chambers(case)), default=0.0)
     if 0 < highest < LEAST_PRESSURE:
         return (f"the pressure never exceeds {highest:.3g} Pa: was a pressure in kPa, mbar or psi read as Pa? "
@@ -80,7 +88,7 @@ def unit(case: Case) -> str:
 
 
 def absolute(case: Case) -> str:
-    """Return a sentence where a pressure seems absolute, not gauge; else ""."""
+    """Return a sentence where a pressure seems to be absolute instead of gauge pressure; else ""."""
     for name, values in chambers(case):
         if is_absolute(values):
             start, low, _ = ends(values)
@@ -143,17 +151,17 @@ def clipped(case: Case) -> str:
 
 CHECKS = (
     Check("unit of pressure", "recording", "the highest measured pressure",
-          f"outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual range of soft actuators",
-          unit),
+          f"it is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual range of soft "
+          "actuators", unit),
     Check("absolute pressure", "recording", "the measured pressure at its start and where it is lowest",
-          f"{ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} kPa, the atmosphere up to 2000 m, and never below "
-          f"{VENTED / 1e3:g} kPa", absolute),
+          f"one of the two is within {ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} kPa, the atmosphere up to "
+          f"2000 m, and the pressure is never below {VENTED / 1e3:g} kPa", absolute),
     Check("raw counts", "recording", "steps and lowest value of the measured pressure",
-          f"only whole numbers of a unit, and never below {100 * OFFSET:g} % of the highest value, which is the "
-          "zero of a sensor of 0.5 to 4.5 V", raw_counts),
+          f"all values are whole numbers of a unit and never below {100 * OFFSET:g} % of the highest value, which is "
+          "the zero of a sensor of 0.5 to 4.5 V", raw_counts),
     Check("offset of pressure", "recording", "the lowest pressure, where one chamber was measured",
-          f"above {100 * OFFSET:g} % of the highest, where a vented body has 0; not above {100 * HELD:g} %, where a "
-          "chamber is held", offset),
+          f"it is above {100 * OFFSET:g} % of the highest pressure, where a vented body has 0, but not above "
+          f"{100 * HELD:g} %, where a chamber is held under pressure", offset),
     Check("clipped pressure", "recording", "readings at the highest value, and the scatter of the others",
           f"{CLIPPED} samples or more in a row equal the highest value exactly, and more than {100 * SCATTER:g} % of "
           "the other steps reverse direction", clipped),

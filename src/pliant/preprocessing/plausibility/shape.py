@@ -19,7 +19,9 @@ DENSE = 8  # stations: from here on the direction near the base is measured
 
 
 def length_unit(case: Case) -> str:
-    """Return a sentence where the extent of the positions suggests a wrong unit of length; else ""."""
+    """Return a sentence where the extent of the recorded positions is implausible, which suggests a wrong unit of
+    length; else "".
+    """
     recording = case.recording
     if (
         recording is None
@@ -35,14 +37,16 @@ def length_unit(case: Case) -> str:
 
 
 def extent(position: np.ndarray) -> float:
-    """Return the diagonal [m] of the box that contains every measured point."""
+    """Return the diagonal [m] of the smallest box, parallel to the axes, that contains every recorded position."""
     parts = [p for p in detectors.seen_points(position, np.zeros(position.shape[-1])) if p.size]
     low, high = (np.array([f(p, axis=0) for p in parts]) for f in (np.min, np.max))
     return float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) if parts else 0.0
 
 
 def angle_unit(case: Case) -> str:
-    """Return a sentence where angles suggest degrees read as radians, or the reverse; else ""."""
+    """Return a sentence where the range of the recorded angles suggests degrees read as radians, or the reverse; else
+    "".
+    """
     recording = case.recording
     if recording is None or "angle" not in recording:
         return ""
@@ -62,7 +66,7 @@ def angle_unit(case: Case) -> str:
 
 
 def swapped(case: Case) -> str:
-    """Return a sentence where stations exchange their labels in some frames; else ""."""
+    """Return a sentence where the tracker exchanged the labels of stations in some frames; else ""."""
     if not case.swapped:
         return ""
     listed = ", ".join(f"{names} in {count} frames" for names, count in case.swapped.items())
@@ -71,7 +75,9 @@ def swapped(case: Case) -> str:
 
 
 def tangent(case: Case) -> str:
-    """Return a sentence where the base tangent points away from the body at rest; else ""."""
+    """Return a sentence where the base tangent of the alignment differs much from the direction of the body at rest;
+    else "".
+    """
     angle = tilt(case)
     if angle is None or angle < MOST_TILT:
         return ""
@@ -80,7 +86,9 @@ def tangent(case: Case) -> str:
 
 
 def moving_base(case: Case) -> str:
-    """Return a sentence where the base station moves more than another one, as in reverse order; else ""."""
+    """Return a sentence where the base station moves more than another station, as if the stations were in reverse
+    order; else "".
+    """
     report = report_of(case)
     if case.recording is None or report is None or "position" not in case.recording:
         return ""
@@ -97,7 +105,9 @@ def moving_base(case: Case) -> str:
 
 
 def plane(case: Case) -> str:
-    """Return a sentence where much of the motion is out of a stated plane or the first recording's plane; else ""."""
+    """Return a sentence where much of the motion is out of the plane of bending, when that plane was stated or taken
+    from the first recording; else "".
+    """
     report = report_of(case)
     if report is None or report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
         return ""
@@ -107,7 +117,9 @@ def plane(case: Case) -> str:
 
 
 def report_of(case: Case) -> Alignment | None:
-    """Return the `Alignment` report of the case's aligned recording; None where there is none."""
+    """Return the report of the alignment (base frame, flatness, options) of the aligned recording under examination;
+    None where there is none.
+    """
     try:
         return None if case.aligned is None else alignment_of(case.aligned)
     except InputError:
@@ -115,7 +127,8 @@ def report_of(case: Case) -> Alignment | None:
 
 
 def tilt(case: Case) -> float | None:
-    """Return the angle [degrees] between the base tangent and the body at rest; None where it is unknown.
+    """Return the angle [degrees] between the base tangent and the direction of the body at rest; None where it is
+    unknown.
 
     The direction of the body is that of the last station or, for a dense shape, of the station at a third of its
     length.
@@ -140,20 +153,19 @@ def tilt(case: Case) -> float | None:
 
 CHECKS = (
     Check("unit of length", "recording", "the box that holds all points",
-          f"outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
+          f"its diagonal is outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
     Check("unit of angle", "recording", "the range of each measured angle",
-          f"above {MOST_TURN:g} degrees, more than a body that curls up once; without positions also below "
+          f"it is above {MOST_TURN:g} degrees, more than for a body that curls up once, or, without positions, below "
           f"{LEAST_TURN:.3g} degrees, the value of half a turn in rad", angle_unit),
     Check("exchanged labels", "recording", "which point continues which from frame to frame",
           "exchanging the labels of two or more points shortens their steps to a quarter, beyond the noise", swapped),
     Check("moving base", "body", "peak displacement of the base station and of the others",
-          f"above {BASE_SHARE:g} of the largest, where another station moves by less than {STILL_SHARE:g} of the "
-          "base's",
-          moving_base),
+          f"the base moves by more than {BASE_SHARE:g} of the largest peak displacement, and another station by less "
+          f"than {STILL_SHARE:g} of the base's", moving_base),
     Check("plane", "body", "fraction of the motion out of a stated plane or the plane of the first recording",
-          f"above {MOST_OUT:g}: a body that bends in one plane shows up to 0.12", plane),
+          f"it is above {MOST_OUT:g}; for a body that bends in one plane it is up to 0.12", plane),
     Check("base tangent", "body", "angle between the base tangent and the direction to the last station at rest "
           "(with eight stations or more: to the station at a third of the body)",
-          f"above {MOST_TILT:g} degrees, the angle of a body that is bent by "
+          f"it is above {MOST_TILT:g} degrees, the angle of a body that is bent by "
           f"{2 * MOST_TILT:g} degrees at rest", tangent),
 )  # fmt: skip

@@ -17,7 +17,8 @@ MORE, LESS = 1.15, 0.85  # ratio of pressures above the first, yet ratio of disp
 
 
 def beside(recordings: Mapping[str, xr.Dataset]) -> list[str]:
-    """Return one sentence for each pair of recordings that contradict each other, in the given order.
+    """Return one sentence for each pair of recordings of one body that contradict each other: equal numbers, or
+    exchanged pressure logs.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ def beside(recordings: Mapping[str, xr.Dataset]) -> list[str]:
 
 
 def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """Yield a sentence for each pair of recordings that contain the same numbers.
+    """Yield a sentence for each pair of recordings that contain the same numbers, so that one seems to be a copy.
 
     A held-out copy of a training recording validates nothing.
     """
@@ -42,7 +43,8 @@ def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """Yield a sentence for each pair in which the higher pressure gives the smaller displacement.
+    """Yield a sentence for each pair of recordings in which the one with the higher pressure has the smaller
+    displacement.
 
     Their pressure logs may be exchanged.
     """
@@ -57,7 +59,9 @@ def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
-    """Return the highest pressure [Pa] and the last station's displacement [m] at its end, or None if too short."""
+    """Return the highest pressure [Pa] of a recording, and the last station's displacement [m] when it ends. Return
+    None where it is held too briefly.
+    """
     if "position" not in recording or "pressure" not in recording or recording["pressure"].ndim != 1:
         return None
     clock, measured = recording["pressure_time"].values, recording["pressure"].values

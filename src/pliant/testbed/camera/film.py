@@ -53,7 +53,9 @@ class Filmed:
     length: float
 
     def centreline(self) -> NDArray[np.float64]:
-        """Return the true centrelines (T, N, 2) [m] of the body, base at the origin with its tangent along +y."""
+        """Return the true centrelines (T, N, 2) [m] of the body at T times with N points each, base at the origin with
+        its tangent along +y.
+        """
         inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
         return np.asarray(self.truth["position"].to_numpy()[:, inside])
 
@@ -180,7 +182,7 @@ def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
 def _table(inner: bytes, steps: list[int]) -> bytes:
     count, tick = struct.unpack_from(">II", inner, 8)
     if count != len(steps):
-        raise InputError(f"the film has {count} frames, expected {len(steps)}")
+        raise InputError(f"the film has {count} frames, expected {len(steps)}: film it again")
     rows = [(1, tick * step) for step in steps]
     return inner[:4] + struct.pack(">I", len(rows)) + b"".join(struct.pack(">II", *row) for row in rows)
 

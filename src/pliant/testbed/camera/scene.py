@@ -85,7 +85,9 @@ def lighting(view: View, look: Look) -> Array:
 
 
 def layers(view: View, look: Look, shape: NDArray[np.float64]) -> list[Layer]:
-    """Return the outlines [pixels] of a body with the centreline `shape` (N, 2) [m], base first, lowest layer first."""
+    """Return the filled outlines [pixels] of a body whose centreline is `shape` (N, 2) [m], base first, in the order in
+    which they are drawn.
+    """
     from scipy.interpolate import CubicSpline
 
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1)))
@@ -127,7 +129,9 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
     side, unit = 1.35 * half, np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
     def square(corner: Array, cells: int) -> Array:
-        """Return the outline of a square of marker cells. Rows run from tip to base, columns from left to right."""
+        """Return the outline [pixels] of a square with sides of `cells` cells, at the position `corner` in the grid of
+        cells of a marker.
+        """
         place = (unit * cells + corner) / CELLS - 0.5
         return view.pixels(line(s) + side * (place * [-1.0, 1.0]) @ frame)
 
@@ -136,7 +140,9 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
 
 
 def hand(view: View, look: Look, time: float) -> list[Layer]:
-    """Return the outlines [pixels] of a hand that enters from the left, or [] outside its time interval."""
+    """Return the filled outlines [pixels] of a hand that enters from the left, or [] at times when it is not in the
+    picture.
+    """
     begin, end = look.hand
     if not begin <= time < end:
         return []
@@ -158,7 +164,7 @@ def hand(view: View, look: Look, time: float) -> list[Layer]:
 
 
 def over(picture: Array, shapes: list[Layer]) -> Array:
-    """Draw filled outlines with antialiased borders onto the picture (H, W, 3), in place, and return it."""
+    """Draw filled outlines with antialiased borders onto the picture (height, width, 3), in place, and return it."""
     x0, y0, x1, y1 = bounds(shapes, (picture.shape[1], picture.shape[0]), 0)
     colour, cover = painted(shapes, (x0, y0, x1, y1))
     part = picture[y0:y1, x0:x1]
@@ -167,7 +173,9 @@ def over(picture: Array, shapes: list[Layer]) -> Array:
 
 
 def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int, int, int, int]:
-    """Return the pixel box x0, y0, x1, y1 (ends exclusive) of the outlines, enlarged by `margin`, within `size`."""
+    """Return the box of pixels (x0, y0, x1, y1), ends exclusive, that encloses the outlines with a `margin`, limited to
+    a picture of the given `size`.
+    """
     points = np.concatenate([outline for outlines, _ in shapes for outline in outlines])
     low = np.clip(np.floor(points.min(axis=0)).astype(int) - 1 - margin, 0, np.array(size) - 1)
     high = np.clip(np.ceil(points.max(axis=0)).astype(int) + 2 + margin, low + 1, size)
@@ -175,7 +183,9 @@ def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int
 
 
 def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array, Array]:
-    """Return colour times coverage (h, w, 3) and coverage (h, w) of the layers within the pixel box, float32."""
+    """Return two float32 arrays for a box of pixels: colour multiplied by coverage (h, w, 3), and the coverage (h, w)
+    of each pixel by the filled outlines.
+    """
     x0, y0, x1, y1 = box
     colour, cover = np.zeros((y1 - y0, x1 - x0, 3), np.float32), np.zeros((y1 - y0, x1 - x0), np.float32)
     for layer in shapes:
@@ -191,7 +201,8 @@ def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array,
 
 
 def coverage(outlines: list[Array], box: tuple[int, int, int, int]) -> Array:
-    """Return the fraction (h, w) of each pixel that lies inside the non-overlapping outlines (N, 2), float32.
+    """Return the fraction of each pixel of a box (h, w) that lies inside the outlines, which must not overlap, as
+    float32.
 
     It is computed by Green's theorem, summed along the rows over pieces of a quarter of a pixel.
     """

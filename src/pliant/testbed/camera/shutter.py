@@ -107,6 +107,8 @@ def levels(picture: Array) -> Array:
 
 
 def moments(view: View, ends: NDArray[np.float64]) -> int:
-    """Return the number of moments of an exposure to draw, from the centrelines (2, N, 2) [m] at its start and end."""
+    """Return at how many moments of an exposure to draw the body, from its centrelines (2, N, 2) [m] at the start and
+    end of the exposure.
+    """
     moved = float(np.abs(np.diff(view.pixels(ends), axis=0)).max())
     return min(MOST_STEPS, 1 + int(np.ceil(moved / BLUR_STEP)))

@@ -52,7 +52,9 @@ class View:
         return replace(self, size=size, pixels_per_mm=share * self.pixels_per_mm)
 
     def pixels(self, plane: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pixels (..., 2), x to the right and y down, of the points `plane` (..., 2) [m]."""
+        """Return the pixel coordinates (x to the right, y down) of points `plane` (..., 2) [m] in the plane of
+        bending.
+        """
         x, y = plane[..., 0] - self.centre[0], self.centre[1] - plane[..., 1]
         across, depth = x * np.cos(self.aside), x * np.sin(self.aside)
         down, behind = y * np.cos(self.tilt) - depth * np.sin(self.tilt), y * np.sin(self.tilt)
@@ -61,7 +63,9 @@ class View:
         return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
 
     def table(self) -> dict[str, Any]:
-        """Return the ``[camera]`` table of a mapping: four points of a sheet, and the lens if it distorts."""
+        """Return the table ``[camera]`` of a mapping: four points in the plane in pixels and mm, and the lens if it
+        distorts.
+        """
         corners = self.pixels(1e-3 * np.array(CORNERS_MM))
         table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
         if self.coefficients:
