@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 class Stepped(Protocol):
-    """Interface of a simulator of N chains together, each with one of several models."""
+    """Interface of a simulator that advances N chains together, where each chain has one of several models."""
 
     @property
     def angle(self) -> Array:

@@ -53,7 +53,7 @@ class Places(NamedTuple):
 
 
 class SpatialPlaces(NamedTuple):
-    """Positions of the observed points on the links of a chain in space, with the offset of the recording."""
+    """Positions of the observed points on the links of a chain in space, and the offset of the recording's frame."""
 
     body: SpatialBody
     work: SpatialWorkspace

@@ -33,7 +33,9 @@ class Follows(NamedTuple):
 
 
 def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
-    """Return how well the fit `result` matches the training recordings, as residuals weighted equally for all fits."""
+    """Return how well the fit `result` matches the training recordings.
+    Residuals have the same weights for all fits.
+    """
     problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])

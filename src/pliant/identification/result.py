@@ -186,7 +186,9 @@ def cautions(
 
 
 def pulse_width(exp: Experiment, values: dict[str, float]) -> float:
-    """Return the duration [s] of the pressure pulse: for a step the rest of the recording, for a release infinity."""
+    """Return the duration [s] of an experiment's pressure pulse: for a step the length of the recording, for a release
+    infinity.
+    """
     if exp.excitation == "pulse":
         return values[f"{exp.name}.stop"] - values[f"{exp.name}.start"]
     return float(np.inf) if exp.excitation == "release" else float(np.ptp(exp.time))

@@ -39,7 +39,9 @@ class ValveConstants(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Lengths of the time steps of a simulation and of the finer intervals within them, as floats or dual numbers."""
+    """Lengths of a simulation's time steps, and of the finer intervals between the kinks of its pressure inputs.
+    They may be dual numbers.
+    """
 
     h: Any  # (steps,) s
     lengths: Any  # (m,) s, lengths of the intervals
