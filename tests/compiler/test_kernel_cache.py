@@ -183,7 +183,7 @@ def test_everything_that_machine_code_comes_from_is_in_its_digest():
     makers = {"choose.py", "trace.py", "llvm.py", "trig.py", "articulated.py", "extension.py"}
     makers |= {"extension_linearised.py", "simd.py", "dual_numbers.py", "duals.py"}
     makers |= {f"spatial{part}.py" for part in ("", "_extension", "_linearised", "_memory", "_points", "_springs")}
-    makers |= {"spatial_observation.py", "tendon.py"}
+    makers |= {"spatial_observation.py", "tendon.py", "extension_memory.py"}
     assert {Path(f).name for f in choose.SOURCES} == makers
     assert len(choose.SOURCES) == len(makers) + 1, "trig.py is the plain text and its compiled form"
     assert all(Path(f).is_file() for f in choose.SOURCES)

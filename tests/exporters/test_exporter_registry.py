@@ -48,6 +48,11 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(law="saturating", torque=[6e-7, 1e5])
     if key == "lengthening":
         model = model.with_(extensions=(Extension(500.0),))
+    if key == "curved_segments":
+        model = model.with_(extensions=(Extension(500.0, stiffening=-0.2),))
+    if key == "axial_memory":
+        branch = {"axial_creep_share": (0.1,), "axial_creep_time": (0.5,)}
+        model = model.with_(extensions=(Extension(500.0),), memory=Memory(**branch))
     if key == "space_lengthening":
         model = longer()
     if key == "points":
