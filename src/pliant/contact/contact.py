@@ -197,7 +197,9 @@ class FilteredMotion(NamedTuple):
 
 
 def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> FilteredMotion:
-    """Return a recording's estimated external torques, and the regressors of the model error without contact."""
+    """Run the filter on a recording: return the estimated external torques, and the quantities that predict the model's
+    own error in these torques.
+    """
     if not noise.random_walk > 0:
         raise InputError(
             "noise.random_walk must be positive, since contact is detected in disturbance torques, which are modelled "

@@ -285,7 +285,7 @@ def tail(peaks: Array, duration: float, rate: float) -> tuple[float, bool]:
     Source: Hosking and Wallis (1987), Parameter and quantile estimation for the generalized Pareto distribution
     """
     if peaks.size < 3:
-        raise InputError("free motion has too few excursions to set a threshold: record more motion without contact")
+        raise InputError("the model error without contact has too few peaks for a threshold: record more free motion")
     base = float(np.quantile(peaks, 0.75)) if peaks.size >= MANY else float(np.median(peaks))
     above = np.sort(peaks[peaks > base] - base)
     wanted = rate * duration / 3600.0  # alarms expected within the record

@@ -51,8 +51,8 @@ class FibreView:
         self.bias[which] = rng.standard_normal((len(which), self.model.n)) @ self.root.T
 
     def see(self, angle: Array, rng: np.random.Generator) -> Array:
-        """Return the measured link angles (N, n) [rad] of N chains from the true ones, and advance the bias by one
-        period.
+        """Return the link angles (N, n) [rad] of N chains as the fibre measures them, and advance its slowly drifting
+        bias by one sample.
         """
         turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
         kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T

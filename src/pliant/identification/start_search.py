@@ -111,7 +111,7 @@ def best_of(candidates: Sequence[TrialStart]) -> list[TrialStart]:
 
 
 def beginning(exp: Experiment, duration: float) -> Experiment:
-    """Return the experiment cut to `duration` [s] after its motion begins. Settled poses are returned unchanged."""
+    """Return an experiment cut to `duration` [s] after its motion begins; one of static poses is returned unchanged."""
     if exp.excitation != "trace" or exp.poses:
         return exp
     moving = exp.time[int(np.argmax(displacement(exp) > MOVING * exp.travel))]

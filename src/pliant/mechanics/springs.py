@@ -63,8 +63,8 @@ class Springs:
         return np.asarray(spring_slope(EVERY, self, q))
 
     def towards(self, sign: Array) -> Springs:
-        """Return springs with unit stiffness, mirrored where `sign` (n, ...) is negative, so that only positive angles
-        need to be considered.
+        """Return copies of these springs with stiffness 1, mirrored where `sign` (n, ...) is negative, so that a caller
+        need consider positive angles alone.
         """
         turned = np.stack([term * sign**k for k, term in enumerate(self.terms, 1)])
         return Springs(np.ones_like(self.K), turned, self.bound)

@@ -319,7 +319,7 @@ def check_chamber(made: Chamber) -> None:
     plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
     check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if plain else ARRAYS[1:])
     if not made.torque.size:
-        raise InputError(f"{of} torque must have at least one coefficient (N m/Pa); the paper's is A d")
+        raise InputError(f"{of} torque must have at least one coefficient [N m/Pa], such as area times lever arm")
     if made.torque.size > MOST_TERMS:
         raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
     if not isinstance(made.valve, Valve):

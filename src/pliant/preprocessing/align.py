@@ -114,8 +114,7 @@ def align(
     """
     check_recording(recording)
     if "position" not in recording or recording.attrs["frame"] == "spatial":
-        raise InputError("align needs positions in the tracker's frame, but this recording has none or is aligned "
-                         "already (frame spatial): pass the recording as it was read")
+        raise InputError("align needs positions in the tracker's frame: pass the recording as read, not an aligned one")
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)

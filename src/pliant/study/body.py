@@ -310,7 +310,7 @@ def with_azimuths(
     names = [t.name for t in tendons]
     moves = tip_moves([experiments[n] for n in training(study) if n in experiments], names)
     degrees = dict(zip(names, np.degrees(np.arctan2(moves[:, 1], moves[:, 0])) % 360.0, strict=True))
-    notify("estimated azimuths: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
+    notify("estimated azimuths of the inputs: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
     stated = [
         t.model_copy(update={"azimuth_deg": float(degrees[t.name])}) if t.name in unknown else t for t in tendons
     ]

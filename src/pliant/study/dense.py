@@ -120,8 +120,8 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
 
 
 def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
-    """Scale the arc lengths (n + 1,) [m] of n joints and the tip to the length of this recording's body, if the lengths
-    differ by less than 1 %.
+    """Scale the arc lengths (n + 1,) [m] of n joints and the tip to the length of this recording's body; leave them
+    unchanged if the lengths differ by 1 % or more.
     """
     if "arc_length" not in body.coords:
         return nodes

@@ -240,7 +240,7 @@ def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
 
 
 def order_rows(shape: Shape) -> list[dict[str, Any]]:
-    """Return the texts of the rows with errors and cost of each number of segments."""
+    """Return the rows of the table that compares numbers of segments: the shape error and the cost of each, as text."""
     order = shape.order
     return [
         {
