@@ -92,7 +92,7 @@ def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
     together = made(body, "t", {"left": same, "right": [0.5 * p for p in same]})
     told = identifiability([together], body, ["left.torque_1", "right.torque_1"], step=2e-3)
     assert not told.identifiable
-    assert "chambers left and right were never driven separately: their gains cannot be told apart" in str(told)
+    assert "chambers left and right were never driven separately: their gains cannot be distinguished" in str(told)
     with pytest.raises(FitError, match="never driven separately"):
         fit([together], body, ["left.torque_1", "right.torque_1"])
     idle = made(body, "i", {"left": same})
@@ -276,7 +276,7 @@ def test_tendons_that_recordings_do_not_tell_apart_are_called_tendons() -> None:
     exp = SimpleNamespace(time=np.linspace(0.0, 2.0, 9), drives={"m1": pull})
     assert findings_of_chambers(["m2.lever"], model, [exp]) == "tendon m2 is driven in no recording"
     both = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": pull, "left": pull})
-    apart = "were never driven separately: their gains cannot be told apart"
+    apart = "were never driven separately: their gains cannot be distinguished"
     assert findings_of_chambers(["m1.lever", "m2.lever"], model, [both]) == f"tendons m1 and m2 {apart}"
     assert findings_of_chambers(["m1.lever", "left.torque_1"], model, [both]) == f"inputs m1 and left {apart}"
     weak = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": Trace(pull.time, 0.01 * np.array(pull.pressure))})

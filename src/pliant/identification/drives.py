@@ -232,5 +232,5 @@ def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequen
         return f"{named(model, idle[:1])} is driven in no recording"
     for a, b in combinations(mine, 2):
         if shared(seen[:, a], seen[:, b]) < TOGETHER:
-            return f"{named(model, [a, b])} were never driven separately: their gains cannot be told apart"
+            return f"{named(model, [a, b])} were never driven separately: their gains cannot be distinguished"
     return ""

@@ -279,7 +279,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def cure(names: tuple[str, ...]) -> str:
-    """Return as text which parameter to fix, or which recording to add, so that `names` can be told apart."""
+    """Return as text which parameter to fix, or which recording to add, so that `names` can be distinguished."""
     stems = {shared_name(n): n for n in names}
     tail = {n: shared_name(n).rpartition(".")[2] for n in names}
     order = sorted(names, key=lambda n: FIX_FIRST.index(tail[n]) if tail[n] in FIX_FIRST else len(FIX_FIRST))
