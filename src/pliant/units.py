@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from pliant.errors import InputError, shown
 
 PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361}
@@ -79,6 +77,8 @@ KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"
 
 def in_words(values: Any, unit: str) -> str:
     """Return input values in the SI unit `unit` as text in the unit used by plots, such as "190 kPa" or "2.5, 3 N"."""
+    import numpy as np  # here, so that --help stays fast
+
     factor, word = shown_in(unit)
     return ", ".join(f"{factor * value:.4g}" for value in np.ravel(values)) + f" {word}"
 

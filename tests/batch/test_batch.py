@@ -216,7 +216,7 @@ def test_bodies_of_several_chambers(paper):
     check_same(batch, models, [inputs] * 3)
     own = [inputs, inputs[::-1]]
     check_same(simulate_batch(models[:2], own, times=TIMES, variables=EVERYTHING), models[:2], own)
-    with pytest.raises(InputError, match="2 chamber"):
+    with pytest.raises(InputError, match="needs 2 pressure input"):
         simulate_batch(body, inputs[:1], times=TIMES)
     with pytest.raises(InputError, match="need one set of pressures, or one for each sample, got 2"):
         simulate_batch(models, own, times=TIMES)

@@ -42,6 +42,7 @@ class FitQueue:
 
     def __init__(self, study: Study, experiments: Mapping[str, Experiment], model: Model) -> None:
         self.common = (study, experiments, model)
+        self.packed = b""  # pickled before any fit begins: fits fill caches of the model while helpers start
         self.waiting = deque(study.fits)
         self.outcomes: dict[str, FitOutcome | Exception] = {}
         self.empty = Event()
@@ -78,6 +79,8 @@ def run_fits(
     """
     queue = FitQueue(study, experiments, model)
     helpers = [Helper(queue, notify) for _ in range(min(workers or cores(), len(study.fits)) - 1)]
+    if helpers:
+        queue.packed = pickle.dumps(queue.common)
     try:
         for helper in helpers:
             helper.start()
@@ -151,7 +154,8 @@ class Helper(Thread):
 
     def serve(self, process: Any) -> None:
         """Send fits to the process and store their outcomes until the queue is empty."""
-        send(process.stdin, self.queue.common)
+        process.stdin.write(self.queue.packed)
+        process.stdin.flush()
         pickle.load(process.stdout)  # noqa: S301  "ready": its modules are loaded
         while (name := self.queue.take()) is not None:
             self.name_of_fit = name
