@@ -4,12 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pliant.errors import InputError
-from pliant.recording import make_recording
+from pliant.recording import make_recording, write
 from pliant.sensing import (
     CoreLayout,
     curvature_from_strain,
     planar_curve,
     point_covariance,
+    read_shape,
     shape_from_strain,
     spatial_curve,
     tip_sigma,
@@ -246,3 +247,18 @@ def test_gaps_are_bridged_when_asked_and_counted():
         shape_from_strain(shape, layout)
     with pytest.raises(InputError, match="must be 0 or a positive number"):
         shape_from_strain(recording, layout, bridge=-1)
+
+
+def test_files_of_single_cores_keep_the_pressure_of_the_first(tmp_path):
+    time, gauges = np.arange(20) * 0.02, np.linspace(0.0, 0.15, 16)
+    strain = 1e-4 * np.cos(2 * np.pi * np.arange(3) / 3)
+    for core in range(3):
+        write(make_recording(
+            time, strain=np.full((20, 1, 16), -strain[core]), gauge_position=gauges, core=[f"c{core}"],
+            **({"pressure": 1e3 * time} if core == 0 else {}),
+        ), tmp_path / f"push_core{core}.nc")  # fmt: skip
+    cores = {"radius_um": 50, "centre": False, "files": ["core0", "core1", "core2"]}
+    shape = read_shape(tmp_path / "push_core0.nc", {"cores": cores})
+    np.testing.assert_allclose(shape["pressure"], 1e3 * time)
+    turned = np.arccos((shape["position"][0, -1] - shape["position"][0, -2])[1] / 0.01)
+    assert turned == pytest.approx(2.0 * 0.145, rel=1e-2)  # 1/m of the strain over the radius, times the way

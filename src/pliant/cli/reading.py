@@ -33,6 +33,7 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
 def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:
     """Print the content of a recording and its quality, as text or JSON."""
     from pliant.preprocessing.quality import quality
+    from pliant.recording.schema import history_of
 
     with busy("checking the recording"):
         assessed = quality(recording)
@@ -49,11 +50,6 @@ def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None
     say(assessed.summary())
     for line in history_of(recording):
         say(f"  {line}")
-
-
-def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the processing history of a recording, one sentence for each step."""
-    return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 
 def plain(value: Any) -> Any:

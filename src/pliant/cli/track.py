@@ -25,11 +25,11 @@ def track(
 
     Example: pliant track push.mp4 -o push.nc --camera camera.toml --overlay push.png
     """
-    from pliant.cli.reading import history_of
     from pliant.cli.terminal import counting
     from pliant.errors import InputError
     from pliant.files import read_entries
     from pliant.recording import write
+    from pliant.recording.schema import history_of
     from pliant.video import Tracking, track_video
 
     entries = read_entries(camera, "camera")

@@ -14,13 +14,12 @@ from pliant.equations.memory import (
     CALM,
     TRIALS,
     agreement,
-    apart_by,
     creep_lines,
     friction_lines,
     hold_start,
     relax,
     remember,
-    size,
+    update_turn,
 )
 from pliant.equations.symbols import MemoryLaw
 
@@ -116,14 +115,9 @@ def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
 
 def axial_agreement(v, h, axial, past, work, calm):
     """As `memory.agreement`, of the segments with their law `axial`: the largest difference in any strain."""
-    held = past.held
     worst = 0.0
-    for i in range(len(held.theta0), len(held.q)):
-        change = h * (v[i] - 0.5 * work.a[i])
-        apart = size(apart_by(i, change, axial, past.state, held)).real
+    for i in range(len(past.held.theta0), len(past.held.q)):
+        apart = update_turn(i, h * (v[i] - 0.5 * work.a[i]), axial, past, calm)
         if not apart <= worst:
             worst = apart
-        if calm and apart > AGREE:
-            change = 0.5 * (change + held.dq[i])
-        held.dq[i] = change
     return worst

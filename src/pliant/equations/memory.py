@@ -302,25 +302,32 @@ def hold_start(phi, w, h, joints, held):
 
 def agreement(w, h, past, work, calm):
     """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
-    the assumed turns.
+    the assumed turns with `update_turn`.
 
-    Writes these turns to held.dq, or their mean with the previous ones if `calm`. The result is NaN where the step
-    failed.
+    The result is NaN where the step failed.
     """
-    held = past.held
     worst = 0.0
     rate = 0.0 * w[0]
-    for i in range(len(held.theta0)):
+    for i in range(len(past.held.theta0)):
         mean = w[i] - 0.5 * work.a[i]
-        turn = h * (mean - rate)
+        apart = update_turn(i, h * (mean - rate), past.memory, past, calm)
         rate = mean
-        apart = size(apart_by(i, turn, past.memory, past.state, held)).real
         if not apart <= worst:
             worst = apart
-        if calm and apart > AGREE:
-            turn = 0.5 * (turn + held.dq[i])
-        held.dq[i] = turn
     return worst
+
+
+def update_turn(i, turn, law, past, calm):
+    """Write the turn of row i over a step to held.dq, or its mean with the previous one if `calm` and they mismatch.
+
+    Returns the mismatch [rad] of its hysteresis angle between the step's assumption and the `law` at this turn.
+    """
+    held = past.held
+    apart = size(apart_by(i, turn, law, past.state, held)).real
+    if calm and apart > AGREE:
+        turn = 0.5 * (turn + held.dq[i])
+    held.dq[i] = turn
+    return apart
 
 
 def apart_by(i, turn, memory, state, held):

@@ -175,30 +175,54 @@ def forces_at_rest(x, torque, body, joints, work, forces):
     static_forces(x, work.move, body, joints, work, forces)
 
 
-def pull_over_step(x, v, h, torque, body, work):
-    """Write the mean torques (N,) [N m] of all tendons over a time step to work.pull and work.rub, for the rate changes
+def start_tensions(x, torque, body, work):
+    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,), and reset work.slope (R,)
+    to -1.
+
+    No tendon has the slope -1, so that the first comparison of slopes finds a change.
+    """
+    for r in range(len(body.friction)):
+        work.start[r] = signed_tension(r, x, torque, body)
+        work.slope[r] = -1.0 + 0.0 * x[0]
+
+
+def mean_tensions(v, h, body, work):
+    """Write the mean tensions [N] of all R tendons over a step of h [s] to work.tension (R,), for the rate changes
     work.a (N,).
 
-    `slope` (R,) keeps the derivatives of the mean tensions by the force at the end of the step. Returns 1 if these are
-    unchanged and there is no friction, in which case Newton's method has converged at work.a, else 0.
+    work.slope (R,) receives their slopes. Returns 1 if no slope has changed, else 0.
     """
-    clear_pull(work)
     same = 1.0
-    for i in range(len(x)):
+    for i in range(len(v)):
         work.v[i] = v[i] + 0.5 * work.a[i]
     for r in range(len(body.friction)):
         change = 0.0 * v[0]
-        for i in range(len(x)):
+        for i in range(len(v)):
             change = change + body.lever[r, i] * work.v[i]
-        s0 = signed_tension(r, x, torque, body)
-        T, slope = mean_tension(s0, s0 - h * body.tendon_stiffness[r] * change)
-        if slope.real != work.slope[r].real or body.friction[r].real > 0.0:
+        T, slope = mean_tension(work.start[r], work.start[r] - h * body.tendon_stiffness[r] * change)
+        if slope.real != work.slope[r].real:
             same = 0.0
-        work.slope[r] = slope
         work.tension[r] = T
+        work.slope[r] = slope
+    return same
+
+
+def pull_over_step(v, h, body, work):
+    """Write the mean torques (N,) [N m] of all tendons over a time step to work.pull and work.rub, for the rate changes
+    work.a (N,).
+
+    After `start_tensions`. `slope` (R,) keeps the derivatives of the mean tensions by the force at the end of the step.
+    Returns 1 if these are unchanged and there is no friction, in which case Newton's method has converged at work.a,
+    else 0.
+    """
+    same = mean_tensions(v, h, body, work)
+    clear_pull(work)
+    for r in range(len(body.friction)):
+        if body.friction[r].real > 0.0:
+            same = 0.0
         slip(r, work.q, work.v, body, work)
         pass_on(r, work.q, body, work)
-        add_pull(r, T, body, work)
+        add_pull(r, work.tension[r], body, work)
     return same
 
 
@@ -265,28 +289,28 @@ def next_move(h, body, work):
     return abs(fall)
 
 
-def solve_step(x, v, h, torque, body, work):
+def solve_step(v, h, body, work):
     """Iterate by Newton's method for the rate changes work.a (N,) of a step of h [s] that balance all forces. Return 1
     on convergence, else 0.
 
-    Newton's method. Without friction the residual is the slope of a convex energy. A move is halved while the slope
+    Without friction the residual is the slope of a convex energy. A move is halved while the slope
     along it, at its end, has changed sign and is more than half as large as at its start. Numbers with complex-step
     derivatives need one more move after their values have converged, unless the mean tensions were linear over the last
-    move. Returns 1 on convergence, else 0.
+    move.
     """
     fall = 0.0
     agreed = 0.0
     largest = 0.0
     size = 0.0
     for turn in range(ROUNDS):
-        same = pull_over_step(x, v, h, torque, body, work)
+        same = pull_over_step(v, h, body, work)
         largest = 0.0
         size = 0.0
         end = 0.0
-        for i in range(len(x)):
+        for i in range(len(v)):
             push = h * (work.t[i] - work.f[i] + work.pull[i] + work.rub[i])
             taken = 0.0 * push
-            for j in range(len(x)):
+            for j in range(len(v)):
                 taken = taken + work.A[max(i, j), min(i, j)] * work.a[j]
             work.v[i] = push - taken
             end = end + (work.v[i] * work.move[i]).real
@@ -300,7 +324,7 @@ def solve_step(x, v, h, torque, body, work):
             break
         if turn > 0 and near + agreed == 0.0 and end < -0.5 * fall:
             fall = 0.5 * fall
-            for i in range(len(x)):
+            for i in range(len(v)):
                 work.move[i] = 0.5 * work.move[i]
                 work.a[i] = work.a[i] - work.move[i]
         else:
@@ -317,38 +341,6 @@ def rubs(body):
         if body.friction[r].real > 0.0:
             return 1.0
     return 0.0
-
-
-def start_tensions(x, torque, body, work):
-    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,), and reset work.slope (R,)
-    to -1.
-
-    No tendon has the slope -1, so that the first comparison of slopes finds a change.
-    """
-    for r in range(len(body.friction)):
-        work.start[r] = signed_tension(r, x, torque, body)
-        work.slope[r] = -1.0 + 0.0 * x[0]
-
-
-def mean_tensions(v, h, body, work):
-    """Write the mean tensions [N] of all R tendons over a step of h [s] to work.tension (R,), for the rate changes
-    work.a (N,).
-
-    work.slope (R,) receives their slopes. Returns 1 if no slope has changed, else 0.
-    """
-    same = 1.0
-    for i in range(len(v)):
-        work.v[i] = v[i] + 0.5 * work.a[i]
-    for r in range(len(body.friction)):
-        change = 0.0 * v[0]
-        for i in range(len(v)):
-            change = change + body.lever[r, i] * work.v[i]
-        T, slope = mean_tension(work.start[r], work.start[r] - h * body.tendon_stiffness[r] * change)
-        if slope.real != work.slope[r].real:
-            same = 0.0
-        work.tension[r] = T
-        work.slope[r] = slope
-    return same
 
 
 def pull_without_friction(body, work):
@@ -407,9 +399,9 @@ def step(x, v, h, torque, body, joints, work):
     for i in range(len(x)):
         work.a[i] = 0.0 * v[i]
         work.rub[i] = 0.0 * v[i]
+    start_tensions(x, torque, body, work)
     linear = 1.0 - rubs(body)
     if linear > 0.5:
-        start_tensions(x, torque, body, work)
         mean_tensions(v, h, body, work)
         pull_without_friction(body, work)
         build_taut(h, body, work)
@@ -421,7 +413,7 @@ def step(x, v, h, torque, body, joints, work):
         if linear > 0.5:
             solve_taut(h, work.t, work.f, work.pull, work.B, work.a)
             linear = mean_tensions(v, h, body, work)
-        if linear < 0.5 and solve_step(x, v, h, torque, body, work) < 0.5:
+        if linear < 0.5 and solve_step(v, h, body, work) < 0.5:
             for i in range(len(x)):
                 work.a[i] = FAR + 0.0 * v[i]
             break

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.inputs import input_arguments
 from pliant.recording.mapping import FileMapping
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import append_history, make_recording
@@ -75,7 +76,7 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join recordings of the strain of one fibre core each, with equal times and gauge positions, into one recording of
-    all cores.
+    all cores, with the inputs of the first.
 
     Raises
     ------
@@ -100,6 +101,7 @@ def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
     joined = make_recording(
         first["time"].values, strain=np.concatenate([recording["strain"].values for recording in recordings], 1),
         gauge_position=first["gauge_position"].values, core=names, attrs=dict(first.attrs),
+        **input_arguments(first),
     )  # fmt: skip
     return append_history(joined, f"joined {len(names)} cores: {', '.join(names)}")
 

@@ -156,8 +156,13 @@ def make_recording(
 
 def append_history(recording: xr.Dataset, *lines: str) -> xr.Dataset:
     """Return the recording with `lines` appended to its history. The data arrays are shared, not copied."""
-    kept = [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
-    return recording.assign_attrs(history="\n".join([*kept, *(line.replace("\n", " ") for line in lines)]))
+    added = (line.replace("\n", " ") for line in lines)
+    return recording.assign_attrs(history="\n".join([*history_of(recording), *added]))
+
+
+def history_of(recording: xr.Dataset) -> list[str]:
+    """Return the processing history of a recording, one sentence for each step."""
+    return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]
 
 
 def _floats(name: str, value: ArrayLike, ndim: int) -> NDArray[np.float64]:

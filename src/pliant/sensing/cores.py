@@ -12,7 +12,7 @@ from pliant.errors import InputError, clipped
 from pliant.recording import read
 from pliant.recording.luna import combine_cores
 from pliant.recording.mapping import FileMapping
-from pliant.recording.schema import append_history
+from pliant.recording.schema import append_history, history_of
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout
 
@@ -107,8 +107,3 @@ def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, fo
         digest = recording.attrs.get("source_sha256", "")
         joined = append_history(joined, f"strain from {file.name} sha256 {digest}", *history_of(recording))
     return shape_from_strain(joined, layout, common_mode=cores.common_mode, bridge=cores.bridge)
-
-
-def history_of(recording: xr.Dataset) -> list[str]:
-    """Return the processing steps in the history of a recording as a list of lines."""
-    return [line for line in str(recording.attrs.get("history", "")).split("\n") if line]

@@ -11,7 +11,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.numerics.curve import spatial_curve
 from pliant.recording.inputs import input_arguments
-from pliant.recording.schema import check_recording, make_recording
+from pliant.recording.schema import check_recording, history_of, make_recording
 from pliant.sensing.strain import CoreLayout, curvature_from_strain
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def shape_from_strain(
     seen = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
     counted = f"{filled} missing strain value(s) interpolated, {lost} frame(s) unknown beyond a gap"
     history = [
-        *str(recording.attrs.get("history", "")).split("\n"),
+        *history_of(recording),
         f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
     ]
     kept = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
