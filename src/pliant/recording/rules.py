@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError, clipped
 from pliant.text import is_line
+from pliant.units import KIND_OF
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ SCHEMA_VERSION = 1
 FRAMES = ("tracker", "planar", "spatial")
 REFERENCES = ("rest", "base")  # what angles and orientations of an aligned recording are measured from
 COMPONENTS = ("x", "y", "z", "w")
-INPUT_UNITS = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of inputs beside gauge pressure
+INPUT_UNITS = {kind: unit for unit, kind in KIND_OF.items() if kind != "pressure"}  # of inputs beside gauge pressure
 QUATERNION_NORM_TOLERANCE = 1e-3
 TEXTS = ("schema", "frame", "source", "source_format", "source_sha256", "pressure_reference", "history")
 SHORTEST_STEP = 1e-9  # s between two samples
