@@ -81,6 +81,8 @@ FAR = Chamber(torque=[4e-7], joint_gain=[0.0, -0.5, -1.0], axial_gain=[0.0, 20.0
               swell_time=0.1)  # fmt: skip
 LONGER = (Extension(200.0, 1.0, 0.005, 0.05, "inner"), Extension(250.0, 1.5, 0.05, None, "outer"))
 REMEMBERS = Memory((0.1,), (0.2,), (0.1, 0.05), (0.01, 0.03), 0.1, 20.0, 10.0, 1.5)
+SEGMENTS_REMEMBER = Memory((0.1,), (0.2,), axial_creep_share=(0.2,), axial_creep_time=(0.3,), axial_slip_share=(0.3,),
+                           axial_slip_strain=(0.004,))
 MODELS: dict[str, Model] = {
     "plain": Model(**PLAIN),
     "hardening": Model(**{**PLAIN, "mass_at": "tip", "base_angle": 0.2, "stiffening": 0.2, "cubic_stiffening": 0.6,
@@ -93,6 +95,10 @@ MODELS: dict[str, Model] = {
                                       settle_time=0.3, dead_band=1.5e3, opening_time=0.05)}),
     "memory": Model(**{**PLAIN, "memory": REMEMBERS, "stiffening": -0.9, "stiffening_bound": 0.75}),
     "lengthens": Model(**{**PLAIN, "extensions": LONGER, "axial_gain": [20.0, 25.0]}),
+    "lengthens and remembers": Model(**{
+        **PLAIN, "axial_gain": [20.0, 25.0], "tip_mass": 0.05, "memory": SEGMENTS_REMEMBER,
+        "extensions": (replace(LONGER[0], stiffening=-12.0, cubic_stiffening=600.0, stiffening_bound=0.4), LONGER[1]),
+    }),
     "chambers": Model(**{k: v for k, v in PLAIN.items() if k not in ("torque", "valve")},
                       chambers=(replace(NEAR, axial_gain=[0.0]), replace(FAR, axial_gain=[0.0]))),
     "all": Model(**{k: v for k, v in PLAIN.items() if k not in ("torque", "valve")}, chambers=(NEAR, FAR),

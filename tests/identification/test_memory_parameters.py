@@ -12,7 +12,7 @@ from pliant.identification.forward_model import forward_problem
 from pliant.identification.memory_parameters import ROWS
 from pliant.identification.parameters import apply
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Memory, Model, Station
+from pliant.model import Extension, Memory, Model, Station
 from pliant.simulation import Pulse, simulate
 
 TRUTH = {"creep_share_1": 0.25, "creep_time_1": 0.4, "slip_share_1": 0.3, "slip_angle_1": 0.004}
@@ -44,10 +44,14 @@ def test_every_row_enters_the_model(arm):
     values = {name: upper**0.5 if upper < 100 else 50.0 for name, upper in bounds.items()}
     values |= {"boucwen_beta": 60.0, "slip_angle_1": 0.2, "valve_fall_rate": 1e5, "valve_rise_rate": 2e5}
     values |= {"inflation_limit": 3e5}
+    with pytest.raises(InputError, match="has no segment that lengthens"):
+        apply(arm, values)
+    arm = arm.with_(extensions=(Extension(200.0),))
     changed = apply(arm, values)
     assert changed.memory == Memory(
         (values["creep_share_1"],), (50.0,), (values["slip_share_1"],), (0.2,), values["boucwen_share"], 60.0, 50.0,
-        values["boucwen_exponent"],
+        values["boucwen_exponent"], axial_creep_share=(values["axial_creep_share_1"],), axial_creep_time=(50.0,),
+        axial_slip_share=(values["axial_slip_share_1"],), axial_slip_strain=(values["axial_slip_strain_1"],),
     )
     changed_chamber = changed.chamber
     assert (changed_chamber.swell_share, changed_chamber.swell_time) == (1.0, 50.0)

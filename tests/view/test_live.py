@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from contextlib import closing
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -336,38 +337,69 @@ def test_the_address_is_listened_at_as_soon_as_it_is_known(content):
     server.socket.close()
 
 
-def test_a_page_that_asks_for_thousands_of_models_does_not_hold_up_another(served, monkeypatch):
+@pytest.fixture
+def slow_builds(monkeypatch):
+    """Builds of models that wait until `released` is set; how many are inside now, and how many at once at most."""
+    builds, own = SimpleNamespace(inside=0, most=0, released=threading.Event()), Live.prepare
+
+    def prepare(live, job):
+        builds.inside += 1
+        builds.most = max(builds.most, builds.inside)
+        try:
+            assert builds.released.wait(60.0)
+            return own(live, job)
+        finally:
+            builds.inside -= 1
+
+    monkeypatch.setattr(Live, "prepare", prepare)
+    yield builds
+    builds.released.set()
+
+
+def socket_of(address):
+    parts = urlsplit(address)
+    return {"uri": f"ws://{parts.netloc}{parts.path}live", "origin": f"http://{parts.netloc}"}
+
+
+def pass_frames(page, seconds):
+    began = json.loads(page.recv(timeout=30))["t"]
+    while json.loads(page.recv(timeout=30))["t"] < began + seconds:
+        pass
+
+
+def test_a_page_that_asks_for_thousands_of_models_does_not_hold_up_another(served, slow_builds):
     """Builds run one at a time beside the frames: while a slow one runs, both pages get theirs."""
     from websockets.sync.client import connect
 
-    own, inside, most, released = Live.prepare, [0], [0], threading.Event()
-
-    def slow(live, job):
-        inside[0] += 1
-        most[0] = max(most[0], inside[0])
-        try:
-            assert released.wait(60.0)
-            return own(live, job)
-        finally:
-            inside[0] -= 1
-
-    monkeypatch.setattr(Live, "prepare", slow)
-    parts = urlsplit(served)
-    where = {"uri": f"ws://{parts.netloc}{parts.path}live", "origin": f"http://{parts.netloc}"}
-    with connect(**where) as one, connect(**where) as other:
+    with connect(**socket_of(served)) as one, connect(**socket_of(served)) as other:
         for k in range(3000):
             one.send(json.dumps({"gravity": [0.0, -k / 1000]}))
         other.send(json.dumps({"gravity": [1.0, 0.0]}))
         other.send(json.dumps({"pressure_kpa": [20.0]}))
         for page in (other, one):
-            began = json.loads(page.recv(timeout=30))["t"]
-            while json.loads(page.recv(timeout=30))["t"] < began + 0.2:
-                pass
-        assert inside[0] == most[0] == 1
-        released.set()
+            pass_frames(page, 0.2)
+        assert slow_builds.inside == slow_builds.most == 1
+        slow_builds.released.set()
         while json.loads(other.recv(timeout=30))["body"][-1][0] == 0.0:
             pass
-    assert most[0] == 1
+    assert slow_builds.most == 1
+
+
+def test_the_build_of_a_closed_page_ends_before_the_next_begins(served, slow_builds):
+    from websockets.sync.client import connect
+
+    with connect(**socket_of(served)) as other:
+        with connect(**socket_of(served)) as one:
+            one.send(json.dumps({"gravity": [0.0, -1.0]}))
+            pass_frames(one, 0.2)
+            assert slow_builds.inside == 1
+        other.send(json.dumps({"gravity": [1.0, 0.0]}))
+        pass_frames(other, 0.3)
+        assert slow_builds.inside == 1
+        slow_builds.released.set()
+        while json.loads(other.recv(timeout=30))["body"][-1][0] == 0.0:
+            pass
+    assert slow_builds.most == 1
 
 
 def test_nonsense_from_the_page_is_told_not_done(served):

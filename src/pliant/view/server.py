@@ -120,7 +120,11 @@ async def build(live: Live, asked: asyncio.Event, one_build: asyncio.Lock) -> No
         async with one_build:
             asked.clear()
             job = live.job()
-            live.replace_model(job, await asyncio.to_thread(live.prepare, job))
+            preparing = asyncio.create_task(asyncio.to_thread(live.prepare, job))
+            try:
+                live.replace_model(job, await asyncio.shield(preparing))
+            finally:
+                await asyncio.wait({preparing})  # a thread outlives the closing of its page
 
 
 async def converse(ws: Any, live: Live | WatchedLoop, one_build: asyncio.Lock) -> None:
