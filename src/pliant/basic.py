@@ -1,4 +1,4 @@
-"""The whole model of the paper in 150 lines of plain NumPy, to be read next to the paper.
+"""The whole model of Chen, Galloway and Godage in 150 lines of plain NumPy, to be read next to their paper.
 
 Source: Chen, Galloway, Godage, "Efficient Reduced-Order Models for Soft Actuators", Sec. III.
 Clarity comes before speed; tests compare the fast kernels of `pliant.equations`, which share no line with this page.
@@ -31,7 +31,7 @@ class Actuator(NamedTuple):
 
 
 def paper(n=5, theta0=0.0):
-    """Return the paper's actuator with n links: 17 cm, 69 g, stiffness and damping as printed, mass at link tips."""
+    """Return the actuator of Chen et al.: n links, 17 cm, 69 g, stiffness and damping as printed, mass at link tips."""
     one = np.ones(n)
     return Actuator(
         l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,
@@ -40,18 +40,18 @@ def paper(n=5, theta0=0.0):
 
 
 def section(r2):
-    """Return area A = pi r2^2 / 2 [m^2] and lever arm d = 4 r2 / (3 pi) [m] of a bladder of radius r2. Sec. III-C."""
+    """Return area pi r2^2 / 2 [m^2] and lever arm 4 r2 / (3 pi) [m] of a half-disc of radius r2 [m]. Sec. III-C."""
     return np.pi * r2**2 / 2, 4 * r2 / (3 * np.pi)
 
 
 def torque(pressure, actuator):
-    """Return the joint torques tau (n,) [N m] at a gauge `pressure` [Pa]: tau_i = p A d at every joint. Sec. III-C."""
+    """Return the torques (n,) [N m] of n joints at a gauge `pressure` [Pa]: pressure * area * lever arm. Sec. III-C."""
     A, d = section(actuator.r2)
     return pressure * A * d * np.ones(len(actuator.l))
 
 
 def link_transform(q_i, theta0_i, l_i):
-    """Return the transform T_i = R_z(q_i + theta_i0) P_y(l_i), (3, 3), from a link's frame to the previous. Eq. (1)."""
+    """Return the transform R_z(q_i + theta_i0) P_y(l_i) (3, 3) from a link's frame to the previous link's. Eq. (1)."""
     c, s = np.cos(q_i + theta0_i), np.sin(q_i + theta0_i)
     Rz = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     Py = np.array([[1, 0, 0], [0, 1, l_i], [0, 0, 1]])
@@ -59,7 +59,7 @@ def link_transform(q_i, theta0_i, l_i):
 
 
 def chain(q, actuator):
-    """Return the transforms T^i = T_1 ... T_i (n, 3, 3) to the base frame, with blocks R^i and p^i. Eqs. (2), (3)."""
+    """Return the transforms T^i = T_1 ... T_i (n, 3, 3) from the frames of n links to the base frame. Eqs. (2), (3)."""
     T, T_i = [], np.eye(3)
     for link in zip(q, actuator.theta0, actuator.l, strict=True):
         T_i = T_i @ link_transform(*link)
@@ -73,7 +73,7 @@ def tips(q, actuator):
 
 
 def body_velocities(q, dq, actuator):
-    """Return angular velocities (n, 2, 2) [rad/s] and tip velocities (n, 2) [m/s] in the links' frames. Eq. (4)."""
+    """Return skew angular velocity matrices (n, 2, 2) [rad/s], tip velocities (n, 2) [m/s], in link frames. Eq. (4)."""
     Omega, v, Omegas, vs = np.zeros((2, 2)), np.zeros(2), [], []
     for q_i, dq_i, theta0_i, l_i in zip(q, dq, actuator.theta0, actuator.l, strict=True):
         T = link_transform(q_i, theta0_i, l_i)
@@ -87,10 +87,10 @@ def body_velocities(q, dq, actuator):
 
 
 def jacobians(q, actuator, point=None):
-    """Return Jacobians J_w (n, n) (angular) and J_v (n, 2, n) (linear) of points at `point` (n,) [m] along the links.
+    """Return the Jacobians of the angular velocity of n links, J_w (n, n), and of a point on each, J_v (n, 2, n) [m].
 
-    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees.
-    In the links' frames. At the tips, J_v dq is upsilon and J_w dq is omega of Eq. (4). None: the centres of mass.
+    J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees. x_i
+    is `point` (n,) [m] from joint i; None: centre of mass. At the tips J_v dq is upsilon, J_w dq is omega of Eq. (4).
     """
     T = chain(q, actuator)
     R, joints = T[:, :2, :2], np.vstack([np.zeros(2), T[:-1, :2, 2]])
@@ -101,7 +101,7 @@ def jacobians(q, actuator, point=None):
 
 
 def inertia(q, actuator):
-    """Return the inertia matrix M = sum_i m_i J_v^T J_v + I_i J_w^T J_w, (n, n) [kg m^2], with the cap. Eq. (5)."""
+    """Return the inertia matrix M (n, n) [kg m^2] of n links and cap: sum_i m_i J_v^T J_v + I_i J_w^T J_w. Eq. (5)."""
     J_w, J_v = jacobians(q, actuator)
     J_tip = jacobians(q, actuator, actuator.l)[1][-1]
     M = np.einsum("i,iab,iac->bc", actuator.m, J_v, J_v) + np.einsum("i,ib,ic->bc", actuator.I, J_w, J_w)
@@ -109,9 +109,9 @@ def inertia(q, actuator):
 
 
 def coriolis(q, dq, actuator):
-    """Return the Coriolis matrix C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r, (n, n) [N m s].
+    """Return the Coriolis matrix C (n, n) [N m s] from the derivatives of the inertia matrix M by angles q. Eq. (5).
 
-    Eq. (5). dM/dq_r is exact to rounding: the imaginary part of M at q + i h e_r, divided by h.
+    C_ab = sum_r 1/2 (dM_ab/dq_r + dM_ar/dq_b - dM_rb/dq_a) dq_r. dM/dq_r = Im M(q + i h e_r) / h, exact to rounding.
     """
     h = 1e-30
     dM = np.stack([inertia(q + 1j * h * e, actuator).imag / h for e in np.eye(len(q))], axis=-1)
@@ -119,14 +119,14 @@ def coriolis(q, dq, actuator):
 
 
 def gravity(q, actuator):
-    """Return the joint torques (n,) [N m] due to gravity, sum_i m_i J_v^T R^iT g. The paper has no gravity."""
+    """Return the joint torques (n,) [N m] due to gravity, sum_i m_i J_v^T R^iT g. The paper leaves gravity out."""
     R, g = chain(q, actuator)[:, :2, :2], np.array(actuator.g)
     J_v, J_tip = jacobians(q, actuator)[1], jacobians(q, actuator, actuator.l)[1][-1]
     return np.einsum("i,ian,iba,b->n", actuator.m, J_v, R, g) + actuator.m_tip * J_tip.T @ R[-1].T @ g
 
 
 def acceleration(q, dq, tau, actuator):
-    """Return the joint accelerations ddq (n,) [rad/s^2], which solve M ddq + (C + D) dq + K q = tau. Eq. (5)."""
+    """Return joint accelerations ddq (n,) [rad/s^2]: M ddq + (C + D) dq + K q = tau + gravity. Eq. (5) and gravity."""
     rest = (coriolis(q, dq, actuator) + np.diag(actuator.D)) @ dq + actuator.K * q
     return np.linalg.solve(inertia(q, actuator), tau + gravity(q, actuator) - rest)
 

@@ -75,7 +75,8 @@ def as_html(card: Card) -> str:
 
 
 def shortened(card: Card) -> list[Sequence[str]]:
-    """Return the rows of a card's table. If there are more than 12, the middle ones are replaced by their number.
+    """Return the rows of a card's table. If there are more than 12, one row such as "... 8 more" replaces those in the
+    middle.
 
     The first 6 rows and the last 6 are kept.
     """

@@ -135,7 +135,9 @@ def simulate_batch(
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
-    """Return whether models cannot share SIMD vectors: several inputs, custom laws, extensible, or in space."""
+    """Return whether samples must be simulated one by one and not in SIMD vectors, because a model has several inputs,
+    a torque law that is no polynomial, or extensible segments, or is in space.
+    """
     many = (models,) if isinstance(models, Model) else models
     plain = (m.actuation.count == 1 and m.actuation.polynomial and m.space is None for m in many)
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
@@ -183,7 +185,7 @@ def check_steps(samples: Samples, step: float) -> None:
 
 
 def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rate: Array | None) -> Array:
-    """Return the initial absolute link angles [rad] and rates [rad/s] of N samples as one array (2, n, N)."""
+    """Return the initial absolute angles [rad] and rates [rad/s] of the n links of N samples as one array (2, n, N)."""
     n, size = samples.template.n, samples.size
 
     def given(value: Array) -> Array:

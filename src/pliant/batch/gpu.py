@@ -35,8 +35,8 @@ def check_gpu(samples: Samples) -> None:
 
 
 def run_gpu(samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str]) -> dict[str, Array]:
-    """Simulate N samples on the GPU; return arrays (N, T, ...) by variable name, and the failure times failed_at (N,)
-    [s].
+    """Simulate N samples on the GPU. Return arrays (N, T, ...) over T output times by variable name and, as "failed_at"
+    (N,) [s], the time at which each sample failed, NaN if it did not.
     """
     results = outputs(samples, schedule.times.size, variables)  # samples with the same time steps are launched together
     grids: dict[int, list[int]] = {}
@@ -76,8 +76,8 @@ def launch_samples(
 
 
 def inputs(samples: Samples, schedule: Schedule, indices: Array) -> tuple[Array, Array]:
-    """Return the K distinct pressure series behind the valves as one array (m, 4, K) [Pa], and each sample's index in
-    it. The four values per interval are at its start, middle and end, and the mean.
+    """Return the K distinct pressure series behind the valves as one array (m, 4, K) [Pa], and for each sample the
+    index of its series. The four values in each of m intervals are at start, middle and end, and the mean.
     """
     places: dict[object, int] = {}
     tables: list[Array] = []

@@ -25,7 +25,9 @@ THREADS = 64  # of a block: small, because each thread keeps some hundred number
 
 
 def itself(array):
-    """Return the array unchanged. On the GPU this replaces `as_lanes`, since each thread has one sample."""
+    """Return the array unchanged. GPU kernels call this in place of `as_lanes`, which arranges samples in SIMD vectors,
+    because each GPU thread has only one sample.
+    """
     return array
 
 
@@ -60,7 +62,9 @@ def straight_line(kernel: Any, links: int) -> Any:
 
 @cache
 def kernels(links: int) -> tuple[Any, Any]:
-    """Return the GPU versions of `simd_loops.mean_torques` and `march_lanes` for a chain of `links` links."""
+    """Return the GPU versions of two compiled loops for a chain of `links` links: the mean torque in each time step
+    (`simd_loops.mean_torques`), and the integration of the motion (`simd_loops.march_lanes`).
+    """
     names = {"as_lanes": device(itself), "within": device(within), "WIDTH": 1}
     if links <= MOST_LINKS:
         names["step"] = device(straight_line(motion.step, links))

@@ -1,7 +1,7 @@
 """Batch simulation of models that SIMD vectors cannot hold: each sample alone, on several threads.
 
-These are chains with hysteresis (whose elements slip at different times), with several chambers, with extensible
-segments, and in space.
+These are chains with several chambers, with torque laws that are no polynomials, or with extensible segments, and
+chains in space.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ VARIABLES = {
 
 
 def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
-    """Return the names of the result variables that a batch of such models offers, with their dimensions."""
+    """Return the names of the result variables that a batch of chains like `model` offers, with their dimensions."""
     kinds = mechanics_of(model).kinds
     return {name: ("sample", "time", kind.over) for kind in kinds for name in kind.names[:2]} | {
         "tip_position": VARIABLES["tip_position"],
@@ -40,8 +40,8 @@ def dimensions(model: Model) -> dict[str, tuple[str, ...]]:
 
 
 def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    """Return the variable names with ``joint_angle`` and ``joint_rate`` replaced, in space, by
-    those about each axis.
+    """Return the variable names. In space, ``joint_angle`` and ``joint_rate`` are replaced by the names for each axis,
+    such as ``joint_angle_x``.
     """
     names = []
     for v in variables:
@@ -51,15 +51,17 @@ def expanded(variables: Sequence[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def motion_of(model: Model, x: Array, v: Array) -> Made:
-    """Return the result variables, by name, of a motion with coordinates x and rates v (T, N)."""
+    """Return the result variables, by name, of a motion with N coordinates x (T, N) and their rates v (T, N) at T
+    instants.
+    """
     chain = mechanics_of(model)
     values = {name: value for name, (_, value) in chain.variables(x, v).items()}
     return {**values, "tip_position": chain.tips(x)}
 
 
 def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Array, rows: int) -> tuple[Made, int]:
-    """Integrate one chain from absolute angles and rates (n,); return its variables and the index of a failed step, or
-    -1.
+    """Integrate one chain from the absolute angles and rates (n,) of its n links. Return its result variables by name,
+    and the index of the step that failed, or -1 if none did.
 
     `angle` and `rate` are changed in place. For an extensible body they are (n + S,), followed by the strains; in space
     (N,), joint coordinates.
@@ -81,7 +83,8 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
 def samples_alone(
     models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
 ) -> tuple[list[Model], list[Sequence[Input]]]:
-    """Return for every sample its model and its C pressure inputs, from the `sets` that `sets_of` returns.
+    """Return two lists with an entry for each sample: its model, and its pressure inputs, one for each chamber. `sets`
+    holds these inputs once for all samples, or for each sample.
 
     Raises
     ------
@@ -119,7 +122,9 @@ def samples_alone(
 
 
 def sets_of(models: Model | Sequence[Model], pressures: Any) -> list[Sequence[Input]]:
-    """Return one set of C pressure inputs for all samples, or one for each, from a batch's argument `pressures`."""
+    """Return a list of sets of pressure inputs, with one input for each chamber: a single set for all samples, or one
+    for each sample. `pressures` is an argument of `simulate_batch`.
+    """
     if callable(pressures):
         return [(pressures,)]
     counts = [m.actuation.count for m in ((models,) if isinstance(models, Model) else models)]
@@ -148,8 +153,8 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
 def run_alone(
     models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, step: float, how: Mapping[str, Any],
 ) -> Made:
-    """Simulate N samples one by one; return arrays (N, T, ...) by variable name, and failure times
-    failed_at (N,) [s].
+    """Simulate N samples one by one. Return arrays (N, T, ...) over T output times by variable name and, as "failed_at"
+    (N,) [s], the time at which each sample failed, NaN if it did not.
     """
     for model in models:
         check_step(model, step, "midpoint")

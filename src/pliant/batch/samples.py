@@ -52,7 +52,9 @@ class Samples:
         return self.template.with_(**{k: v[..., i] for k, v in self.values.items()}, valve=self.valves[i])
 
     def inertia(self) -> tuple[Array, Array, Array]:
-        """Return the inertia constants of all N samples: B (n, n, N), I (n, N) and h (n, N) of `symbols.Body`."""
+        """Return the inertia constants of N chains of n links: coupling matrix B (n, n, N) and rotary inertias (n, N)
+        [kg m^2], and first moments h (n, N) [kg m].
+        """
         v, rod = self.values, self.template.mass_at == "rod"
         return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
 
@@ -68,7 +70,9 @@ class Samples:
         return remembering(self.values)
 
     def rest(self, pressure: Array) -> Array:
-        """Return the equilibrium joint angles (n, N) [rad] of N samples under pressures (N,) [Pa] and gravity."""
+        """Return the equilibrium angles (n, N) [rad] of the n joints of N samples under pressures (N,) [Pa] and
+        gravity.
+        """
         if not self.values["gravity"].any():
             q = springs_of(self.values).bend(self.values["joint_gain"] * self.torque_at(pressure))
             if not np.isfinite(q).all():
@@ -87,12 +91,12 @@ class Samples:
         return q
 
     def absolute(self, q: Array) -> Array:
-        """Convert joint angles (n, N) to absolute link angles (n, N), rad."""
+        """Return the absolute angles (n, N) [rad] of the n links of N samples, from joint angles q (n, N) [rad]."""
         return self.values["base_angle"] + np.cumsum(q + self.values["rest_angle"], axis=0)
 
     def small_motions(self) -> tuple[Array, Array]:
-        """Return inertia and stiffness matrices (N, n, n) for small joint motions about the equilibrium without
-        pressure.
+        """Return the inertia and stiffness matrices (N, n, n) of N samples with n joints each, for small motions about
+        the equilibrium without pressure.
         """
         q = self.rest(np.zeros(self.size))
         return small_motions(self.inertia(), self.values["gravity"], springs_of(self.values), q, self.absolute(q))
@@ -112,7 +116,9 @@ class Samples:
 
 
 def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None, size: int) -> Samples:
-    """Return `Samples` from a list of models, or from one model, with arrays of parameters or repeated `size` times."""
+    """Return `Samples` of a list of models, or of one model. One model is repeated `size` times, or once for each
+    sample in the arrays of `parameters`.
+    """
     for model in (models,) if isinstance(models, Model) else models:
         fixed_length(model)
     if isinstance(models, Model):
@@ -135,7 +141,9 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
 
 
 def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
-    """Return `Samples` of one model, in which the arrays (N,) or (N, n) of `parameters` replace the model's values."""
+    """Return `Samples` of one model. Arrays in `parameters`, (N,) for N samples or (N, n) for the n links of each,
+    replace the model's values.
+    """
     given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
     lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
     if len(lengths) > 1:
@@ -163,7 +171,9 @@ def own_value(model: Model, name: str) -> Any:
 
 
 def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:
-    """Store the values (N,) or (N, n) of one parameter of all samples in `values` or, for valves, in `valves`."""
+    """Store the values of one parameter, (N,) for N samples or (N, n) for the n links of each, in the dict `values` or,
+    if it is one of the valve, in `valves`.
+    """
     joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)  # names as in a fit, or fields of `Model`
     power = re.fullmatch(r"torque_([1-9])", name)
     if joint and 1 <= int(joint[2]) <= len(values["stiffness"]):

@@ -58,7 +58,7 @@ class Schedule:
         return delivered(valve, before(self.pressure(i), valve.dead_time, self.times))
 
     def grid(self, i: int) -> LaneGrid:
-        """Return the time steps and intervals of sample `i`, which samples with equal inputs share."""
+        """Return the time steps and intervals of sample `i`. Samples with equal inputs share one result."""
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
@@ -70,8 +70,8 @@ class Schedule:
         return self._grids[key]
 
     def behind(self, i: int, *, shared: bool) -> Array:
-        """Return the pressure (m, 4) [Pa] of sample `i` behind its valve: start, middle, end and
-        mean of m intervals.
+        """Return the pressure (m, 4) [Pa] of sample `i` behind its valve in m time intervals. The four columns are the
+        values at start, middle and end, and the mean.
         """
         key = (id(self.pressure(i)), self.samples.valves[i])  # `shared`: keep the result for other samples
         if key in self._behind:
@@ -82,8 +82,8 @@ class Schedule:
         return found
 
     def group(self, members: Sequence[int], buffer: Array | None = None) -> tuple[Array, Array, Array]:
-        """Return the step lengths [s] and mean torques [N m] (steps, W) of `WIDTH` samples, and the output row (steps,)
-        after each step.
+        """Return step lengths [s] and mean torques [N m] of a group of W = `WIDTH` samples, both (steps, W), and the
+        output row after each step (steps,).
 
         The torques are written to `buffer` if it has the right shape.
         """
@@ -107,8 +107,8 @@ class Schedule:
         return grid.steps, torque, grid.keep
 
     def padded(self, members: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return step lengths, torques and output rows as `group`, for samples with different steps or slow chamber
-        states.
+        """Return step lengths [s], mean torques [N m] and output rows for a group of samples with different time steps
+        or slow chamber states. Steps of length 0 are added so that all have the same number.
         """
         # each sample is padded to the longest one with steps of length zero
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}

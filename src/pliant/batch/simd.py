@@ -21,8 +21,8 @@ Array = np.ndarray
 
 
 def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:
-    """Return result arrays (N, rows, ...) of N samples by variable name, and failure times failed_at (N,) [s].
-    They are filled with NaN until a sample is simulated or fails.
+    """Return arrays for the results of N samples: by variable name, arrays (N, rows, ...) over the output times and, as
+    "failed_at" (N,) [s], the times of failure. The latter are NaN until a sample fails.
     """
     n, size = samples.template.n, samples.size
     shapes = {"joint_angle": (size, rows, n), "joint_rate": (size, rows, n), "tip_position": (size, rows, n, 2)}
@@ -151,8 +151,8 @@ class ScalarGroups(Groups):
 def run_lanes(
     samples: Samples, schedule: Schedule, start: Array, variables: Sequence[str], threads: int,
 ) -> dict[str, Array]:
-    """Simulate N samples on the processor; return arrays (N, T, ...) by variable name, and failure times failed_at (N,)
-    [s].
+    """Simulate N samples on the processor. Return arrays (N, T, ...) over T output times by variable name and, as
+    "failed_at" (N,) [s], the time at which each sample failed, NaN if it did not.
     """
     results = outputs(samples, schedule.times.size, variables)
     groups = (ScalarGroups if samples.template.memory else Groups)(samples, schedule, start, results)

@@ -79,8 +79,8 @@ def mean_torques(h, parts, behind, law, torque):
 
 
 def march_lanes(state, h, torque, keep, samples, scratch, out):
-    """Integrate a group of `WIDTH` chains over steps h (steps, W) [s]; `state` changes in place, output rows go to
-    `out`.
+    """Integrate a group of W = `WIDTH` chains over steps of the lengths h (steps, W) [s]. `state` changes in place, and
+    output rows are written to `out`.
 
     Every array has the samples last: state (2, n, W) the angles and rates, changed in place; h and torque (steps, W);
     keep (steps,) the output row after each step (negative: none; row 0 is the start); `samples` (`Lane`); scratch
@@ -122,8 +122,8 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
 
 
 def sound(phi, w, h, joint, good):
-    """Return the bit mask of those `good` samples whose links turn less than 1 rad in a step h and whose springs are
-    stable.
+    """Return the bit mask `good` without the samples in which a link turns by more than 1 rad in a step of h [s], or a
+    spring is unstable.
     """
     for i in range(len(phi)):
         good &= within(w[i] * h, 1.0)
@@ -133,7 +133,8 @@ def sound(phi, w, h, joint, good):
 
 
 def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
-    """Advance all groups of chains by `steps` of h [s] under constant pressure commands; `state` changes in place.
+    """Advance all groups of chains by a number of `steps` of h [s] each under constant pressure commands. `state` and
+    the pressures in `chambers` change in place.
 
     Groups come first, samples last: state (G, 2, n, W) the angles and rates, changed in place; `samples` (`Lane`) with
     a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
@@ -166,8 +167,8 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
 
 
 def torques_of_lanes(group, h, chambers, vectors):
-    """Write the joint torques of a group over the next h [s] to vectors[5]; return whether they are constant from then
-    on.
+    """Write the mean joint torques of a group of chains in the next h [s] to the scratch array vectors[5]. Return
+    whether they stay the same in later steps under the same commands.
     """
     still = True
     torque = chambers.torque

@@ -25,19 +25,21 @@ class Stepped(Protocol):
 
     @property
     def angle(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
+        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
+        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
-        pressure.
+        """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
+        bodies[k], for k from 0 to M - 1.
         """
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
+        each chain whether it failed, as booleans (N,).
+        """
 
 
 def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
@@ -88,17 +90,17 @@ class OnLanes:
 
     @property
     def angle(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
+        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
         return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
+        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
         return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
-        pressure.
+        """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
+        bodies[k], for k from 0 to M - 1.
         """
         group, lane = np.divmod(which, WIDTH)
         for name, own in self._pool.items():
@@ -108,7 +110,9 @@ class OnLanes:
                 self._arrays[name][group, lane] = own[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
+        each chain whether it failed, as booleans (N,).
+        """
         command = self._chambers.command
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
@@ -153,17 +157,17 @@ class OneByOne:
 
     @property
     def angle(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of each chain."""
+        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
         return np.stack([s.angle for s in self._steppers])
 
     @property
     def rate(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute link angles of each chain."""
+        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
         return np.stack([s.rate for s in self._steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
-        """Set M chains, by their indices `which` (M,), to the models with indices `bodies` (M,), at rest without
-        pressure.
+        """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
+        bodies[k], for k from 0 to M - 1.
         """
         for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
             if self._steppers[i].model is self._models[body]:
@@ -172,7 +176,9 @@ class OneByOne:
                 self._steppers[i] = self._new(body)
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa]; return which failed (N,)."""
+        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
+        each chain whether it failed, as booleans (N,).
+        """
         failed = np.zeros(len(self._steppers), dtype=bool)
         for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
             try:

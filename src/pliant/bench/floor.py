@@ -1,4 +1,4 @@
-"""Reference times: the same mathematics in plain C for five links, compiled on this machine if it has a compiler.
+"""Reference times of plain C code for the equations of motion of five links, compiled on this machine if possible.
 
 A time in nanoseconds depends on the machine as much as on pliant. The ratio to the time of `floor.c`, measured in the
 same minute, shows how much faster pliant's kernels could still become.

@@ -1,4 +1,4 @@
-"""Timing of one step, one right-hand side and one Jacobian, in nanoseconds."""
+"""Timing of the compiled simulation code: one time step, one evaluation of the accelerations, one with Jacobian."""
 
 from __future__ import annotations
 

@@ -38,8 +38,8 @@ MEANING = {
 
 
 def startup() -> dict[str, float]:
-    """Return wall times [s] of fresh processes: `pliant --help`, and a first simulation with a full and an
-    empty cache.
+    """Return the wall times [s] of three new Python processes: `pliant --help`, one simulation with a full cache of
+    compiled code, and one with an empty cache.
     """
     simulation = [sys.executable, "-c", FIRST]
     fresh(simulation)  # fills the cache
@@ -95,8 +95,8 @@ def measure(
 
 
 def chosen(name: str | None) -> dict[str, Part]:
-    """Return the part of the benchmark with this name and its function as a dict, or all parts for None. An unknown
-    name raises InputError.
+    """Return {name: function} for the part `name` of the benchmark, or for all parts if `name` is None. An unknown name
+    raises InputError.
     """
     if name is None:
         return PARTS

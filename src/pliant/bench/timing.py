@@ -15,7 +15,8 @@ from pliant.cores import cores
 def best(
     job: Callable[[], Any], seconds: float = 0.5, repeats: int = 5, clock: Callable[[], float] = perf_counter,
 ) -> float:
-    """Return the shortest run time of `job` [s] by `clock`, over at least `repeats` runs and about `seconds`.
+    """Return the shortest run time [s] of the function `job`, measured by `clock`. It is called for about `seconds` in
+    total, and at least `repeats` times.
 
     One run before the timing is not counted.
 

@@ -40,7 +40,9 @@ INTERRUPTED = 130
 
 
 class Panels(TyperGroup):
-    """A group of commands that lists them under headings, in plain text, since drawing boxes would be slow."""
+    """A group of commands whose help lists them under headings, in plain text, since drawing boxes around them would be
+    slow.
+    """
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002  as typer calls it
         """Write the list of commands in the help, grouped under headings, each with the first line of its help."""

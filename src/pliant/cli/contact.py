@@ -39,7 +39,7 @@ def contact(
     chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Find contact in recordings, with a threshold estimated from recordings without contact.
+    """Find contacts in recordings; the detection threshold is estimated from recordings without contact.
 
     Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
     """

@@ -103,15 +103,15 @@ def control(
 
 
 def columns(log: Any, name: str) -> Any:
-    """Return the columns of a control log whose names begin with `name` and an underscore, where `name` is such as
-    "error".
+    """Return the columns of a control log whose names begin with `name` and an underscore. For example, "error" selects
+    the error of every output.
     """
     return log[[c for c in log.columns if c.startswith(f"{name}_")]]
 
 
 def reached_by_several(done: TaskResult) -> dict[str, Any]:
-    """Return the results of a run that controls several outputs, by name: errors of each output, highest commands, and
-    counters of the loop.
+    """Return the results of a control run with several outputs as a dict: the RMS error of each output and its largest
+    error in the last fifth of the run, the highest value of each command, and the statistics of the loop.
     """
     error = columns(done.log, "error")
     last = error.tail(max(len(error) // 5, 1))
@@ -131,13 +131,15 @@ def reached_by_several(done: TaskResult) -> dict[str, Any]:
 
 
 def counters(done: TaskResult) -> dict[str, Any]:
-    """Return the fault of a control run ("none" without one), and the counters and remarks of its loop, by name."""
+    """Return a dict with the fault of a control run ("none" if there was none) and the statistics of its loop, such as
+    timing and lost frames.
+    """
     return {"fault": done.summary["fault"] or "none"} | {k: v for k, v in done.summary.items() if k != "fault"}
 
 
 def reached(done: TaskResult) -> dict[str, Any]:
-    """Return the results of a control run by name: settling times [s], tip errors [mm], highest command, how much the
-    command varies, and counters of the loop.
+    """Return the results of a control run as a dict: settling times [s], tip errors in the last fifth of the run [mm],
+    highest command, fluctuation of the command, and the statistics of the loop.
     """
     import numpy as np
 
@@ -171,7 +173,7 @@ def settling(done: TaskResult) -> list[float | None]:
 
 
 def unmodelled(done: TaskResult) -> list[str]:
-    """Return a warning that the model has no valve, in a list; empty if it has one."""
+    """Return a list with one warning if no chamber of the model has valve dynamics; else an empty list."""
     valves = [c.valve for c in done.prepared.body.chambers]
     return [] if any(v.natural_frequency or v.rise_time for v in valves) else [NO_VALVE]
 

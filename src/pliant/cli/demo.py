@@ -17,7 +17,7 @@ def demo(
     camera: Annotated[bool, typer.Option("--camera", help="Start from a video, in which the body is tracked.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
-    """Run the whole analysis on bundled recordings: fibre points, tip, order, links, fit, prediction, report.
+    """Run the whole analysis on bundled recordings: find the tip, choose and place links, fit, predict, report.
 
     Example: pliant demo -o results/demo
     """

@@ -24,7 +24,7 @@ def design(
     ] = "E",
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Rank pulses and chirps by how much one more recording of each would reduce the standard errors.
+    """Rank pulses and chirps by how much one more recording of each would reduce the parameters' standard errors.
 
     Example: pliant design study.toml --max-kpa 30
     """
@@ -41,7 +41,7 @@ def design(
 
 
 def print_design(plan: Design) -> None:
-    """Print the proposals as a table of expected standard errors after one more recording."""
+    """Print a table of the proposed recordings, with the standard errors of the parameters expected after each."""
     from pliant.cli.output import aligned
 
     say(

@@ -91,8 +91,8 @@ def of_joints(estimated: xr.Dataset, name: str, end: str = "") -> np.ndarray:
 
 
 def report(estimated: xr.Dataset) -> dict[str, float | int | str]:
-    """Return a dict that summarises an estimate: frames, consistency of the innovations, largest rates and disturbance
-    torques.
+    """Return a dict that summarises an estimate: the number of frames, whether the innovations are as large and as
+    white as the filter assumes, the largest joint rates [rad/s] and the largest disturbance torques [mN m].
     """
     import numpy as np
 

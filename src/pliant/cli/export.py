@@ -61,8 +61,8 @@ def export(
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
-    """Write the measured and modelled motion of a run as an MCAP file or a LeRobot data set. The values in `options`
-    are text.
+    """Write the measured and modelled motion of a run as an MCAP file or a LeRobot data set. The keys of `options` are
+    fit, records and fps (frames per second); their values are text.
     """
     from pliant.cli.figures import split
     from pliant.validation.export_results import export_results

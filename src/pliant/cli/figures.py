@@ -25,7 +25,7 @@ def figures(
     letters: Annotated[bool, typer.Option("--letters", help="Mark the panels (a), (b), ...")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the files as JSON.")] = False,
 ) -> None:
-    """Draw figures for a paper from the results of a study: motion, residual, path, torque law, order of the chain.
+    """Draw figures for a paper from the results of a study: motion, residual, path, torque law, number of links.
 
     Figures have no title, so that you can write the caption. At 88 mm width none is higher than 120 mm.
 

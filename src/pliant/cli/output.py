@@ -36,8 +36,8 @@ def save_trajectory(trajectory: xr.Dataset, path: Path) -> None:
 
 
 def table(trajectory: xr.Dataset) -> pd.DataFrame:
-    """Return a trajectory as a table with a row for each time and a unit in each name, as ``tip_position_link_5_x
-    (m)``.
+    """Return a trajectory as a table with one row for each time. Each column name ends in its unit, as
+    ``tip_position_link_5_x (m)``.
     """
     import pandas as pd
 
@@ -67,7 +67,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
 
 
 def base_of(model: Model) -> list[list[float]]:
-    """Return the positions in the plane of the body's origin and of its first joint, [[x, y], [x, y]] [m]."""
+    """Return the positions [m] of the body's base and of its first joint as [[x, y], [x, y]]."""
     return [[0.0, 0.0], model.first_joint.tolist()]
 
 
@@ -81,7 +81,7 @@ def write_figure(figure: Figure, path: Path) -> None:
 
 
 def largest(pressure: np.ndarray) -> float:
-    """Return the value with the largest magnitude, with its sign, so that a vacuum counts too."""
+    """Return the pressure farthest from zero, with its sign, so that a vacuum counts too."""
     return float(pressure.flat[abs(pressure).argmax()])
 
 
@@ -123,7 +123,7 @@ def print_numbers(
 
 
 def shown(value: Any) -> str:
-    """Return a value as text for a table: four digits, and a dash for None."""
+    """Return a value as text for a table: numbers with four digits, yes or no for a bool, a dash for None."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):

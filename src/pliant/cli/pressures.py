@@ -53,8 +53,8 @@ def pairs(option: str, text: str) -> dict[str, str]:
 
 
 def drives(text: str) -> dict[str, str | int] | None:
-    """Parse which recorded pressure (name, or index from 0) drives each chamber of the model; return None for an empty
-    text.
+    """Return which recorded pressure (name, or index from 0) drives each chamber, from a text such as
+    "left=p1,right=0". For an empty text return None.
     """
     if not text:
         return None

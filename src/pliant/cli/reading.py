@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def load_mapping(path: Path | None) -> dict[str, Any] | None:
-    """Return the mapping in a TOML file; None if `path` is None."""
+    """Return the mapping (columns and units of a recording's file) that a TOML file states; None if `path` is None."""
     if path is None:
         return None
     entries: dict[str, Any] = read_entries(path, "mapping")
@@ -23,7 +23,7 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
 
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
-    """Read a recording, with the mapping in a TOML file if one is given."""
+    """Read a recording. `mapping` is an optional TOML file that states the columns and units of its file."""
     from pliant.sensing import read_shape
 
     with busy(f"reading {path.name}"):

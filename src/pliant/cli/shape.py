@@ -31,7 +31,7 @@ def shape(
     gauge_length: Annotated[float | None, typer.Option(help="Length over which the sensor averages, m.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the processing steps as JSON.")] = False,
 ) -> None:
-    """Convert a raw shape to a clean one with its base at the origin: find the tip, cut lead and tail, align.
+    """Convert a raw shape to a clean one with its base at the origin: find the tip, cut out the body, align.
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
@@ -75,7 +75,9 @@ def print_result(summary: list[str], status: str, history: list[str], output: Pa
 
 
 def direction(text: str) -> str | list[float]:
-    """Return 'x,y,z' as a list of three numbers; return any other text unchanged, as the name of a method."""
+    """Return 'x,y,z' as a list of three numbers. Any other text, the name of an axis or a method, is returned
+    unchanged.
+    """
     parts = text.split(",")
     try:
         return [float(p) for p in parts] if len(parts) == 3 else text

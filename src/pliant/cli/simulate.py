@@ -91,7 +91,9 @@ def with_load(model: Model, grams: float) -> Model:
 
 
 def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[PointForce, ...]:
-    """Return the force of ``FX,FY[@POINT]`` from `start` to `stop` [s]; () for an empty text."""
+    """Return a tuple with the constant force [N] that the text ``FX,FY[@POINT]`` states, acting from `start` to `stop`
+    [s]; () for an empty text.
+    """
     import numpy as np
 
     from pliant.simulation.forces import PointForce
@@ -108,7 +110,7 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
 
 
 def own_levels(model: Model) -> list[float]:
-    """Return default pressures [Pa] for a model: the first chamber bends it by 0.5 rad, the others are at 0."""
+    """Return a default pressure [Pa] for each chamber: the first bends the model by up to 0.5 rad, all others are 0."""
     from pliant.simulation.state import first_alone, typical_pressure
 
     level = typical_pressure(model)
@@ -120,7 +122,9 @@ def own_levels(model: Model) -> list[float]:
 def measured_pressures(
     path: Path, model: Model, drive: str, duration: float | None, step: float | None
 ) -> tuple[list[Input], Any]:
-    """Return the recorded pressure for each chamber, and the output times (T,) [s] from its first sample on."""
+    """Return the recorded pressure for each chamber of the model, and the times (T,) [s] of the simulated motion, which
+    begin at the first pressure sample.
+    """
     from pliant.identification.drives import measured
     from pliant.recording import read
     from pliant.simulation import Trace

@@ -1,4 +1,4 @@
-"""`pliant sync`: estimate the offset of a pressure log's clock from the clock of a shape."""
+"""`pliant sync`: estimate the offset between the clocks of a pressure log and a recorded shape."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def sync(
     figure: Annotated[Path | None, typer.Option(help="Figure of the clocks (.png, .svg or .pdf).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Estimate the offset between the clocks of a pressure log and a shape, from when the body moves.
+    """Estimate the offset between the clocks of a pressure log and a recorded shape by comparing pressure and motion.
 
     Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
     """

@@ -21,12 +21,12 @@ QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 def say(text: object = "", *, error: bool = False) -> None:
-    """Print a text to standard output, or to standard error, with each line passed through `escaped`."""
+    """Print a text, with control characters escaped, to standard output or, with `error=True`, to standard error."""
     typer.echo("\n".join(escaped(line, "line") for line in str(text).split("\n")), err=error)
 
 
 def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with the option ``--quiet`` added, by which it prints only its result."""
+    """Return the command with an added option ``--quiet``, with which it prints only its result."""
 
     @wraps(command)
     def run(*args: Any, quiet: bool = False, **options: Any) -> None:
@@ -84,7 +84,7 @@ def busy(what: str) -> Iterator[None]:
 
 @contextmanager
 def progress_lines() -> Iterator[Callable[[str], None]]:
-    """Yield a function that prints one line of progress to standard error, with the elapsed time if that is a terminal.
+    """Yield a function that prints one line of progress to standard error. On a terminal the elapsed time is shown too.
 
     With `--quiet` the function prints nothing.
     """

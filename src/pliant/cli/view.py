@@ -24,8 +24,7 @@ def view(
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
-    """Open a page where the model runs, with sliders for pressures, parameters and gravity; pull the body with the
-    mouse.
+    """Open a page where the model runs: sliders set pressures, parameters and gravity; the mouse pulls the body.
 
     Needs the optional packages of the extra view. The page is accessible from this machine only, until this program
     ends (Ctrl-C).

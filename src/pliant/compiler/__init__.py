@@ -1,3 +1,3 @@
-"""Compilation of numerical kernels: by Numba, as straight-line code, for SIMD vectors, for dual numbers, and
-translation to C.
+"""Compilation of numerical kernels, which are plain Python functions on arrays. Numba compiles them for floats, SIMD
+vectors and dual numbers, partly as straight-line code without loops. They can also be translated to C.
 """

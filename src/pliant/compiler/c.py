@@ -66,8 +66,8 @@ class CWriter(Expressions):
         return frame.result
 
     def passed(self, value: Any, name: str, *, changes: bool) -> Any:
-        """Return an argument of an inlined call as a C variable, which is a copy where the called function might change
-        it.
+        """Return an argument of an inlined call as a C variable. It is a copy if the called function might change the
+        original.
         """
         if changes and isinstance(value, (Real, float)):
             held = self.local(name)

@@ -118,8 +118,8 @@ class Expressions:
         return made
 
     def keep(self, value: Any, name: str) -> Any:
-        """Copy a value to a new local C variable and return this variable, so that later changes of the source have no
-        effect.
+        """Copy a value to a new local C variable and return this variable. Later changes of the original do not affect
+        it.
         """
         if isinstance(value, Real):
             held = self.local(name)
@@ -208,8 +208,8 @@ class Expressions:
         return self.both((self.value(frame, part) for part in node.values), stops=isinstance(node.op, ast.Or))
 
     def both(self, values: Iterable[Any], *, stops: bool = False) -> Any:
-        """Return the logical "and" of conditions (with `stops`, the "or"): True or False if it is known, else a C
-        condition.
+        """Join conditions by "and", or by "or" if `stops` is True. Return True or False if the result is known, else a
+        C condition.
         """
         open_ones = []
         for value in values:
@@ -252,8 +252,8 @@ class Expressions:
         return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")
 
     def cosine_and_sine(self, angle: str) -> tuple[Real, Real]:
-        """Return two C variables with cosine and sine of `angle`, computed by one call when both are needed in
-        succession.
+        """Return two C variables that hold cosine and sine of `angle`, computed by one C call. The call is not repeated
+        if it was just written for the same angle.
         """
         if self.angle[0] != angle or len(self.lines) - self.angle[1] > 1:
             number = self.fresh()

@@ -142,7 +142,7 @@ def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
 
 
 def taken(handle: IO[bytes], wait: float) -> bool:
-    """Return whether an open file could be locked against other processes within `wait` seconds."""
+    """Lock an open file against other processes, and return whether this succeeded within `wait` seconds."""
     end = monotonic() + wait
     while True:
         try:

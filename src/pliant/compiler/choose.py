@@ -1,4 +1,5 @@
-"""Choice of the compiled form of a kernel: `twin` returns it with the fastest time step for the number of links.
+"""Choice of the compiled form of a kernel: `twin` returns the form whose time step is fastest for the chain's number of
+links.
 
 Chains with few links use the dense step, long chains use articulated bodies. Both are compiled as straight-line code up
 to a number of links, beyond which compiling takes too long and loops are used.
@@ -125,8 +126,8 @@ def straight(
 
 
 def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
-    """Return the part of a compiled kernel's name that states the chain size: links, extensible segments, joint angles,
-    tendons, and which laws the segments have.
+    """Return the part of a compiled kernel's name that states its chain: the numbers of links, extensible segments,
+    angles per joint and tendons, and whether the segments have nonlinear springs or hysteresis.
     """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
     return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
@@ -169,8 +170,8 @@ def substitutes(
 
 
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
-    """Return the compiled form of a kernel for chains in space of the given `sizes` (links,
-    segments, turns, tendons).
+    """Return the compiled form of a kernel for chains in space. `sizes` are the numbers of links, extensible segments,
+    angles per joint, and tendons.
     """
     lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:

@@ -42,7 +42,7 @@ class Dual(Wide):
 
     @property
     def cos_sin(self) -> Any:
-        """The function of cosine and sine that Numba compiles for dual numbers."""
+        """Return the Python function that Numba compiles to compute cosine and sine of a dual number."""
         return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
 
     mixes = True  # `llvm` does not convert float operands

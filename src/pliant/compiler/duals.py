@@ -94,8 +94,8 @@ def _run(*arguments):
 def dual_twin(
     kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
 ) -> Any:
-    """Return a kernel compiled for dual numbers: it takes arrays of floats (..., SLOTS), each row a value with its
-    derivatives.
+    """Return a kernel compiled for dual numbers. Its array arguments have an additional last axis of `SLOTS` floats,
+    which holds the value and the derivatives of one dual number.
 
     The sizes are those of `choose.twin`. `duals` makes such arrays.
 
@@ -123,7 +123,8 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
 
 
 def duals(values: Any, slopes: Array | None = None) -> Array:
-    """Return dual numbers as floats (..., SLOTS), from values (...) and their derivatives by P variables (..., P).
+    """Return dual numbers as an array of floats (..., SLOTS), from values (...) and their derivatives with respect to P
+    variables (..., P). The `SLOTS` floats of a dual number are its value, padding and its derivatives.
 
     `dual_twin` takes such arrays.
 

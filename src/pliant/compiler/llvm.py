@@ -1,4 +1,5 @@
-"""Compilation of a kernel's recorded operations (see `trace`), which are written directly as LLVM instructions.
+"""Compilation of a kernel from the list of its arithmetic operations, which the module `trace` has recorded. The
+operations are written directly as LLVM instructions.
 
 Numba compiles only the call. If the same operations were Python source, Numba would need up to six times as long. The
 operands may be floats, complex numbers and `simd` vectors: an operation is done in the wider type of its operands.
@@ -44,7 +45,9 @@ class LlvmWriter:
         self.angles: dict[int, Any] = {}
 
     def write(self) -> None:
-        """Write all needed operations as LLVM instructions, and store the results in the arrays of the arguments."""
+        """Write the LLVM instructions that compute the results of the kernel and store them in the arrays among its
+        arguments.
+        """
         for row in self.made.needed:
             self.values[row] = self.number(*self.made.rows[row])
         for where, mark in self.made.stores:

@@ -113,8 +113,8 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
 
 
 def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
-    """Return (element name, symbol) for every array element that a kernel has written, except in scratch arrays not in
-    `kept`.
+    """Return (element name, symbol) for every array element that a kernel has written. Of the scratch arrays, only
+    those named in `kept` count.
     """
     if isinstance(argument, tuple) and hasattr(argument, "_fields"):
         parts = zip(argument._fields, argument, before, strict=True)

@@ -127,8 +127,8 @@ def free_motion(
     recordings: Sequence[xr.Dataset], model: Model, *, false_alarms_per_hour: float = 1.0, noise: Noise | None = None,
     **options: Any,
 ) -> FreeMotion:
-    """Return noise, bias and thresholds of the external joint torques, from recordings in which nothing touches the
-    body.
+    """Return the statistics of the external joint torques in recordings without contact, and the thresholds of the
+    contact tests.
 
     The result holds the thresholds of both tests of `find_contact`: for sudden forces, and for lasting torques. The
     arguments are those of `find_contact`.
@@ -143,7 +143,9 @@ def free_motion(
 
 
 class FilteredFreeMotion(NamedTuple):
-    """Recordings without contact after the filter, from which thresholds for any false-alarm rate can be computed."""
+    """Results of the state filter for recordings without contact. Thresholds for any rate of false alarms are computed
+    from them.
+    """
 
     parts: list[FilteredMotion]
     answer: InnovationResponse
@@ -153,7 +155,9 @@ class FilteredFreeMotion(NamedTuple):
 def filtered_free_motion(
     recordings: Sequence[xr.Dataset], model: Model, noise: Noise, **options: Any,
 ) -> FilteredFreeMotion:
-    """Run the state filter over recordings without contact; return what the contact thresholds are computed from."""
+    """Run the state filter over recordings without contact. Return its results, from which the thresholds of the
+    contact tests are computed.
+    """
     parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
     answer = innovation_response(model, noise, measurement, step=options.get("step", 5e-3))
@@ -163,7 +167,9 @@ def filtered_free_motion(
 
 
 def free_motion_for_rate(filtered: FilteredFreeMotion, rate: float) -> FreeMotion:
-    """Return the thresholds of both contact tests for `rate` false alarms per hour."""
+    """Return the statistics of motion without contact, and thresholds at which each of the two contact tests (for
+    sudden forces, for lasting torques) gives `rate` false alarms per hour.
+    """
     parts = filtered.parts
     sudden = fit_sudden_test(filtered.answer, filtered.ratios, [p.motion for p in parts], rate)
     return fit_free_motion([p.torque for p in parts], [p.features for p in parts], sudden, rate=rate)
@@ -180,7 +186,9 @@ def check_frame_rate(estimated: xr.Dataset, period: float) -> None:
 
 
 class FilteredMotion(NamedTuple):
-    """A recording after the state filter, with the external torques and other inputs of the contact tests."""
+    """Results of the state filter for a recording: the external joint torques and the other inputs of the contact
+    tests.
+    """
 
     estimated: xr.Dataset
     torque: Array  # (T, n) N m, disturbance; (T, n + S) for an extensible body, with its strains last
@@ -190,15 +198,15 @@ class FilteredMotion(NamedTuple):
 
     @property
     def innovations(self) -> tuple[Array, Array, Array]:
-        """Return the filter's innovations, the mean square joint rate and the angles, as
-        `likelihood_ratio` takes them.
+        """Return the inputs of the test for sudden forces in each frame: the innovations of the filter, the mean square
+        joint rate and the link angles.
         """
         return self.estimated["innovation"].values, self.motion, self.angle
 
 
 def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: dict[str, Any]) -> FilteredMotion:
-    """Run the filter on a recording: return the estimated external torques, and the quantities that predict the model's
-    own error in these torques.
+    """Run the state filter on a recording. Return the external joint torques that it estimates, and regressors that
+    predict the model's own error in these torques.
     """
     if not noise.random_walk > 0:
         raise InputError(
@@ -217,7 +225,9 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
 
 
 class ContactEvent(NamedTuple):
-    """One contact: its frames of onset, alarm and end, and the earlier joint torques [N m] to subtract from its own."""
+    """One contact: the index of its first frame, of the frame of its alarm and of the frame after its last one. Also
+    the joint torques [N m] before the contact, which are subtracted from those during it.
+    """
 
     onset: int
     alarm: int
@@ -228,8 +238,8 @@ class ContactEvent(NamedTuple):
 def episodes(
     slow: Array, fast: Array, since: Array, left: Array, learnt: FreeMotion, scale: Array
 ) -> list[ContactEvent]:
-    """Return the contacts in order of time.
-    Each starts with an alarm and ends when its torques have vanished for some frames.
+    """Return the contacts in order of time. Each is detected by an alarm, and ends when the external torques have been
+    nearly zero for several frames.
 
     The torques before the onset are subtracted, reduced by their correlation over time; the limit for the end grows
     with the drift of free motion since then. Hysteresis leaves a small fraction of the largest torques, which counts as
@@ -255,13 +265,17 @@ def episodes(
 
 
 def last_zero(sums: Array, k: int) -> int:
-    """Return the index of the frame after the last zero of the cumulative sum up to frame k."""
+    """Return the index of the frame after the last zero of a cumulative sum over the frames up to frame k. Return 0
+    where the sum is never zero.
+    """
     at = np.flatnonzero(sums[: k + 1] <= 0)
     return int(at[-1]) + 1 if at.size else 0
 
 
 def external(model: Model, left: Array) -> dict[str, Any]:
-    """Return as dataset variables the joint torques (T, n) [N m] and axial forces (T, S) [N] that contact causes."""
+    """Return the joint torques (T, n) [N m] of n joints and the axial forces (T, S) [N] of S segments that contact
+    causes in T frames, as variables for a dataset.
+    """
     return {
         kind.names[3]: (("time", kind.over), left[:, kind.rows] / kind.lever, {"units": kind.units[2]})
         for kind in mechanics_of(model).kinds

@@ -24,11 +24,12 @@ MANY = 40  # number of peaks from which the tail is the upper quartile, else the
 
 @dataclass(frozen=True)
 class Sudden:
-    """Test for forces that begin suddenly: the likelihood ratio that occurs without contact, and the alarm threshold.
+    """Test for forces that begin suddenly: the level that its likelihood ratio rarely exceeds without contact, and the
+    alarm threshold.
 
     Attributes
     ----------
-    answer : Answer
+    answer : InnovationResponse
     size : (B,) array
         99 % quantile of the ratio at each level of motion in `answer`, not falling with motion.
     threshold : float
@@ -40,15 +41,16 @@ class Sudden:
     threshold: float
 
     def statistic(self, ratio: Array, motion: Array) -> Array:
-        """Return the likelihood ratio (T,) of each frame divided by its alarm threshold, which
-        depends on the motion.
+        """Return the likelihood ratio (T,) of each of T frames, divided by its alarm threshold, which depends on the
+        motion.
         """
         return np.asarray(ratio / self.size[self.answer.case(motion)] / self.threshold)
 
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Statistics of the external joint torques in motion without contact, and the thresholds of both contact tests.
+    """Statistics of the external joint torques in motion without contact, and the thresholds of the two contact tests:
+    for sudden forces and for lasting torques.
 
     Attributes
     ----------
@@ -92,7 +94,9 @@ class FreeMotion:
     extrapolated: bool
 
     def left_over(self, torque: Array, features: Array) -> Array:
-        """Return the external joint torques (T, n) minus the part that the model error in free motion explains."""
+        """Return the external torques (T, n) [N m] of n joints over T frames, minus the model error that the regressors
+        `features` predict.
+        """
         return np.asarray(torque - features @ self.weights)
 
     def scale(self, features: Array) -> Array:
@@ -102,8 +106,8 @@ class FreeMotion:
         return np.asarray(1.0 + self.growth * activity(features, self.covariance.shape[0], self.period))
 
     def drift(self, frames: Array) -> Array:
-        """Return the mean square drift of the torques without contact over `frames` frames, relative to half a
-        second's.
+        """Return the mean square by which the joint torques without contact drift over `frames` frames, divided by the
+        mean square for half a second.
 
         It grows linearly as for a random walk, from `change` itself up to the total scatter of the torques.
         """
@@ -111,16 +115,16 @@ class FreeMotion:
         return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
 
     def statistic(self, left: Array, features: Array) -> Array:
-        """Return Page's cumulative sum (T,) of the squared torques `left` (T, n) [N m], normalised by their scatter
-        without contact.
+        """Return Page's cumulative sum (T,) over T frames for the torques `left` (T, n) [N m] of n joints. It adds
+        their squares, normalised by the covariance without contact.
         """
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
         return cumulative(gain, CAP * self.threshold)
 
 
 def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: Array) -> Array:
-    """Return F regressors (T, F) that describe model error in free motion: chamber torques, and predicted angles and
-    rates.
+    """Return F regressors (T, F) over T frames that predict the model's error in motion without contact: functions of
+    the chambers' torques, and the joint angles and rates that the model predicts.
 
     They are the torque of each chamber, its square, its lagged values, and the joint angles and rates that the model
     predicts under the pressure. None of them depends on a contact.
@@ -137,8 +141,8 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
 
 
 def activity(features: Array, n: int, period: float) -> Array:
-    """Return for each frame the recent maximum (T,) [rad^2/s^2] of the mean square joint rate that
-    the model predicts.
+    """Return for each of T frames the largest mean square joint rate (T,) [rad^2/s^2] that the model predicts for this
+    frame and those shortly before it.
     """
     power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
     padded = np.concatenate([np.full(hold - 1, power[0]), power])
@@ -146,8 +150,8 @@ def activity(features: Array, n: int, period: float) -> Array:
 
 
 def growth_of(squares: Array, active: Array) -> tuple[float, float]:
-    """Fit squares = level (1 + growth activity) to squared torques and the activity of the motion; return level and
-    growth.
+    """Fit the line level * (1 + growth * activity) to squared joint torques, where activity is the recent maximum of
+    the mean square joint rate. Return level and growth.
     """
     from scipy.optimize import nnls
 
@@ -157,13 +161,16 @@ def growth_of(squares: Array, active: Array) -> tuple[float, float]:
 
 
 def normalised(left: Array, covariance: Array) -> Array:
-    """Return the mean square (T,) of torques `left` (T, n), normalised by their covariance (n, n)."""
+    """Return for each of T frames the mean square (T,) of the torques `left` (T, n) of n joints, whitened by their
+    covariance (n, n).
+    """
     white = np.linalg.solve(np.linalg.cholesky(covariance), left.T)
     return np.asarray(np.mean(white**2, axis=0))
 
 
 def cumulative(gain: Array, cap: float = np.inf) -> Array:
-    """Return the cumulative sum (T,) of Page's test: S_t = min(cap, max(0, S_{t-1} + gain_t)), from 0.
+    """Return the cumulative sum (T,) of Page's test over T frames, from the increments `gain` (T,): S_t = min(cap,
+    max(0, S_{t-1} + gain_t)). It starts from 0.
 
     With the cap, the sum falls below its threshold soon after the cause has ended.
     """
@@ -197,7 +204,8 @@ def blocks(values: Array, period: float) -> Array:
 def fit_free_motion(
     torques: list[Array], features: list[Array], sudden: Sudden, *, rate: float = 1.0, slack: float | None = None
 ) -> FreeMotion:
-    """Return the statistics and thresholds of both contact tests from recordings without contact.
+    """Return the statistics of the external joint torques in recordings without contact, and the thresholds of the two
+    contact tests: for sudden forces and for lasting torques.
 
     The residuals of each recording come from a regression on the others (on itself, if it is the only one), as for a
     new recording. Peaks of the cumulative sum exceed the threshold `rate` times per hour.
@@ -242,8 +250,8 @@ def fit_free_motion(
 
 
 def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
-    """Return the fraction of the residual torques that remains after half a second, and the
-    covariance of their change.
+    """Fit the residual torques of n joints as a fraction of those half a second earlier plus a random change. Return
+    the fraction, and the covariance (n, n) [N^2 m^2] of the change.
     """
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])
@@ -254,7 +262,9 @@ def changes(left: list[Array], active: list[Array], growth: float, period: float
 
 
 def running_mean(values: Array, period: float) -> Array:
-    """Return for each frame the mean (T, n) of the values in the last `BEFORE` seconds, or since the start."""
+    """Return for each of T frames the mean (T, n) of n quantities `values` (T, n) over the last `BEFORE` seconds, or
+    since the start where that is shorter.
+    """
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
     first = np.maximum(np.arange(len(values)) + 1 - frames_of(BEFORE, period), 0)
     return np.asarray((total[1:] - total[first]) / (np.arange(len(values)) + 1 - first)[:, None])

@@ -50,12 +50,12 @@ class InnovationResponse:
 
     @property
     def windows(self) -> list[int]:
-        """Return the numbers of frames since the onset of the force that the test tries."""
+        """Return the times since the onset of a force that the test tries, as numbers of frames."""
         return windows_of(self.period)
 
     def case(self, motion: Array) -> Array:
-        """Return for each frame the index (T,) of the tabulated response whose mean square joint rate is closest to
-        `motion`.
+        """Return for each of T frames the index (T,) of the tabulated response for the mean square joint rate that is
+        closest to `motion` (T,) [rad^2/s^2].
         """
         edges = np.sqrt(np.maximum(self.motion[1:], 1e-3) * np.maximum(self.motion[:-1], 1e-2))
         return np.searchsorted(edges, motion)
@@ -67,12 +67,16 @@ def frames_of(seconds: float, period: float) -> int:
 
 
 def windows_of(period: float) -> list[int]:
-    """Return the times since onset that the test tries (`WINDOWS`) as numbers of frames, rising, without duplicates."""
+    """Return the times since the onset of a force that the test tries (`WINDOWS`), as increasing numbers of frames
+    without duplicates.
+    """
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
 def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
-    """Return the response of the stationary filter to a torque step at rest, for each speed of motion in `MOTIONS`."""
+    """Return the response of the filter's innovations to a step of the joint torques, for each mean square joint rate
+    in `MOTIONS`. The rate only affects the noise of the filter; the body is in equilibrium.
+    """
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
@@ -81,7 +85,9 @@ def innovation_response(model: Model, noise: Noise, measurement: Measurement, *,
 
 
 def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
-    """Return the filter's whitened innovations (W, m, n) in W frames after a unit step of each of n joint torques."""
+    """Return the response (W, m, n) of the m whitened innovations of the filter to a unit step of each of n joint
+    torques, in the W frames after the step.
+    """
     n, rows = model.size, measurement.rows
     workspace = make_workspace(model, noise.states(model), len(rows))
     q = state.equilibrium(model)
@@ -118,8 +124,8 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 def likelihood_ratio(
     answer: InnovationResponse, model: Model, innovation: Array, motion: Array, angle: Array
 ) -> tuple[Array, Array]:
-    """Return for each frame the statistic (T,) of a force that recently began to act across the body, and its age in
-    frames.
+    """Return for each of T frames the test statistic (T,) of a force that began recently and acts perpendicular to the
+    body, and the most likely time (T,) since its onset, in frames.
 
     Without a force, the statistic for one position and onset is chi-square with one degree of freedom (in space, two).
     Forces along an extensible body are not tested, since every change of pressure produces them where the model's axial
@@ -153,5 +159,5 @@ def likelihood_ratio(
 
 
 def shifted(e: Array, frames: int) -> Array:
-    """Return innovations e (T, m) delayed by `frames`, with zeros before the first."""
+    """Return m innovations e (T, m) over T frames, delayed by `frames` frames. Zeros precede the first."""
     return np.concatenate([np.zeros((frames, e.shape[1])), e[: len(e) - frames]])

@@ -12,7 +12,8 @@ Array = np.ndarray
 
 
 def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
-    """Return the moment arm (P,) [m] about a joint of each of P forces across a continuously bending body.
+    """Return the moment arm (P,) [m] of each of P forces about the joint with the index `joint` (P,). The forces are
+    perpendicular to a continuously bending body.
 
     The force acts at u (P,) [m] beyond the joint, on the unstretched body. The angle between two links is a weighted
     mean of the body's curvature, with a hat function: it rises along the link before (at the base, at once) and falls
@@ -34,11 +35,13 @@ def mean_moment_arm(model: Model, joint: Array, u: Array) -> Array:
 
 
 def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid: bool = False) -> Array:
-    """Return the joint torques (T, P, 2, n) [m] of two unit forces at P points: to the left of the body, and towards
-    its tip.
+    """Return the moment arms (T, P, 2, n) [m] of forces at P points of the body about n joints, in T frames: the joint
+    torques per newton of a force to the left of the body, and of one towards its tip.
 
     For an extensible body (T, P, 2, n + S), followed by the generalised forces of the strains. In space (T, P, 3, N),
     for unit forces along the link's axes x and y and along the link, by all coordinates.
+
+    Source: virtual work, as `equations.extension.add_link_loads`
 
     Parameters
     ----------
@@ -50,8 +53,6 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
     rigid : bool
         Whether the body bends at its joints only. Otherwise `mean_moment_arm` holds at the two joints next to the
         force, times the stretch of the force's link.
-
-    Source: virtual work, as `equations.extension.add_link_loads`
     """
     n, chain = model.n, mechanics_of(model)
     stretch, frames = chain.stretches(angle), chain.link_frames(angle)
@@ -74,7 +75,9 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
 
 
 def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
-    """Return the displacement (T, P, S, d) [m] of P points by a unit strain of each of S segments."""
+    """Return the displacement (T, P, S, d) [m] of P points per unit strain of each of S segments, over T frames in d
+    dimensions.
+    """
     rows = np.arange(-1, model.n)
     length = np.append(model.base_length, model.link_length)
     way = np.where(rows < link[:, None], length, np.where(rows == link[:, None], along[:, None], 0.0))  # (P, n + 1)
@@ -82,7 +85,8 @@ def growth(model: Model, directions: Array, link: Array, along: Array) -> Array:
 
 
 def curve_at(model: Model, angle: Array, arc_length: float) -> tuple[Array, Array]:
-    """Return the point [m] and unit tangent, (2,) or (3,), at an arc length [m] of the smooth curve through the joints.
+    """Return the point [m] at an arc length [m] of the smooth curve through the joints, and the unit tangent there.
+    Both have the shape (2,), in space (3,).
 
     The curve is a cubic spline. For an extensible body, `angle` (n + S,) ends with its strains, and the arc length is
     on the unstretched body.

@@ -89,7 +89,9 @@ def steady(contact: xr.Dataset) -> Array:
 
 
 def dense(curve: Array, count: int = 40) -> Array:
-    """Return body curves (T, S, 2) [m] resampled to `count` points each by linear interpolation."""
+    """Return T body curves of S points, given as `curve` (T, S, 2) [m], resampled to `count` points each by linear
+    interpolation.
+    """
     position = np.linspace(0, curve.shape[1] - 1, count)
     left = np.minimum(position.astype(int), curve.shape[1] - 2)
     part = (position - left)[None, :, None]
@@ -106,7 +108,7 @@ def map_contacts(
 
     Parameters
     ----------
-    pokes : sequence of Dataset or Poke
+    pokes : sequence of xarray.Dataset or ProbingContacts
         Results of `find_contact`, one for each recording.
     cell : float
         Edge of a cell, m.
@@ -176,7 +178,9 @@ def axes(pokes: Sequence[ProbingContacts], cell: float, margin: float) -> tuple[
 
 
 def free_log_odds(contacts: ProbingContacts, x: Array, y: Array, cell: float, half_width: float) -> Array:
-    """Return the log-odds (y, x) of occupancy from the area that the body swept freely. Repeated sweeps count once."""
+    """Return the log-odds of occupancy, one number per map cell (y, x), from the area that the body swept. They are
+    negative there and 0 elsewhere. Repeated sweeps count once.
+    """
     points = refined_curves(contacts.curve[np.isfinite(contacts.curve).all(axis=(1, 2))], cell).reshape(-1, 2)
     inside = np.zeros((y.size, x.size), dtype=bool)
     reach = max(0, int(np.floor(half_width / cell)))
@@ -190,7 +194,9 @@ def free_log_odds(contacts: ProbingContacts, x: Array, y: Array, cell: float, ha
 
 
 def refined_curves(curve: Array, cell: float) -> Array:
-    """Return body curves (F, P, 2) [m] refined in time and along the body, so that they skip no cell [m] of the map."""
+    """Return F body curves of P points (F, P, 2) [m], interpolated in time and along the body so that they skip no map
+    cell of edge `cell` [m].
+    """
     gap = np.linalg.norm(np.diff(curve, axis=1), axis=2).max(initial=0.0)
     curve = dense(curve, max(curve.shape[1], int(np.ceil(curve.shape[1] * gap / cell)))) if gap > cell else curve
     parts = [curve[:1]]
@@ -202,8 +208,8 @@ def refined_curves(curve: Array, cell: float) -> Array:
 
 
 def touch_log_odds(contacts: ProbingContacts, x: Array, y: Array) -> Array:
-    """Return the log-odds (y, x) of occupancy from touched surface points: raised behind each point, spread by its
-    uncertainty.
+    """Return the log-odds of occupancy, one number per map cell (y, x), from touched surface points. They are raised
+    behind each point. The less certain its position, the wider and lower they are.
 
     Touches of one recording share the model's errors and are not independent, so that a cell gets the strongest one.
     """

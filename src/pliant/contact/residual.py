@@ -1,4 +1,4 @@
-"""External joint torques, which neither pressure nor material explains, from a motion or from a shape at rest."""
+"""Estimate external joint torques, which the model does not explain, from a motion or from shapes at rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 def momentum_residual(
     model: Model, time: Array, angle: Array, rate: Array, pressure: Array, *, bandwidth: float = 40.0
 ) -> Array:
-    """Estimate the external joint torques (T, n) [N m] over time by a generalised-momentum observer.
+    """Estimate the external torques (T, n) [N m] of n joints over T frames by a generalised-momentum observer.
 
     r = K_O [p - p(0) - int(p_dot of the model + r) dt],  so that dr/dt = K_O (tau_ext - r)
 
@@ -65,7 +65,8 @@ def momentum_residual(
 
 
 def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
-    """Return the external joint torques (T, n) [N m] of a body at rest: stiffness torque - actuation torque + gravity.
+    """Return the external torques (T, n) [N m] of n joints for T shapes of a body at rest: stiffness torque - actuation
+    torque - torque of the weight.
 
     Parameters
     ----------

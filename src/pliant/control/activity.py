@@ -13,8 +13,8 @@ STILL_S = 0.5  # s after the last change of the target, from which the command i
 
 
 def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float | None:
-    """Return the settling time [s] of a step: the time after which the tip stays within 2 % of the step; None if it
-    does not.
+    """Return the settling time [s] of the tip after a step of its target, or None if the tip does not settle. From this
+    time on the tip deviates from the target by at most 2 % of the step.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float 
 
 
 def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]]) -> list[float | None]:
-    """Return the settling time [s] for each set-point (time s, displacement m) of a run; None where the tip does not
-    settle.
+    """Return the settling time [s] of the tip after each change of the set-point in a run. It is None where the tip
+    does not settle. A set-point is a pair (time [s], displacement [m]).
 
     The first step begins at 0 m.
 
@@ -58,7 +58,8 @@ def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]
 
 
 def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
-    """Return root-mean-square changes and the standard deviation [Pa] of a command, at rest and in motion.
+    """Return three measures [Pa] of how much a command changes: its root-mean-square change per control period while
+    the target is at rest, the same while the target moves, and its standard deviation while the target is at rest.
 
     Parameters
     ----------

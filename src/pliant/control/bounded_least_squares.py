@@ -10,7 +10,8 @@ Array = np.ndarray
 def bounded_least_squares(
     H: Array, b: Array, start: Array, highest: float | Array, lowest: float | Array = 0.0
 ) -> Array:
-    """Return the x (F,) between `lowest` and `highest` that minimises 1/2 x^T H x - b^T x, by projected Newton steps.
+    """Return the F unknowns x (F,) that minimise 1/2 x^T H x - b^T x between the bounds `lowest` and `highest`, by
+    projected Newton steps.
 
     H (F, F) must be positive definite; `start` (F,) is the initial guess.
 

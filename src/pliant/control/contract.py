@@ -35,14 +35,14 @@ class Controller(Protocol):
 
     @property
     def target(self) -> float | Array:
-        """Present target: displacement of the tip [m] for one chamber, or the values (m,) [m, rad] of m outputs for
-        several.
+        """Present target. If one chamber moves the tip along its path, this is the displacement of the tip [m].
+        Otherwise it is the change from rest of each of m outputs (m,), such as a tip coordinate [m] or an angle [rad].
         """
 
     @property
     def error(self) -> float | Array:
-        """Present control error: of the tip along its path [m] for one chamber, or of m outputs (m,) [m, rad] for
-        several.
+        """Control error at the last step, actual value minus target. If one chamber moves the tip along its path, this
+        is the error of the tip along the path [m]. Otherwise it is the error of each of m outputs (m,) [m or rad].
         """
 
     @property

@@ -31,7 +31,8 @@ SHOWN = 5  # equilibria whose margins are shown
 
 @dataclass(frozen=True)
 class LqrDesign:
-    """A reference for every control period, the pressures that hold it, and the linear-quadratic regulator about it.
+    """Result of a regulator design: for every control period, the reference of the outputs, the pressures that hold
+    them there, and the linear-quadratic gains about this equilibrium.
 
     Attributes
     ----------
@@ -85,7 +86,9 @@ class LqrDesign:
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:
-        """Number of commands in transit to each chamber because of dead time and latency, in control periods."""
+        """Number of commands in transit to each chamber because of dead time and latency. One command is sent per
+        control period.
+        """
         late = (c.valve.dead_time + self.latency for c in self.model.chambers)
         return tuple(periods_late(t, self.period)[2] for t in late)
 
@@ -97,8 +100,8 @@ class LqrDesign:
 
     @cached_property
     def resting(self) -> Array:
-        """Steady regulator state (N, C) under a constant pressure of 1 kPa in each of C chambers, for valves and
-        commands in transit.
+        """Steady values (N, C) of the N regulator states: column c is for a constant pressure of 1 kPa in chamber c of
+        C and none in the others. Only valve states and commands in transit are filled in; the other states are 0.
         """
         made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
         for sizes, held in ((self.orders, 1), (self.waiting, None)):  # the valve's pressure is 1, its rate is 0
@@ -114,7 +117,9 @@ class LqrDesign:
         return np.minimum(np.arange(first, first + count), len(self.at) - 1)
 
     def shift(self, k: int) -> Array:
-        """Return the change (N,) of the state's deviation from period k to k + 1 that the moving reference causes."""
+        """Return how much the N regulator states change (N,) relative to the reference because the reference moves from
+        period k to k + 1.
+        """
         then, n = min(k + 1, len(self.at) - 1), self.model.size
         out = self.gains[self.at[k]].A @ self.beside[k] - self.beside[then]
         out[:n] += self.angle[k] - self.angle[then]
@@ -147,8 +152,8 @@ def design_outputs(
     model: Model, outputs: tuple[str, ...], wanted: Array, limits: Limits, period: float, *,
     tuning: Tuning | None = None, latency: float = 0.0, path: bool = False,
 ) -> LqrDesign:
-    """Return a linear-quadratic regulator that makes outputs such as the tip position follow a reference, by one or
-    several pressures.
+    """Return a linear-quadratic regulator that uses one or several pressures to make outputs, such as the tip position,
+    follow a reference.
 
     Parameters
     ----------
@@ -212,8 +217,8 @@ def design_outputs(
 def design_lqr(
     model: Model, highest: float, period: float, *, tuning: Tuning | None = None, latency: float = 0.0, grid: int = 9,
 ) -> LqrDesign:
-    """Return a linear-quadratic regulator of the tip about its equilibria at pressures from 0 to `highest` [Pa], for
-    one chamber.
+    """Return a linear-quadratic regulator of the tip position for a model with one chamber. It is designed about
+    equilibria at pressures from 0 to `highest` [Pa].
 
     Parameters
     ----------
@@ -260,8 +265,8 @@ def design_lqr(
 
 
 def posts(wanted: Array, apart: int) -> Array:
-    """Return the indices of the periods about whose equilibria the model is linearised, from the reference `wanted` (K,
-    m).
+    """Choose the periods for which the model is linearised about its equilibrium, and return their indices. `wanted`
+    (K, m) is the reference of m outputs in K periods.
 
     They are the first and last period, those where the reference starts or stops moving, and every `apart`-th one while
     it moves.
@@ -273,12 +278,15 @@ def posts(wanted: Array, apart: int) -> Array:
 
 
 def between(rows: Array, knots: Array, values: list[Array]) -> Array:
-    """Return values (K, ...) for the periods `rows`, interpolated linearly from the `values` at the periods `knots`."""
+    """Return values (K, ...) at the K periods `rows`, interpolated linearly between the `values` at the periods
+    `knots`.
+    """
     return np.stack([np.interp(rows, knots, column) for column in np.array(values).T], axis=1)
 
 
 def look_ahead(design: LqrDesign) -> None:
-    """Compute the preview of the later reference for each period, and write it to design.lead and design.ahead.
+    """Compute, for each period, how the commands anticipate the later reference. Write the addition to the steady
+    pressures to `design.lead`, and the gradient of the cost with respect to the state to `design.ahead`.
 
     s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`.
     """

@@ -71,7 +71,9 @@ class Equilibria:
         return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
 
     def moved(self, displacement: Array) -> Array:
-        """Return the changes (K, 2) [m] of the tip position from rest for K displacements [m] along its path."""
+        """Return the displacement vectors (K, 2) [m] of the tip from its unpressurised position, for K distances
+        `displacement` [m] from that position.
+        """
         return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
 
     def at(self, pressure: float) -> tuple[Array, Array, Array]:

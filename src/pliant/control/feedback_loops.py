@@ -12,8 +12,8 @@ KILO = 1e3  # Pa in a kPa, the unit of pressures in states and gains
 
 
 def look(gains, row, geometry, known, rules, resting, memory):
-    """Compute the regulator's state deviation from the reference, and its commands [Pa] before limits; both are written
-    to `memory`.
+    """Compute the deviation of the regulator's state from the reference, and from it the commands [Pa] before limits.
+    Both are written to arrays in the tuple `memory`.
 
     `gains` are (K, slope, inverse, driven, row) of `Gains`, `row` is the row of an `LqrDesign` for this period, and
     `geometry` comes from `tip_geometry`. `memory` holds the workspace arrays (delayed commands, integrals, last
@@ -55,8 +55,8 @@ def look(gains, row, geometry, known, rules, resting, memory):
 
 
 def fill(away, first, scale, behind, queue, integral):
-    """Write valve pressures [kPa], commands in transit and error integrals to the regulator's state `away` (N,), from
-    index `first` on.
+    """Write the valve states [kPa, kPa/s], the commands in transit [kPa] and the error integrals to the N regulator
+    states `away` (N,), from index `first` on.
     """
     for i in range(len(behind)):
         away[first + i] = scale * behind[i]
@@ -69,8 +69,8 @@ def fill(away, first, scale, behind, queue, integral):
 
 
 def ask(row, scale, more, away, wish):
-    """Subtract the reference from the regulator's state `away` (N,) in place, and write the unlimited commands (C,)
-    [Pa] to `wish`.
+    """Subtract the reference from the N regulator states `away` (N,) in place. Write the commands (C,) [Pa] for C
+    chambers, before limits, to `wish`.
     """
     K, pressure, lead, beside, resting = row
     for i in range(len(away)):
@@ -85,10 +85,10 @@ def ask(row, scale, more, away, wish):
 
 
 def finish(gains, rules, memory):
-    """Apply the limits of pressure and slew rate to the commands, and integrate the output errors without windup.
-    Returns True if limited.
+    """Apply the limits of pressure and slew rate to the commands, and integrate the output errors with anti-windup.
+    Return True if a limit changed a command.
 
-    Returns True if a limit changed a command. At a limit, only errors that lead away from the limit are integrated.
+    At a limit, only errors that lead away from the limit are integrated.
     """
     K, _slope, _inverse, driven, _row = gains
     highest, reach, band, period, weight, waiting = rules

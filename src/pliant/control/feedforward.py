@@ -1,6 +1,4 @@
-"""Feedforward control: the pressure at which the model holds a target displacement of its tip, including its
-hysteresis.
-"""
+"""Feedforward control: the pressure at which the model, with its hysteresis, holds the tip at a target displacement."""
 
 from __future__ import annotations
 
@@ -60,8 +58,8 @@ class Feedforward:
         self.saturated = 0
 
     def pressure(self, displacement: float, period: float) -> float:
-        """Return the pressure [Pa] at which the model's tip is displaced by `displacement` [m] from rest, and advance
-        the hysteresis by `period` [s].
+        """Return the pressure [Pa] at which the model's tip is displaced by `displacement` [m] from rest. The stored
+        hysteresis states are advanced by `period` [s].
 
         The pressure is clipped to 0 ... highest, and `saturated` counts how often. For a model without hysteresis it is
         the static inverse.

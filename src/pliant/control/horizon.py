@@ -27,7 +27,8 @@ COARSE = 6e-3  # s, longest time step of the model
 
 
 class Ahead(NamedTuple):
-    """Predicted motion at the ends of K periods, and its derivatives by the commands of C chambers at J nodes (times).
+    """Predicted motion at the ends of K periods, and its derivatives with respect to the commands of C chambers at J
+    node times.
 
     Commands are in Pa. There are C chambers, J nodes and N coordinates; the derivatives by the commands of all chambers
     at one node are adjacent.
@@ -44,7 +45,7 @@ class Ahead(NamedTuple):
 
 
 class Horizon:
-    """Predictor of the motion under commands that vary linearly between J nodes, for predictive control.
+    """Predictor of the motion, for predictive control, under commands that vary linearly between J node times.
 
     Parameters
     ----------
@@ -77,13 +78,14 @@ class Horizon:
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
 
     def later(self, nodes: Array, age: int) -> Array:
-        """Return the node commands (J, C) [Pa] of an earlier plan, shifted by its age of `age`
-        periods to the present.
+        """Return the commands (J, C) [Pa] of C chambers at the present J node times, interpolated from the commands
+        `nodes` of a plan that was made `age` periods ago.
         """
         return np.asarray(self.straight[np.minimum(age + self.stage * np.arange(self.nodes), self.periods - 1)] @ nodes)
 
     def predict(self, state: State, valves: list[Array], waiting: list[Array], nodes: Array) -> Ahead:
-        """Predict the motion from `state` under the commands `nodes` (J, C) [Pa] at J nodes for C chambers.
+        """Return the motion predicted from `state` under the commands `nodes` (J, C) [Pa] of C chambers at J node
+        times.
 
         `valves` are the states of each chamber's valve, `waiting` the delayed commands to each chamber, youngest first.
         """
@@ -142,8 +144,8 @@ class ValveLine:
         self._march = twin(horizon_loops.valve_ahead)
 
     def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the chamber's mean pressure in each of K periods (K,) [Pa] and the final valve states (r,), each with
-        its derivatives.
+        """Return the chamber's mean pressures (K,) [Pa] in K periods and the r valve states (r,) at the end, each
+        followed by its derivatives with respect to the commands at the nodes.
 
         Returns the mean pressure in each period, its derivatives (K, J) by the commands at the nodes, the states at the
         end and their derivatives (r, J). `sent` holds the delayed commands, oldest first, and those of the K periods;
@@ -167,7 +169,7 @@ class ValveLine:
 
 
 def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
-    """Return two linear valves: the one while the chamber empties, and the one while it fills."""
+    """Return two linear models of a valve: the first holds while the chamber empties, the second while it fills."""
     known = supply or supply_of(valve)
     if known is None:
         return valve, valve
@@ -178,13 +180,13 @@ def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
 
 
 def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
-    """Return the static torque (K,) [N m] of a chamber at pressures (K,) [Pa], and its derivative (K,) [N m/Pa]."""
+    """Return the static torque (K,) [N m] of a chamber at K pressures (K,) [Pa], and its derivative (K,) [N m/Pa]."""
     return pressure * chamber.lever_at(pressure), chamber.law_slope(pressure)
 
 
 def alone(rows: Array, chamber: int, chambers: int) -> Array:
-    """Return derivatives (R, J C) by the commands of all C chambers from those (R, J) of one
-    chamber; the others are 0.
+    """Extend the derivatives `rows` (R, J) of R values with respect to J commands of one chamber to (R, J C), for the
+    commands of all C chambers. The added derivatives are 0.
     """
     out = np.zeros((*rows.shape, chambers))
     out[:, :, chamber] = rows

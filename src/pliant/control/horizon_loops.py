@@ -6,13 +6,13 @@ from pliant.equations.linearised import step_jacobian
 
 
 def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
-    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives by N command
-    parameters to `slopes`.
+    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives with respect to N
+    command parameters to `slopes` (K, r, N).
 
     Each period begins under the previous command and ends under the next one: `sent` (K + 1,) holds the commands in
     order, and `by_node` (K + 1, N) their derivatives. `pieces` are (A, B), of shapes (2, 2, r, r) and (2, 2, r): the
     exact step of each part of a period, for a command below and above the pressure. `state` (r,) is updated in place;
-    `scratch` is (r, N + 1). The results are written to `values` (K, r) and `slopes` (K, r, N).
+    `scratch` is (r, N + 1).
     """
     A, B = pieces
     r = len(state)
@@ -41,8 +41,8 @@ def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
 
 
 def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
-    """Integrate the motion over K steps of `h` [s], and write positions, rates (K, N) and step Jacobians to the given
-    arrays.
+    """Integrate the motion of N coordinates over K steps of `h` [s]. Write positions to `places` (K, N), rates to
+    `rates` (K, N) and the Jacobian of each step to `jacobians`.
 
     `x` and `v` (N,) are updated in place. `torque` (K, N + R) [N m] is held over each step, with tendon commands last.
     The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, work,

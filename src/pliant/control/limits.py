@@ -48,7 +48,7 @@ class Limits:
             )
 
     def each(self, count: int) -> Array:
-        """Return the highest commands (C,) of `count` inputs, in their SI units.
+        """Return the highest command of each of `count` inputs, as an array (count,) in the inputs' SI units.
 
         Raises InputError when the limits are given for another number of chambers.
         """

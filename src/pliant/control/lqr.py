@@ -27,9 +27,8 @@ Array = np.ndarray
 
 
 class Present(NamedTuple):
-    """Deviation of the estimated state from the reference in one control period.
-
-    The N states are those of `Gains`.
+    """Data of one control period: its index and gains, the shift of the actuator's rest shape from the model's, and the
+    pressures that compensate this shift.
     """
 
     k: int  # period of the design
@@ -100,23 +99,23 @@ class Lqr:
 
     @property
     def target(self) -> float | Array:
-        """Present target: changes (m,) of m outputs from rest [m, rad] or, for one chamber, the displacement of the tip
-        [m].
+        """Present target. If one chamber moves the tip along its path, this is the displacement of the tip [m].
+        Otherwise it is the change from rest of each of m outputs (m,), such as a tip coordinate [m] or an angle [rad].
         """
         along = self.design.along
         return self.design.wanted[self.period].copy() if along is None else float(along[0][self.period])
 
     @property
     def error(self) -> float | Array:
-        """Control error at the last step: of m outputs (m,) [m, rad] or, for one chamber, of the tip along its path
-        [m].
+        """Control error at the last step, actual value minus target. If one chamber moves the tip along its path, this
+        is the error of the tip along the path [m]. Otherwise it is the error of each of m outputs (m,) [m or rad].
         """
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)
 
     def step(self, time: float, state: State, pressure: float | Array) -> Array:
-        """Return the commands (C,) [Pa] for the period from `time` [s], for the estimated state and pressure readings
-        (C,) [Pa].
+        """Return the commands (C,) [Pa] of C chambers for the period that starts at `time` [s], from the estimated
+        state and the pressure readings (C,) [Pa].
         """
         now = self._present(time, state, pressure)
         self._wish(now, state)

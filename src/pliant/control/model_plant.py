@@ -91,10 +91,8 @@ class ModelPlant:
         return self._stepper.tips()[-1].copy()
 
     def advance(self, command: float | Array) -> tuple[float, Array, Array]:
-        """Hold the commands (C,) for one period, and return the readings: time [s], shape points (S, 2 or 3) [m],
-        pressures or tendon inputs (C,).
-
-        Returns the time of the shape [s], its points (S, 2), in space (S, 3) [m], and the pressures (C,) [Pa].
+        """Hold the commands (C,) of the C inputs for one period. Return the time [s] at its end, and noisy readings
+        of S points (S, 2 or 3) [m] of the shape and of the pressures or tendon inputs (C,) in SI units.
 
         Raises
         ------
@@ -115,8 +113,8 @@ class ModelPlant:
 
     @property
     def position(self) -> Array:
-        """Coordinates of the simulated actuator: absolute link angles (n,) [rad], then strains; in space the joint
-        coordinates (N,).
+        """Coordinates of the simulated actuator. In the plane they are the absolute angles [rad] of n links followed by
+        S strains, as one array (n + S,). In space they are N joint coordinates (N,).
         """
         return self._stepper.position.copy()
 
@@ -149,6 +147,8 @@ class ModelPlant:
         return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
-        """Return the true positions (S, 2 or 3) [m] of the simulated shape at the arc lengths `arc_length`."""
+        """Return the true positions (S, 2 or 3) [m] of S points of the simulated shape, at the plant's arc lengths
+        `arc_length` [m].
+        """
         known = mechanics_of(self._stepper.model).nodes(self._stepper.position)[self._first]
         return np.stack([np.interp(self.arc_length, self._ends, column) for column in known.T], axis=1)

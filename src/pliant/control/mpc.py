@@ -214,7 +214,9 @@ class Mpc(Lqr):
 
 
 def speeds(rows: Array, period: float) -> Array:
-    """Return the time derivatives, per second, of the rows (K, ...) of a path sampled at `period` [s]."""
+    """Return the rates of change per second (K, ...) of a path, from its values `rows` (K, ...) in K periods of
+    `period` [s].
+    """
     found = np.gradient(rows[:-1], period, axis=0)
     return np.concatenate([found, found[-1:]])
 

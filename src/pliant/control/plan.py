@@ -123,9 +123,10 @@ class Plan:
 
     @property
     def several(self) -> bool:
-        """Whether the task controls named outputs. If not, one chamber moves the tip along its path.
+        """Whether the task controls named outputs, such as tip coordinates. If not, one chamber moves the tip along its
+        path.
 
-        Otherwise one chamber moves the tip along its path.
+        It is True for several inputs, for a body that lengthens and for one in space.
         """
         return self.body.actuation.count > 1 or mechanics_of(self.body).lengthens or self.body.space is not None
 
@@ -143,7 +144,7 @@ class Plan:
 
     @property
     def levels(self) -> Array:
-        """Target values (k, m) of the task at its k times, for m outputs [m, rad].
+        """Target values (k, m) of m outputs [m or rad] at the k times of the task.
 
         Raises InputError when they do not fit the body.
         """
@@ -178,7 +179,9 @@ class Plan:
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
 
     def planned(self) -> Trajectory | None:
-        """Return the trajectory of the tip planned as fast as the limits allow, or None if the task needs none."""
+        """Return a planned trajectory of the tip within the limits, or None if the task needs none. The tip moves to
+        the task's set-points as fast as possible, or along its path.
+        """
         task = self.task
         if self.several or not task.planned or self.follows == "levels":
             return None

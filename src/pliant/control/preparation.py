@@ -64,7 +64,7 @@ class Prepared:
 
     @property
     def pipeline(self) -> Pipeline:
-        """Measurement, estimator and controller, as `ControlLoop` takes them."""
+        """Measurement, estimator and controller as one object, from which a `ControlLoop` is created."""
         return Pipeline(self.link_angles.frame, self.estimator, self.control, mechanics_of(self.body).dimension)
 
 

@@ -17,8 +17,8 @@ HUGE = 1e20  # limit of gradient and Hessian, beyond which the prediction counts
 
 
 class QuadraticProgram:
-    """Solver of min 1/2 z^T H z + g^T z with bounds 0 <= z <= highest and low <= D z <= high, set up once for many H,
-    g.
+    """Solver of the quadratic program min 1/2 z^T H z + g^T z with bounds 0 <= z <= highest and low <= D z <= high. It
+    is set up once and solves many programs that differ in H, g, low and high.
 
     Each solve starts from the last multipliers, and a second time from zero multipliers if it fails. The sparsity
     pattern never changes. The cost is divided by the geometric mean of its curvatures, so that a step size of 1 suits.
@@ -62,7 +62,8 @@ class QuadraticProgram:
         )
 
     def solve(self, H: Array, g: Array, low: Array, high: Array, start: Array) -> Array | None:
-        """Return the solution z (Z,) of the quadratic program, or None if OSQP did not reach its accuracy.
+        """Return the solution z (Z,) of the quadratic program in Z unknowns, or None if it could not be solved
+        accurately.
 
         `low` and `high` (R,) bound D z, and `start` (Z,) is the initial guess.
         """

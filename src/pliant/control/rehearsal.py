@@ -188,8 +188,8 @@ class Rehearsed:
         self.plant.displace(max((end - now for end in ends), key=lambda change: float(np.abs(change).max())))
 
     def wait(self, band: float, longest: float) -> float | None:
-        """Simulate until the control error stays within `band` [m] for 0.4 s, and return the time [s] to reach it; None
-        if it does not.
+        """Simulate until the control error has been within `band` [m] for 0.4 s. Return the time [s] after which it
+        stayed within the band, or None if it does not settle.
 
         Returns None if the error is not within the band after `longest` [s].
         """
@@ -265,8 +265,8 @@ def range_of(limits: Limits, unit: str) -> str:
 
 
 def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tuple[float | None, ...]:
-    """Return the settling time [s] of each set-point from the control errors (T,) [m]; None where the outputs do not
-    settle.
+    """Return the settling time [s] after each change of the set-point, computed from the control errors (T,) [m] in T
+    periods. It is None where the outputs do not settle.
 
     `begins` (k,) [s] and `levels` (k, m) [m] are the times and targets of the task.
     """

@@ -31,8 +31,8 @@ class Rest(NamedTuple):
 
 
 def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array:
-    """Return the m named outputs (..., m) at coordinates `angle` (..., N): tip_x, tip_y, tip_z [m]
-    or angle_sum [rad].
+    """Return the values (..., m) of m named outputs, among tip_x, tip_y, tip_z [m] and angle_sum [rad], at N model
+    coordinates `angle` (..., N).
     """
     tip = mechanics_of(model).tips(angle)[..., -1, :]
     last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
@@ -48,7 +48,8 @@ def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
 
 
 def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return the lengths and output indices from which the compiled kernels compute the named outputs.
+    """Return the data from which compiled kernels compute the named outputs: the actuator's geometry, such as its
+    lengths, and the indices of the outputs.
 
     They are the argument `geometry` of `observation.tip_outputs`.
     """
@@ -61,7 +62,8 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return the rates of m outputs, and the derivatives of outputs and rates, at coordinates x and rates v (K, N).
+    """Return, at K states with N coordinates `x` (K, N) and rates `v` (K, N), the derivatives of m outputs with respect
+    to `x`, the rates of the outputs, and the derivatives of these rates with respect to `x`.
 
     Returns
     -------
@@ -89,7 +91,9 @@ def output_weights(model: Model, outputs: tuple[str, ...]) -> Array:
 
 
 def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
-    """Return the static equilibrium of the model under the pressures (C,) [Pa], with its linearisation and outputs."""
+    """Return the static equilibrium of the model under pressures (C,) [Pa] in C chambers, with its linearisation and
+    outputs.
+    """
     linear = linearise(model, pressure)
     row = np.array([linear.row(name) for name in outputs])
     return Rest(
@@ -99,8 +103,8 @@ def rest_under(model: Model, pressure: Array, outputs: tuple[str, ...]) -> Rest:
 
 
 def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """Return the equilibrium whose outputs are closest to `wanted` (m,), at pressures between 0 and `highest` (C,)
-    [Pa].
+    """Return the equilibrium whose m outputs are closest to `wanted` (m,), with the pressures of C chambers between 0
+    and `highest` (C,) [Pa].
 
     Parameters
     ----------
@@ -138,7 +142,7 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
 
 
 def written(model: Model, values: Array) -> str:
-    """Return the input values (C,) of a model as text with units as in plots, such as "12.5 kPa"."""
+    """Return the values (C,) of a model's C inputs as text, in the units that plots use, such as "12.5 kPa"."""
     units = model.actuation.units
     if len(set(units)) == 1:
         return in_words(values, units[0])
@@ -146,8 +150,8 @@ def written(model: Model, values: Array) -> str:
 
 
 def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Array, start: Array) -> Rest:
-    """Return the equilibrium whose outputs are closest to `wanted` (m,), by Gauss-Newton steps from the pressures
-    `start` (C,) [Pa].
+    """Return the equilibrium whose m outputs are closest to `wanted` (m,). Gauss-Newton steps search for it from the
+    pressures `start` (C,) [Pa] of C chambers.
     """
     weight, rest = output_weights(model, outputs), rest_under(model, np.clip(start, 0.0, highest), outputs)
     for _ in range(ROUNDS):

@@ -155,7 +155,8 @@ class TaskValve(Entry):
 
 
 class ReceiverEntry(Entry):
-    """Table ``[receiver]`` of a control task file: settings of the program at the valves that receives the commands.
+    """Table ``[receiver]`` of a control task file: settings of the program that receives the commands and sets the
+    valves.
 
     `pliant.loop.receiver_of` uses them.
     """
@@ -257,7 +258,9 @@ class TaskFile(Entry):
 
     @property
     def supply(self) -> SupplyValve | dict[str, SupplyValve] | None:
-        """The test rig's valve for all chambers, its valves by chamber name, or None to use the model's valves."""
+        """The test rig's valves: one valve for all chambers, a dict from chamber name to valve, or None if the model's
+        valves are used.
+        """
         if self.valves:
             return {name: entry.supply for name, entry in self.valves.items()}
         return None if self.valve is None else self.valve.supply

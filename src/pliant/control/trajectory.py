@@ -144,7 +144,7 @@ class Planner:
         return self._followed(target, wanted, command)
 
     def path(self, displacement: Array) -> Trajectory:
-        """Plan the trajectory along a path, given as the tip's displacement (K,) [m] in each control period.
+        """Plan a trajectory in which the tip follows a path, given by its displacements (K,) [m] in K control periods.
 
         Raises
         ------

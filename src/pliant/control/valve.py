@@ -44,7 +44,9 @@ class SupplyValve:
 
     @property
     def mean(self) -> Valve:
-        """The valve with one natural frequency, the geometric mean of filling and emptying, for a linear design."""
+        """The valve with a single natural frequency, for linear designs: the geometric mean of the frequencies for
+        filling and for emptying.
+        """
         return Valve(
             natural_frequency=math.sqrt(self.rise_frequency * self.fall_frequency), damping_ratio=self.damping_ratio,
             dead_time=self.dead_time,
@@ -184,8 +186,7 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
 
 
 def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
-    """Return a valve's pressures (T,) [Pa] at the given times [s] under steps of the command, starting without
-    pressure.
+    """Return a valve's pressures (T,) [Pa] at T times (T,) [s] under steps of the command. It starts without pressure.
 
     From each of `edge_time` [s] on, the command is the corresponding `level` [Pa].
     """

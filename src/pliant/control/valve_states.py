@@ -88,8 +88,8 @@ class ValveObserver:
 
 
 def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Array, Array]:
-    """Return times [s] and pressures [Pa] behind a valve under one command (K,) [Pa] per `period` [s], without dead
-    time.
+    """Return times [s] and the pressures [Pa] behind a valve under K commands (K,) [Pa] that are held for `period` [s]
+    each. The valve's dead time is left out.
     """
     parts = max(1, round(period / FINE))
     pressure = valve.march(np.repeat(command, parts), period / parts, np.zeros(2))
@@ -97,8 +97,8 @@ def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Ar
 
 
 def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period: float, latency: float) -> Array:
-    """Return a valve's states (K, order) [Pa, Pa/s] at the start of each of K periods under the commands (K,) [Pa],
-    delayed by `latency` [s].
+    """Return a valve's pressure [Pa] and, at order 2, its rate [Pa/s] at the start of K periods, as states (K, order).
+    They follow the commands (K,) [Pa], delayed by `latency` [s] in addition to the dead time.
     """
     A, B, names = behind_valve(np.zeros((0, 0)), np.zeros(0), valve)
     out = np.zeros((command.size, len(names)))

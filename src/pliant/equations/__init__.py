@@ -1,4 +1,5 @@
-"""Equations of Section III of the paper, as one plain function per equation, in the paper's order and notation.
+"""Equations of Section III of the paper by Chen, Galloway and Godage: one plain function per equation, in the paper's
+order and notation.
 
 Source: Y. Chen, K. C. Galloway, I. S. Godage, "Efficient Reduced-Order Models for Soft Actuators".
 

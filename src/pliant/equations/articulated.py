@@ -38,7 +38,8 @@ def step_articulated(phi, w, h, torque, body, joints, work):
 
 
 def folded_step(phi, w, h, torque, body, joints, work):
-    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by h [s] in O(n) operations, for n >= 4.
+    """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by one step h [s], in O(n) operations. The
+    chain must have at least 4 links: for fewer, the scratch arrays are too small.
 
     This is `step_articulated` without the check of the number of links.
     """
@@ -81,12 +82,10 @@ def folded_step(phi, w, h, torque, body, joints, work):
 
 
 def fold(c, s, first_moment, length, diagonal, armature, F):
-    """First sweep of the O(n) step: eliminate the n links from tip to base, and write three coefficients of each link
-    to rows 0 to 2 of F.
+    """First sweep of the O(n) step: eliminate the n links from tip to base. Write three coefficients of each link, R_x,
+    R_y and 1/d, which describe how it responds to the links before it, to rows 0, 1 and 2 of F.
 
-    Rows 0, 1 and 2 of F receive R_x, R_y and 1/d of each link.
-
-    These three rows describe how each link responds to the links before it; `unfold` uses them.
+    `unfold` uses these three rows.
 
     Beyond joint k the minimum is 1/2 v^T P v + y p . v + 1/2 z y^2 in v = v_{k-1} and y = x_{k-1}.
     """
@@ -121,7 +120,8 @@ def fold(c, s, first_moment, length, diagonal, armature, F):
 
 
 def unfold(c, s, length, armature, F, G, a):
-    """Second sweep of the O(n) step: replace the right-hand side a (n,) by the changes of the link rates [rad/s].
+    """Second sweep of the O(n) step: solve for the changes of the n link rates [rad/s]. They overwrite the right-hand
+    side of the equations in a (n,), the impulses [N m s] of the step.
 
     F holds the coefficients written by `fold`.
 
@@ -150,7 +150,8 @@ def unfold(c, s, length, armature, F, G, a):
 
 
 def centrifugal_sums(c, s, first_moment, length, square, r, a):
-    """Subtract the centrifugal terms of the planar chain from r (n,), and write the difference to a (n,), in O(n).
+    """Subtract the centrifugal terms of a planar chain from the impulses r (n,) [N m s] of a time step, and write the
+    difference to a (n,), in O(n) operations.
 
     a_k = r_k - sum_j B_kj sin(phi_k - phi_j) square_j, with c = cos(phi), s = sin(phi) and `square` h times the squared
     rates.

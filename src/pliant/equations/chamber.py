@@ -252,10 +252,10 @@ def share_out(c, torque, gain, tau):
 
 
 def held_torques(h, pressure, actuation, state, tau):
-    """Write the mean joint torques tau (n,) [N m] over h [s] while each of the C chambers has a constant pressure,
-    `pressure` (C,) [Pa].
+    """Write the mean joint torques tau (n,) [N m] over h [s] at constant pressures `pressure` (C,) [Pa] of the C
+    chambers. The torques still vary, because a chamber's lagged pressure and wall stretch follow its pressure slowly.
 
-    The slow states `state` (C, 2) of the chambers are updated in place.
+    These two slow states of each chamber, `state` (C, 2), are updated in place.
     """
     for c in range(len(pressure)):
         p = pressure[c]

@@ -62,8 +62,8 @@ def momentum(phi, w, body, p):
 
 
 def momentum_rate(phi, w, t, body, rate):
-    """Write the rate (n,) [N m] of the generalized momentum that the joint torques t (n + 1,) and gravity cause without
-    contact.
+    """Write the rate (n,) [N m] that the generalized momentum of a planar chain would have without contact. t (n + 1,)
+    [N m] holds the net torques of the n joints and then a 0, because no joint follows the last link.
 
     d(M w)_k/dt = t_k - t_{k+1} - g_k - sum_l B_kl sin(phi_k - phi_l) w_k w_l + Q_k,  here with Q = 0
 

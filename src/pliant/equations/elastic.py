@@ -11,13 +11,12 @@ TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
-    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i, for angles q and bend
-    [rad], scalars or arrays.
+    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i. Both q and `bend` [rad]
+    are the joint angle from the rest shape, but hysteresis shifts the zero of q.
 
-    `q` [rad] is the joint's angle from where its spring is unloaded, `bend` [rad] the angle from the unloaded rest
-    shape. The two differ where hysteresis shifts the first. The number of terms beyond K q is `TERMS`. With K2 = K s
-    and K3 = K a the torque is K q (1 + s q + a q^2), which softens (s < 0) and then stiffens (a > 0) with the angle.
-    The paper has s = a = 0.
+    q and `bend` are scalars or arrays; without hysteresis they are equal. The number of terms beyond K q is `TERMS`.
+    With K2 = K s and K3 = K a the torque is K q (1 + s q + a q^2), which softens (s < 0) and then stiffens (a > 0) with
+    the angle. The paper has s = a = 0.
 
     K2 is multiplied by (2/3) r (2 + r) / (1 + r), r = 1 / sqrt(1 + R bend^2), R = (4 s / (3 f))^2. The slope of this
     term then goes from 0 at rest to -f K at large angles on the side that softens, and to f K on the other side. For
@@ -50,13 +49,13 @@ def spring_slope(i, joints, bend):
 
 
 def spring_slope_between(i, joints, bend, change):
-    """Return the derivative [N m/rad] of a spring's torque over one implicit time step by the joint angle `bend` [rad].
+    """Return the derivative [N m/rad], by the joint angle `bend` [rad], of the spring torque that an implicit time step
+    uses: torque + slope * `change` / 2, where torque and slope are those at `bend`.
 
     `bend` [rad] is the angle at which the step evaluates the spring, `change` [rad] twice the further turn of the joint
     to the angle that the step finds.
 
-    d/d(bend) of [torque + slope change / 2], both at `bend`: the slope of K and K2 plus K2 r^5 `change`, and
-    p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
+    It is the slope of K and K2 plus K2 r^5 `change`, and p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
     """
     r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     curved = r * (2.0 + r * r) * TWO_THIRDS * bend + r * r * r * r * r * change
@@ -71,8 +70,8 @@ def spring_slope_between(i, joints, bend, change):
 
 
 def spring_energy(i, joints, q, bend):
-    """Return the elastic energy [J] of the nonlinear spring of joint i, at angle q [rad] of its linear and `bend` of
-    its other terms.
+    """Return the elastic energy [J] of the nonlinear spring of joint i. Both q and `bend` [rad] are the joint angle
+    from the rest shape, but hysteresis shifts the zero of q.
 
     K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4, with q, bend and r as in `spring_torque`.
     """
@@ -87,7 +86,8 @@ def spring_energy(i, joints, q, bend):
 
 
 def joint_torques(phi, w, joints, torque, ahead, t):
-    """Write the net torque t (n,) [N m] of actuation, spring and damper at each joint, and 0 to t[n].
+    """Write the net torques [N m] of actuation, spring and damper at the n joints to the first n entries of t (n + 1,).
+    The last entry becomes 0, because no joint follows the last link.
 
     t_i = torque_i - spring_torque(q_i + ahead dq_i) - D_i dq_i
 
@@ -111,8 +111,8 @@ def joint_torques(phi, w, joints, torque, ahead, t):
 
 
 def joint_tangents(phi, w, joints, ahead, slope):
-    """Write the stiffness (n,) [N m/rad] of each joint's spring to `slope`, at the link angles phi + ahead w (`ahead`
-    [s]).
+    """Write the stiffness (n,) [N m/rad] of each joint's spring to `slope`. The link angles are phi + ahead w,
+    extrapolated by the time `ahead` [s] along the rates w.
 
     `joint_torques` gives the torques of the same springs.
     """
@@ -151,12 +151,11 @@ def bending_energy(phi, joints):
 
 
 def follows(phi, w, h, joints):
-    """Return whether a time step of h [s] is valid for a planar chain in the state (phi, w): no link turns too far and
-    every spring is stable.
+    """Return whether a time step of h [s] is valid for a planar chain with link angles phi and rates w: no link turns
+    by more than 1 rad in the step, and every spring has a positive stiffness.
 
-    The conditions are that no link turns by more than 1 rad in the step and that every spring has a positive slope.
-    Where segments lengthen, also that no strain changes by more than 1 and that no segment is compressed to below 5 %
-    of its length. Only real parts are compared.
+    Where segments lengthen, further conditions are that no strain changes by more than 1 and that no segment is
+    compressed to below 5 % of its length. Only real parts are compared.
     """
     for i in range(len(joints.theta0)):
         if not (abs((w[i] * h).real) <= 1.0 and tangent(i, phi, joints).real > 0.0):

@@ -23,10 +23,8 @@ from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 
 def place(x, v, ahead, body, joints, work):
-    """Write cosine, sine and stretch of each link, and of the part before joint 1, to `work`, at the extrapolated
-    coordinates x + ahead v.
-
-    `ahead` [s] extrapolates along the rates v.
+    """Write the cosine and sine of the angle, and the stretch, of each link and of the part before joint 1 to `work`.
+    The coordinates are x + ahead v, extrapolated by the time `ahead` [s] along the rates v.
     """
     n = len(joints.theta0)
     for k in range(n + 1):
@@ -42,8 +40,8 @@ def place(x, v, ahead, body, joints, work):
 
 
 def carried(body, work):
-    """Multiply vectors (work.ax, work.ay) of the n + 1 links by the constant inertia matrix B, and write the products
-    to work.bx, work.by.
+    """Multiply the constant inertia matrix B (n + 1, n + 1) by one vector per link, (work.ax, work.ay), and write the
+    products to work.bx and work.by. Row 0 belongs to the part before the first joint.
 
     b_k = sum_l B_kl a_l, with a the vectors in work.ax, work.ay and b those in work.bx, work.by.
 
@@ -67,8 +65,8 @@ def carried(body, work):
 
 
 def along_strain(s, body, work):
-    """Return the generalized force of strain number s due to the force vectors (work.bx, work.by)
-    of the n + 1 links.
+    """Return the generalized force of strain number s due to one force vector (work.bx, work.by) on the part before the
+    first joint and on each of the n links.
 
     sum_k a_ks e_k . b_k, with a_ks the fraction of link k that lies in segment s and e_k the direction of link k.
     """
@@ -160,10 +158,11 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def axial_forces(x, v, joints, torque, ahead, f):
-    """Net forces of drive, spring and damper along each strain, times its length, behind the n entries of f; N m.
+    """Write the net force of actuation, spring and damper along each of S strains, times the segment's length [N m], to
+    f (n + S,), behind the n entries of the link angles.
 
     The law of the springs is that of the joints, with the strain in the place of the angle: EA e (1 + s e + a e^2) with
-    bounded softening, see `elastic.spring_torque`. `ahead` [s] looks ahead along the rates v.
+    bounded softening, see `elastic.spring_torque`. `ahead` [s] extrapolates x along the rates v.
     """
     n = len(joints.theta0)
     for i in range(n, joints.hardening.shape[1]):
@@ -222,10 +221,10 @@ def step(x, v, h, torque, body, joints, work):
 
 
 def implicit_terms(half, body, joints, work, A):
-    """Add the damping, stiffness and gravity terms of an implicit step of 2 `half` [s] to the lower triangle of its
-    matrix A.
+    """Add the damping, stiffness and gravity terms of an implicit time step to the lower triangle of its matrix A.
+    `half` [s] is half of the step.
 
-    The terms are h/2 D + h^2/4 (K + G), with the step h = 2 `half`.
+    The terms are h/2 D + h^2/4 (K + G), with h = 2 `half`.
 
     G is the slope of gravity: h_k st_k (g_y cos - g_x sin) on the diagonal of the angles, a_ks h_k (g_x cos + g_y sin)
     between an angle and a strain. `work.a` holds the slopes of the joint springs [N m/rad].

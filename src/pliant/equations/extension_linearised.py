@@ -17,13 +17,13 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
-    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
-    and torques to J (3N, 2N).
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s]. Write the derivatives of the new x and v
+    (columns) by the old x, the old v and the torques (rows) to J (3N, 2N).
 
     `extension.step` makes the same step without derivatives. N = n + S, for n link angles and S strains.
 
-    J[v, u] = d(x', v')_u / d(x, v, t)_v: one row for each variable. t (N,) [N m] are additional torques of the joints
-    and strains, constant over the step.
+    J[v, u] = d(x', v')_u / d(x, v, t)_v. t (N,) [N m] are additional torques of the joints and strains, constant over
+    the step.
 
     Paper: Eq. (5) [eq:eom] of a body that lengthens, discretised and differentiated
     """
@@ -65,12 +65,12 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Subtract from row (N,) the change of the inertial impulse h f(v) [N m s] that a change work.t (N,) of the rates
-    causes.
+    """Subtract from `row` (N,), part of a row of the step's Jacobian, the change of the impulse [N m s] of the inertial
+    forces over the step when the rates v change by work.t (N,).
 
     work.t is overwritten.
 
-    work.v (N,) are the rates v, f the inertial forces at these rates, and h [s] the step.
+    work.v (N,) are the rates v, f(v) the inertial forces at these rates, and h [s] the step.
 
     The change is h/2 (f(v + t) - f(v - t)), which is exact because f is quadratic in the rates.
     """
@@ -132,7 +132,8 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """Add to the Jacobian J the effect of each link's own turn and stretch on the projection of the force on this link.
+    """Add to the step's Jacobian J the change of each link's own directions. The step projects the force on a link on
+    these directions, which turn and stretch with the link.
 
     The force is b - h h_k g, projected on the link's own directions n_k and e_k.
 
@@ -160,7 +161,7 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Write the derivatives of all links' velocity changes by coordinate number `row` to work.ax
+    """Write the derivatives of the velocity changes of all links in a time step, by coordinate number `row`, to work.ax
     and work.ay (n + 1,).
 
     The velocity change of link k is that of `met`.
@@ -181,8 +182,8 @@ def other_links(row, h, a, body, work):
 
 
 def seen(body, work, row):
-    """Subtract from row (N,) the generalized forces of the force vectors (work.bx, work.by) along each link angle and
-    strain.
+    """Subtract from `row` (N,), part of a row of the step's Jacobian, the generalized forces of the force vectors
+    (work.bx, work.by) on the links: one for each link angle, then one for each strain.
     """
     n = len(body.l) - 1
     for k in range(n):

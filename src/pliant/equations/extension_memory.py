@@ -1,4 +1,5 @@
-"""Hysteresis of segments that lengthen, beside that of the joints: the branches of `memory` on each axial strain.
+"""Hysteresis of a planar chain whose segments lengthen: creep and dry friction of each segment's strain, in addition to
+the hysteresis of the joints.
 
 Segment s carries EA r_s beside its spring, r_s being the sum of `memory` over creep branches and slip elements whose
 states are strains. The branches are those of `memory`, called on the rows of the strains with their own shares: within
@@ -25,7 +26,9 @@ from pliant.equations.symbols import MemoryLaw
 
 
 def relax_all(x, joints, past):
-    """Set the creep of all joints and segments to rest at x (n + S,)."""
+    """Set the creep states of all joints and segments to their equilibrium at the coordinates x (n + S,): n link angles
+    [rad], then S strains.
+    """
     n = len(joints.theta0)
     relax(x, joints, past)
     for i in range(n, len(x)):
@@ -34,9 +37,8 @@ def relax_all(x, joints, past):
 
 
 def move_states(h, joints, axial, past):
-    """Move the states of joints and segments, whose law is `axial`, by held.dq (N,) over h [s].
-
-    Returns the energy that is dissipated, J.
+    """Update the hysteresis states of joints and segments after their coordinates change by held.dq (N,) in h [s], and
+    return the dissipated energy [J]. `axial` is the hysteresis law of the segments.
     """
     n = len(joints.theta0)
     held = past.held
@@ -46,7 +48,11 @@ def move_states(h, joints, axial, past):
 
 
 def follow_all(x, change, joints, past):
-    """As `memory.follow_change`, of joints and segments: creep stays, slip elements follow a sudden change (n + S,)."""
+    """Update slip elements of joints and segments, and Bouc-Wen states of the joints, for an instantaneous change of
+    the coordinates from x by `change` (n + S,): n link angles [rad], then S strains.
+
+    Creep states do not change. `memory.follow_change` is the function for the joints alone.
+    """
     held = past.held
     angle = joints.base_angle
     before = 0.0 * change[0]
@@ -67,11 +73,13 @@ def follow_all(x, change, joints, past):
 
 
 def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
-    """`extension.step` with hysteresis of joints and segments: x, v (N,) and state (N, branches) advance by h [s].
+    """Advance coordinates x (N,), rates v (N,) and the hysteresis states of joints and segments in place by one step h
+    [s], and return the energy [J] lost to hysteresis.
 
-    As `memory.step_with_memory`, whose `past` has an `AxialMemoryLaw`, N rows of states and an `ExtensibleHeld`.
+    `past` (`symbols.Past`) holds an `AxialMemoryLaw`, the states (N, branches) and an `ExtensibleHeld`. The step is
+    `extension.step`, iterated as in `memory.step_with_memory`.
 
-    Returns the energy [J] that the branches dissipate, never negative; -1 where no agreement is found.
+    The returned energy is never negative. It is -1 where this iteration does not converge.
 
     Paper: Eq. (5) [eq:eom], of a body that lengthens, with the hysteresis that the paper leaves to later work
     """
@@ -114,7 +122,11 @@ def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
 
 
 def axial_agreement(v, h, axial, past, work, calm):
-    """As `memory.agreement`, of the segments with their law `axial`: the largest difference in any strain."""
+    """Return the largest mismatch, over all segments, between the hysteresis force that a time step assumed and that
+    after the step, divided by EA (a strain). Replace the assumed strain changes by those of the step.
+
+    `memory.agreement` is the function for the joints.
+    """
     worst = 0.0
     for i in range(len(past.held.theta0), len(past.held.q)):
         apart = update_turn(i, h * (v[i] - 0.5 * work.a[i]), axial, past, calm)

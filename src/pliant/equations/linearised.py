@@ -12,13 +12,12 @@ from pliant.numerics.ldl import ldl_solve
 
 
 def step_jacobian(phi, w, h, torque, body, joints, work, J):
-    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s], and write the step's derivatives by
-    phi, w and joint torques to J (3n, 2n).
+    """Advance link angles phi (n,) and rates w (n,) in place by one step h [s]. Write the derivatives of the new phi
+    and w (columns) by the old phi, the old w and the joint torques (rows) to J (3n, 2n).
 
     `motion.step` makes the same step without derivatives.
 
-    J[v, u] = d(phi', w')_u / d(phi, w, t)_v: one row for each variable. t_i [N m] is an additional torque of joint i,
-    constant over the step.
+    J[v, u] = d(phi', w')_u / d(phi, w, t)_v. t_i [N m] is an additional torque of joint i, constant over the step.
 
     Paper: Eq. (5) [eq:eom], discretised and differentiated
     """

@@ -23,8 +23,8 @@ AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of th
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Write the creep part of each joint's hysteresis angle as a linear function (slope, offset [rad]) of its mid-step
-    angle, over h [s].
+    """Write the creep torque of each joint, divided by the joint's stiffness K, as a linear function of its mid-step
+    angle, for a step of h [s]: `slope` (n,) and `offset` (n,) [rad].
 
     r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
 
@@ -41,8 +41,8 @@ def creep_lines(q, h, state, memory, slope, offset):
 
 
 def friction_line(e, q, dq, share, limit):
-    """Return slope and offset [rad] of a slip element's hysteresis angle, linear in the mid-step joint angle, over a
-    turn dq [rad] from q.
+    """Return slope and offset [rad] of a slip element's torque, divided by the joint's stiffness K, as a linear
+    function of the mid-step joint angle. The joint turns from q by dq [rad] in the step.
 
     `e` is the stretch of the element at the start, `limit` [rad] the stretch at which it slips. The pair describes r =
     slope q_m + offset, with q_m the joint angle in mid-step.
@@ -59,8 +59,8 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add the slip elements and Bouc-Wen to `slope` and `offset` (n,) [rad] of each joint's hysteresis angle, linear in
-    the mid-step angle.
+    """Add slip elements and Bouc-Wen to `slope` (n,) and `offset` (n,) [rad]: the hysteresis torque of each joint,
+    divided by its stiffness K, as a linear function of its mid-step angle.
 
     `creep_lines` writes slope and offset before.
 
@@ -109,10 +109,10 @@ def boucwen_decay(z, dq, memory):
 
 
 def decay_along(goal, turn, memory):
-    """Return the relative decay of the Bouc-Wen state over a step, from its undecayed mid-step value `goal` >= 0 and
-    the turn in its direction.
+    """Return the relative decay of a Bouc-Wen state in a time step. `goal` [rad] >= 0 is its absolute value in mid-step
+    if it did not decay; `turn` [rad] is the joint's turn in the direction of the state.
 
-    `goal` = |z_m| (1 + x) >= 0, and `turn` [rad] is the part of dq along z_m, with z_m and x as in `boucwen_decay`.
+    `goal` = |z_m| (1 + x) and `turn` is the part of dq along z_m, with z_m and x as in `boucwen_decay`.
     """
     rate = memory.boucwen_beta
     if turn.real > 0.0 and goal.real > 0.0:
@@ -301,10 +301,10 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
-    the assumed turns with `update_turn`.
+    """Return the largest mismatch, over all joints, between the hysteresis torque that a time step assumed and that
+    after the step, divided by K [rad]. Replace the assumed joint turns by those of the step.
 
-    The result is NaN where the step failed.
+    `update_turn` replaces the turns. The result is NaN where the step failed.
     """
     worst = 0.0
     rate = 0.0 * w[0]
@@ -318,9 +318,12 @@ def agreement(w, h, past, work, calm):
 
 
 def update_turn(i, turn, law, past, calm):
-    """Write the turn of row i over a step to held.dq, or its mean with the previous one if `calm` and they mismatch.
+    """Write the turn of joint i in a time step to held.dq[i], and return how much its hysteresis torque, divided by K
+    [rad], differs from the step's assumption. If it differs and `calm` is true, write the mean of this and the assumed
+    turn.
 
-    Returns the mismatch [rad] of its hysteresis angle between the step's assumption and the `law` at this turn.
+    The difference is that between the step's assumption and the `law` at this turn. For a segment, the turn is the
+    change of its strain.
     """
     held = past.held
     apart = size(apart_by(i, turn, law, past.state, held)).real
@@ -331,7 +334,9 @@ def update_turn(i, turn, law, past, calm):
 
 
 def apart_by(i, turn, memory, state, held):
-    """Difference [rad] between r of row i as the step took it and as it comes out of the `turn` made."""
+    """Return the hysteresis torque of joint i that a time step assumed, less that at the joint's actual `turn` [rad] in
+    the step, both divided by the stiffness K [rad].
+    """
     P = len(memory.creep_share)
     S = len(memory.slip_share)
     middle = held.q[i] + 0.5 * turn

@@ -155,10 +155,11 @@ def step(phi, w, h, torque, body, joints, work):
 
 
 def centrifugal(S, square, r, a):
-    """Write the forces r (n,) less the centrifugal terms, S times `square`, to a (n,). `square` (n,) are squared rates,
-    S is skew-symmetric.
+    """Subtract the centrifugal terms of a planar chain from the impulses r (n,) [N m s] of a time step, and write the
+    difference to a (n,).
 
-    a_k = r_k - sum_l S_kl square_l. S (n, n) is given by its lower triangle.
+    a_k = r_k - sum_l S_kl square_l. `square` (n,) holds the time step times the squared rates. S (n, n) [kg m^2] is
+    skew-symmetric and is given by its lower triangle.
     """
     n = len(r)
     for k in range(n):

@@ -155,10 +155,8 @@ def tip_outputs(angle, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Write the changes of the absolute link angles to turn (n + S,) [rad], for changes `rest_shift` (n,) [rad] of the
-    joints' rest angles.
-
-    The entries of the strains are not changed.
+    """Write the changes [rad] of the n absolute link angles to turn (n + S,) when the rest angles of the joints change
+    by `rest_shift` (n,) [rad]. The S entries of the strains are left unchanged.
     """
     total = 0.0
     for i in range(len(rest_shift)):

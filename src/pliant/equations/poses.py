@@ -1,5 +1,5 @@
-"""Static poses of a chain in space, under one load or as a sequence, each in equilibrium under its own torques and
-tendon inputs.
+"""Static poses of a chain in space: one equilibrium under a load, or a sequence of equilibria, each under its own
+torques and tendon inputs.
 
 The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
 coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
@@ -38,10 +38,10 @@ class Settling(NamedTuple):
 
 
 def forces_after(x, last, torque, load, body, joints, work, push):
-    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m], after a motion from `last`
-    (N,) to x.
+    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m]. The chain has moved there from
+    `last` (N,), which gives the direction of the tendons' friction.
 
-    The friction of tendons opposes this motion. The force is zero in equilibrium.
+    Friction opposes this motion. The force is zero in equilibrium.
 
     `load` (n + 1, 3, 5) holds the forces on the links.
     """
@@ -93,11 +93,11 @@ def largest_of(values):
 
 
 def settle(torque, body, joints, work, found, K):
-    """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,), and write the stiffness there to
-    K. Return 1 for success, else 0.
+    """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,): N torques [N m], then the inputs
+    [N] of R tendons. Write the stiffness there to K. Return 1 if the equilibrium is stable, else 0.
 
     found.last (N,) is the pose before, which gives the direction of friction. Newton's method; a move that increases
-    the residual is halved. Returns 1 where a stable equilibrium is found, else 0.
+    the residual is halved. Returns 0 also where no equilibrium is found.
     """
     x, last, push, move = found.at, found.last, found.push, found.move
     forces_after(x, last, torque, found.load, body, joints, work, push)
@@ -142,8 +142,8 @@ def reach(torque, before, parts, body, joints, work, found, K):
 
 
 def settle_all(torque, body, joints, work, found):
-    """Find the static pose under each row of the inputs `torque` (T + 1, N + R), each search starting from the pose
-    before.
+    """Find the static pose under each row of `torque` (T + 1, N + R): N torques [N m], then the inputs [N] of R
+    tendons. Each search starts from the pose before.
 
     found.x[0] (N,) is the given equilibrium of the first row, without friction. Returns the index of the first row
     without a stable equilibrium, or -1.

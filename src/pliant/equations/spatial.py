@@ -165,8 +165,8 @@ def carry(k, length, work):
 
 
 def inertia(quarter, body, work, A):
-    """Write the lower triangle of the implicit step's matrix A (N, N): the inertia M plus `quarter` [s^2] times the
-    gravity stiffness.
+    """Write the lower triangle of the matrix A (N, N) of an implicit time step h: the inertia M plus h^2/4 times the
+    gravity stiffness. `quarter` [s^2] is h^2/4.
 
     For coordinate i nearer to the base than j, M_ij = s_i . (J s_j + (r_j - r_i) x f_j) with f_j = s_j x C. The slope
     of gravity is s_i . (g x f_j), which equals a shift of r_j by `quarter` g. Between the two coordinates of a swing
@@ -264,7 +264,8 @@ def inertial_forces(x, v, body, work, f):
 
 
 def swing_rates(k, x, v, work):
-    """Add the swing of joint k to the angular velocity and acceleration in `work`, which proceed from link to link.
+    """Add the swing of joint k to the angular velocity and acceleration in `work`, which are summed over the joints
+    from base to tip.
 
     In the frame of the joint, at constant rates (da, db) of the swing, the derivative of J_l dv/dt by time is
     kappa (d3 b + c3 db, -(d3 a + c3 da), d2), with kappa = a db - b da and d_j the rate of c_j.
@@ -287,8 +288,8 @@ def swing_rates(k, x, v, work):
 
 
 def turn_on(axis, rate, work):
-    """Add a rotation at `rate` [rad/s] about a moving `axis` (3,) to the angular velocity and
-    acceleration in `work`.
+    """Add a rotation at `rate` [rad/s] about `axis` (3,) to the angular velocity and acceleration in `work`. The axis
+    itself turns with the angular velocity before this addition.
     """
     tx = axis[0] * rate
     ty = axis[1] * rate

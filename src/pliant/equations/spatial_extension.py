@@ -83,8 +83,8 @@ def add_strain_inertia(quarter, body, work, A):
 
 
 def inner_turns(s, quarter, body, work, row):
-    """Write the torques at joints nearer to the base, due to a unit acceleration of strain s, to the entries of the
-    angles in `row` (N,).
+    """Write the torque at each joint due to the lengthening of the links beyond it, per unit acceleration of strain s,
+    to the entries of the joint angles in `row` (N,).
 
     From tip to base, work.alpha holds the force and work.omega the moment about the origin of all links from k on, and
     work.along the inertial force along each link. The slope of gravity enters as in `spatial.moment_of_turn`.
@@ -121,8 +121,8 @@ def inner_turns(s, quarter, body, work, row):
 
 
 def outer_turns(s, body, work, row):
-    """Add the torques at joints nearer to the tip, due to a unit acceleration of strain s, to the entries of the angles
-    in `row` (N,).
+    """Add the torque at each joint due to the lengthening of the parts before it, per unit acceleration of strain s, to
+    the entries of the joint angles in `row` (N,).
 
     From base to tip, work.lift holds the acceleration of joint k. The forces along the links, work.along, are updated
     too.

@@ -11,14 +11,13 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 
 def step_jacobian(x, v, h, torque, body, joints, work, slopes):
-    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s], and write the step's derivatives by x, v
-    and inputs to slopes.J.
+    """Advance coordinates x (N,) and rates v (N,) in place by one step h [s]. Write the derivatives of the new x and v
+    (columns) by the old x, the old v, the torques and the inputs of R tendons (rows) to slopes.J (3N + R, 2N).
 
     `spatial.step` makes the same step without derivatives.
 
-    slopes.J (3N + R, 2N) has one row for each variable: J[i, k] = d(x', v')_k / d(x, v, t)_i. t are additional torques
-    (N,) [N m] along the coordinates and then commands (R,) [N] of tendons, constant over the step. `slopes` is a
-    `symbols.SpatialSlopes`.
+    J[i, k] = d(x', v')_k / d(x, v, t)_i. t are additional torques (N,) [N m] along the coordinates and then inputs (R,)
+    [N] of tendons, constant over the step. `slopes` is a `symbols.SpatialSlopes`.
 
     Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions (1998)
     """
@@ -65,10 +64,10 @@ def tip_outputs(x, strain, geometry, out):
 
 
 def turned(rest_shift, turn):
-    """Copy the shifts of the rest angles [rad] to `turn`. In space, unlike in the plane, they shift the coordinates
-    directly.
+    """Write the changes [rad] of the joint angles to `turn` when the rest angles of the joints change by `rest_shift`
+    [rad]. In space the two are equal.
 
-    The planar function is `observation.turned`.
+    The planar function is `observation.turned`, for absolute link angles.
     """
     for i in range(len(rest_shift)):
         turn[i] = rest_shift[i]

@@ -86,8 +86,8 @@ def ratio_of(i, joints):
 
 
 def write_lines(h, joints, past):
-    """Write the hysteresis angle of each joint coordinate, as a linear function of the mid-step coordinates, to
-    held.line (m, 3).
+    """Write the hysteresis torque of each of m joint coordinates, divided by its stiffness K, to held.line (m, 3) as a
+    linear function of the mid-step coordinates.
 
     held.dq (m,) [rad] is the assumed motion over the step of h [s].
 
@@ -112,8 +112,8 @@ def write_lines(h, joints, past):
 
 
 def add_friction(i, k, ratio, past):
-    """Add slip elements and Bouc-Wen of one joint to the linear functions in held.line of its two swing coordinates i
-    and k.
+    """Add slip elements and Bouc-Wen for the two swing coordinates i and k of a joint to rows i and k of held.line. A
+    row is a linear function of the mid-step coordinates: a hysteresis torque, divided by the stiffness K.
 
     A twist has k = i.
 
@@ -153,8 +153,8 @@ def add_friction(i, k, ratio, past):
 
 
 def add_line(i, level, own, across, held):
-    """Add an offset `level` [rad] and the slopes `own`, `across` to row i of held.line, a linear function of the
-    mid-step coordinates.
+    """Add an offset `level` [rad] and two slopes to row i of held.line, a linear function of the mid-step coordinates.
+    `own` is the slope by coordinate i, `across` that by the other swing coordinate of the joint.
     """
     held.line[i, 0] = held.line[i, 0] + level
     held.line[i, 1] = held.line[i, 1] + own
@@ -192,8 +192,8 @@ def step_with_memory(x, v, h, torque, body, joints, past, work):
 
 
 def disagreement(v, h, joints, past, work, calm):
-    """Return the largest mismatch [rad] between the hysteresis angles assumed in a time step and those after it; update
-    the assumed motion.
+    """Return the largest mismatch, over all joints, between the hysteresis torque that a time step assumed and that
+    after the step, divided by K [rad]. Replace the assumed motion by that of the step.
 
     Where an element slips, the change of its direction from the guess counts too. Writes the motion of the step to
     held.dq, or its mean with the previous one if `calm` and not yet converged. The result is NaN where the step failed.
@@ -221,8 +221,8 @@ def disagreement(v, h, joints, past, work, calm):
 
 
 def gap(i, k, da, db, ratio, h, past):
-    """Return the mismatch [rad] between assumed and resulting hysteresis angles of one joint, whose coordinates i and k
-    move by da and db.
+    """Return the mismatch between the hysteresis torque of one joint that a time step assumed and that after the step,
+    divided by K [rad]. The joint's coordinates i and k move by da and db [rad].
 
     `disagreement` takes the largest of these.
 

@@ -53,13 +53,12 @@ def observe_rows(x, frame, links, seen, H):
 
 
 def observe_turn(link, value, work, seen, H):
-    """Write the predicted orientation of a link, as a rotation vector, to seen (3,) [rad], and its derivatives by the
-    coordinates to H (3, N).
+    """Write the predicted orientation of a link to seen (3,) [rad]: the measured rotation vector `value` (3,) minus the
+    rotation vector from the predicted to the measured orientation. Write its derivatives by the N coordinates to H
+    (3, N).
 
-    `value` (3,) is the measured rotation vector.
-
-    Both are in the base frame. value - seen = e is the rotation vector, in fixed axes, from the link's R to the
-    measured frame E, exp(e) = E R^T. A turn dw of the link changes e by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 -
+    Both are in the base frame. e = value - seen is a rotation vector in fixed axes: exp(e) = E R^T, with the link's R
+    and the measured frame E. A turn dw of the link changes e by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 -
     c2'/c2 [e]^2. `seen` is NaN where e exceeds 90 degrees.
     """
     y = value[0] * value[0] + value[1] * value[1] + value[2] * value[2]
@@ -90,8 +89,8 @@ def observe_turn(link, value, work, seen, H):
 
 
 def turn_slopes(link, e, work, H):
-    """Write the derivatives of a link's predicted rotation vector by the N coordinates to H (3, N), at the orientation
-    error e (3,) [rad].
+    """Write the derivatives of a link's predicted orientation by the N coordinates to H (3, N). `e` (3,) [rad] is the
+    rotation vector from the predicted to the measured orientation.
 
     They are J_r^{-1}(e) times the axes of the joints before the link, as derived in `observe_turn`.
     """

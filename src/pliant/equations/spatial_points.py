@@ -11,11 +11,10 @@ from pliant.equations.spatial_springs import joint_torques
 
 
 def point_position(link, aside, across, along, work, p):
-    """Write the position p (3,) [m] of a point fixed to link `link` (-1: the base part), at aside, across and along [m]
-    on the link.
+    """Write the position p (3,) [m] of a point fixed to link `link` (-1: the part before the first joint). `aside`,
+    `across` and `along` [m] are the point's coordinates on the link.
 
-    `aside`, `across` and `along` [m] are the point's coordinates on the link, with `along` on the unstretched link.
-    `across` is along -y of the link, as in the plane.
+    `aside` is along x of the link, `across` along -y, as in the plane, and `along` along z of the unstretched link.
     """
     k = link + 1
     reach = work.stretch[k] * along
@@ -55,7 +54,8 @@ def axis_slope(axis, link, along, p, body, work, row):
 
 
 def place_points(x, link, offset, body, work, place, slope):
-    """Write positions (S, 3) [m] and Jacobians (S, 3, N) of points of the links `link` (S,) at the coordinates x (N,).
+    """Write the positions (S, 3) [m] and Jacobians (S, 3, N) of S points at the coordinates x (N,). `link` (S,) gives
+    the index of each point's link.
 
     `offset` (S, 3) holds aside, across and along of each point, m.
     """
@@ -105,9 +105,10 @@ def add_pose_loads(load, body, work, t):
 
 
 def add_link_loads(x, v, ahead, load, body, joints, work):
-    """Add the generalized forces [N m] of external loads on the links to work.tau (N,), at the coordinates x + ahead v.
+    """Add the generalized forces [N m] of external loads on the links to work.tau (N,). The coordinates are x + ahead
+    v, extrapolated by the time `ahead` [s] along the rates v.
 
-    `ahead` is in s. `add_pose_loads` describes `load`.
+    `add_pose_loads` describes `load`.
     """
     for i in range(len(x)):
         work.q[i] = x[i] + ahead * v[i]

@@ -114,13 +114,13 @@ def elastic_energy(x, joints):
 
 
 def follows(x, v, h, joints):
-    """Return whether a time step of h [s] is valid for a chain in space in the state (x, v): no large motion, and every
-    spring stable.
+    """Return whether a time step of h [s] is valid for a chain in space with coordinates x and rates v: no coordinate
+    changes by more than 1 (1 rad for angles) in the step, and every spring has a positive stiffness.
 
     The planar function is `elastic.follows`.
 
-    The conditions are that no coordinate changes by more than 1 in the step, no joint swings by more than 4 rad, every
-    spring has a positive slope, and no segment is compressed to below 5 % of its length. Only real parts are compared.
+    Further conditions are that no joint swings by more than 4 rad and that no segment is compressed to below 5 % of its
+    length. Only real parts are compared.
     """
     n = len(joints.unloaded)
     for i in range(len(x)):

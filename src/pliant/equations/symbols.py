@@ -96,7 +96,8 @@ class Joints(NamedTuple):
 
 
 class ExtensibleJoints(NamedTuple):
-    """As `Joints`, of a body that lengthens, with S axial springs and dampers behind those of the joints.
+    """Springs and dampers of a planar chain whose segments lengthen: those of the n joints, then the axial ones of the
+    S segments.
 
     Where no segment softens or stiffens, `hardening` has the columns of the joints alone; where no segment has
     hysteresis, `rest` is empty.
@@ -139,8 +140,8 @@ class ObservedChain(NamedTuple):
 
 
 class MemoryLaw(NamedTuple):
-    """Parameters of the joints' hysteresis: creep, slip and Bouc-Wen branches, equal for all joints, with stiffness as
-    a fraction of K.
+    """Parameters of the joints' hysteresis: creep, slip and Bouc-Wen branches, equal for all joints. The stiffness of a
+    branch is given as a fraction of the joint's stiffness K.
     """
 
     creep_share: np.ndarray  # (P,) stiffness of each Prony branch, as a fraction of K
@@ -154,7 +155,9 @@ class MemoryLaw(NamedTuple):
 
 
 class AxialMemoryLaw(NamedTuple):
-    """As `MemoryLaw`, with creep branches and slip elements of segments that lengthen, in parts of their EA."""
+    """Parameters of the hysteresis of joints and of segments that lengthen. The stiffness of a branch is given as a
+    fraction of the joint's stiffness K or of the segment's axial stiffness EA.
+    """
 
     creep_share: np.ndarray  # (P,)
     creep_time: np.ndarray  # (P,) s
@@ -245,7 +248,9 @@ class Held(NamedTuple):
 
 
 class ExtensibleHeld(NamedTuple):
-    """As `Held`, of a body whose N = n + S coordinates all have hysteresis: joints, and segments that lengthen."""
+    """Scratch arrays of one time step of a planar chain in which all N = n + S coordinates have hysteresis: n joints,
+    and S segments that lengthen.
+    """
 
     phi: np.ndarray  # (N,) at the start
     w: np.ndarray  # (N,) at the start

@@ -71,8 +71,8 @@ def swing_angle(k, x):
 
 
 def slip(r, x, v, body, work):
-    """Write the direction in which tendon r slips at each of n joints (1: to the base, -1: to the tip) to work.run[r],
-    and its sensitivity to work.ease[r].
+    """Write the direction in which tendon r slips at each of n joints to work.run[r]: 1 towards the base, -1 towards
+    the tip. Write the derivative [s/m] of the exponent of capstan friction by the slip speed to work.ease[r].
 
     run = w / sqrt(w^2 + w_0^2), and ease is mu theta times d(run)/dw. Here w [m/s] is the rate at which the length from
     the middle of a joint's arc to the end of the tendon shortens, at rates v (N,), and w_0 is the slip rate. Without
@@ -91,10 +91,8 @@ def slip(r, x, v, body, work):
 
 
 def pass_on(r, x, body, work):
-    """Write the fraction of the base tension of tendon r left by friction behind each joint to work.kept[r], and at
-    each coordinate to work.felt[r].
-
-    kept is (R, n), felt is (R, N).
+    """Write the fraction of the base tension of tendon r that friction leaves: beyond each of n joints to work.kept[r]
+    (n,), and on average at each of N coordinates to work.felt[r] (N,).
 
     A coordinate feels the mean over the joints at which it draws the tendon in, weighted by `body.beyond`.
     """
@@ -176,10 +174,10 @@ def forces_at_rest(x, torque, body, joints, work, forces):
 
 
 def start_tensions(x, torque, body, work):
-    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,), and reset work.slope (R,)
-    to -1.
+    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,). Set work.slope (R,),
+    which holds the tension slopes of the last iteration, to -1: there is no iteration yet.
 
-    No tendon has the slope -1, so that the first comparison of slopes finds a change.
+    No tendon has the slope -1: the first comparison of slopes finds a change.
     """
     for r in range(len(body.friction)):
         work.start[r] = signed_tension(r, x, torque, body)
@@ -353,8 +351,8 @@ def pull_without_friction(body, work):
 
 
 def build_taut(h, body, work):
-    """Write the step's matrix A plus the stiffness of all taut tendons over h [s] to the lower triangle of work.B (N,
-    N).
+    """Write the matrix A of a time step h [s], plus the stiffness terms of all taut tendons, to the lower triangle of
+    work.B (N, N).
     """
     for i in range(len(work.a)):
         for j in range(i + 1):
@@ -374,10 +372,11 @@ def factor_taut(B):
 
 
 def solve_taut(h, t, f, pull, B, a):
-    """Write the rate changes over a step of h [s] to a (N,): the solution of B a = h (t - f + pull).
+    """Write the changes of the N rates in a step of h [s] to a (N,). They solve B a = h (t - f + pull), with the
+    torques t of springs and inputs, f of inertia and gravity, and `pull` of the tendons [N m].
 
-    t, f, pull (N,): torques of springs and inputs, of inertia, and of the tendons for unchanged rates [N m]. B (N, N)
-    holds the factors of `factor_taut`. Exact while no tendon turns slack or taut.
+    `pull` (N,) is that for unchanged rates. B (N, N) holds the factors of `factor_taut`. Exact while no tendon turns
+    slack or taut.
     """
     for i in range(len(a)):
         a[i] = h * (t[i] - f[i] + pull[i])
@@ -385,8 +384,8 @@ def solve_taut(h, t, f, pull, B, a):
 
 
 def step(x, v, h, torque, body, joints, work):
-    """Advance coordinates x (N,) and rates v (N,) of a chain with R tendons in place by one step h [s], under mean
-    inputs `torque` (N + R,).
+    """Advance coordinates x (N,) and rates v (N,) of a chain with R tendons in place by one step h [s]. `torque` (N +
+    R,) holds the mean torque [N m] of each coordinate over the step, then the mean input [N] of each tendon.
 
     `spatial.step` is the function for a chain without tendons.
 

@@ -1,4 +1,6 @@
-"""Adaptive observer: a simulated model that each frame corrects by a constant gain, with a learnt torque factor."""
+"""Adaptive observer: it simulates the model, corrects the simulated state by a constant gain at each measured frame,
+and learns a factor on the actuation torque.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ UNIT = 1e-6  # N m/Pa, slope of a linear law that replaces the chamber's own, wh
 
 
 class ObserverNoise(TypedDict, total=False):
-    """Keyword options of `AdaptiveObserver`: noise levels of frames and model, documented there."""
+    """Keyword options of `AdaptiveObserver`: noise levels of the measured frames, of the model, and of the learnt
+    torque factor.
+    """
 
     noise: float
     random_walk: float
@@ -52,7 +56,8 @@ OBSERVER_NOISE: ObserverNoise = {
 
 
 class AdaptiveObserver:
-    """State observer: a simulated model whose state each measured frame corrects by a constant Kalman gain.
+    """State observer that simulates the model and corrects the simulated state by a constant Kalman gain at each
+    measured frame.
 
     The state holds angles, rates and a shift of every joint's rest angle, modelled as a random walk. Creep, friction,
     contact and errors of torque law or stiffness appear as this shift; K times the shift is the torque that the model
@@ -143,7 +148,7 @@ class AdaptiveObserver:
         return float(self.own.factor[0])
 
     def inputs(self, values: Array, periods: int = 1) -> tuple[Any, ...]:
-        """Return the arguments of the compiled loop for one frame of measured link angles `values` (n,) [rad]."""
+        """Return the arguments of the compiled loop for one frame of n measured link angles `values` (n,) [rad]."""
         return (periods, self._pressure, values, *self._records)
 
     def push_pressure(self, time: float, pressure: float | Array) -> None:
@@ -201,8 +206,8 @@ ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:
-    """Return the model without hysteresis and creep.
-    Its springs are stiffer by `share` times the stiffness that hysteresis and creep add at once.
+    """Return the model without hysteresis and creep, but with stiffer springs. The added stiffness is `share` times the
+    stiffness of hysteresis and creep against a sudden small change of angle.
     """
     stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
     return model.with_(**stiffer_springs(model, stiffer), memory=Memory())
@@ -214,8 +219,8 @@ def without_valves(model: Model) -> Model:
 
 
 def with_shifts(model: Model) -> tuple[Array, Array]:
-    """Return the linearised state matrix (3 n, 3 n) of angles, rates and rest-angle shifts, and the input matrix (3 n,
-    C).
+    """Return two matrices of the linearised model of n joints and C chambers: the state matrix (3 n, 3 n) of angles,
+    rates and rest-angle shifts, and the input matrix (3 n, C) of the chambers' torques.
     """
     unit = tuple(replace(c, law=POLYNOMIAL, torque=np.array([UNIT])) for c in model.chambers)
     linear = linearise(model.with_(chambers=unit), 0.0)
@@ -237,8 +242,8 @@ class Stationary(NamedTuple):
 
 
 def stationary(model: Model, period: float, noise: float, random_walk: float, jerk: float) -> Stationary:
-    """Return the stationary Kalman filter for frames every `period` [s] under noise levels as for
-    `AdaptiveObserver`.
+    """Return the stationary Kalman filter for frames every `period` [s]. The noise levels are those of the measured
+    joint angles (`noise`), the rest angles (`random_walk`) and the joint rates (`jerk`).
     """
     from scipy.linalg import solve_discrete_are
 
@@ -259,7 +264,9 @@ def stationary(model: Model, period: float, noise: float, random_walk: float, je
 
 
 def in_torques(model: Model, covariance: Array) -> Array:
-    """Convert a covariance (3 n, 3 n) of angles, rates and rest-angle shifts to one of angles, rates and torques."""
+    """Convert the covariance (3 n, 3 n) of the angles, rates and rest-angle shifts of n joints to that of angles, rates
+    and torques. The torque of a joint is its stiffness times its rest-angle shift.
+    """
     size = np.concatenate([np.ones(2 * model.n), model.stiffness])
     scaled = size[:, None] * covariance * size
     scaled.flags.writeable = False

@@ -26,8 +26,8 @@ from pliant.estimation.symbols import (
 
 
 def follow(periods, pressure, values, state, model, gains, pace, workspace):
-    """Advance the observer by `periods` frame periods under pressures (C,) [Pa], and correct it by n measured link
-    angles [rad].
+    """Advance the observer by `periods` frame periods under the pressures (C,) [Pa] of C chambers, and correct it by n
+    measured link angles [rad].
 
     `values` are the angles of the links, each relative to the link before [rad], NaN if the frame is lost. Returns
     FOLLOWED, FRAME_LOST, PARTED (an innovation exceeds `pace.largest`) or STEP_FAILED (an integration step failed).
@@ -56,7 +56,9 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
 
 
 def follow_of_tuples(periods, pressure, values, records):
-    """Call `follow` with plain tuples as arguments, which Python passes three times as fast as named tuples."""
+    """Advance and correct the observer for one frame, like `follow`, but with plain tuples as arguments. Python passes
+    these to compiled code three times as fast as named tuples.
+    """
     state, model, gains, pace, workspace = records
     joints, body, chambers, memory, instantaneous = model
     own = ObserverModel(
@@ -77,8 +79,8 @@ def lost(values):
 
 
 def ahead(state, pressure, model, count, h, workspace):
-    """Integrate the observer's model over `count` steps h [s] at constant pressures (C,) [Pa]; return whether a step
-    failed.
+    """Integrate the observer's model over `count` steps h [s] at constant pressures (C,) [Pa] of C chambers. Return
+    whether a step failed.
     """
     springs = workspace.springs
     for i in range(len(state.angle)):
@@ -99,7 +101,8 @@ def ahead(state, pressure, model, count, h, workspace):
 
 
 def learn_ahead(state, gains, periods, pressure, chambers, new):
-    """Propagate the derivative of the observer's state by its torque factor over whole frame periods, in place.
+    """Advance, in place, the derivative of the observer's state with respect to its torque factor by `periods` frame
+    periods.
 
     `pressure` (C,) [Pa] is constant. `chambers` are the model's own, with factor 1; `new` (3n,) is workspace.
 
@@ -160,7 +163,8 @@ def correct_all(state, gains, weight, move):
 
 
 def rest_shift(angle, own_shift, memory_state, base_angle, rest_angle, memory, left, shift):
-    """Write to `shift` (n,) [rad] the shift of the rest angles that stands for model error, hysteresis and creep.
+    """Write to `shift` (n,) [rad] the shift of the rest angles of n joints that has the same effect as model error,
+    hysteresis and creep.
 
     K (q - own) + K r = tau, with r = r_now + c (q - q_now), where c is `left`.
     """

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 class State(NamedTuple):
-    """Estimated state of the body at one time: angles, rates and their uncertainty, as copies of the arrays.
+    """Estimated state of the body at one time: angles, rates and their uncertainty. Later frames do not change it.
 
     Attributes
     ----------
@@ -62,8 +62,8 @@ class State(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Measurement of the shape at one instant for an estimator: m values with their variances, and rows that define
-    them.
+    """Measurement of the shape at one instant, for an estimator: m values, their variances, and m rows that state which
+    quantity each value is.
     """
 
     rows: Array  # (m, 4) of (kind, link, along, across), in space aside: the quantity of each value, by `rows_of`
@@ -92,7 +92,7 @@ class Estimator(Protocol):
 
 
 class Setting(NamedTuple):
-    """Arguments from which any estimator is created: model, frame period and delay."""
+    """Arguments from which any estimator is created: the model, the time between frames, and the frames' delay."""
 
     model: Model  # with the rest shape of the actual body, and with its hysteresis and creep
     period: float  # s, of the frames

@@ -54,7 +54,9 @@ class FilterSnapshot(NamedTuple):
 
 @dataclass
 class Counts:
-    """Numbers of frames by what the filter did with them: used, without values, late, too late, flipped."""
+    """Numbers of measured frames that were used, had no values, came late or came too late, and of orientations ignored
+    because a marker appeared flipped.
+    """
 
     used: int = 0
     skipped: int = 0  # without any value
@@ -161,7 +163,8 @@ class KalmanFilter:
         self._take(FilterEvent(float(time), held, None, None, None))
 
     def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
-        """Take a measured frame at `time` [s]: values (m,), their variances (m,), and `rows` (m, 4) that define them.
+        """Take a frame of m measured values at `time` [s], with their variances. Each row of `rows` (m, 4) states what
+        one value is: kind of quantity, link, and distances along and across the link [m].
 
         Positions and angles are in the model's base frame; NaN values are skipped. In space, rows are (m, 5), and an
         orientation is a rotation vector in three rows. One that differs from the model's by more than 90 degrees is

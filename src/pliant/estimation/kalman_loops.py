@@ -20,7 +20,8 @@ FADE = 0.1  # s, decay time of the recent motion
 
 
 def predict(state, model, h, torque, noise, workspace):
-    """Advance the filter's state and covariance by one step h [s] under mean joint torques (n,) [N m], in place.
+    """Advance the filter's state and covariance in place by one step h [s], under the mean torques (n,) [N m] of n
+    joints.
 
     Writes the Jacobian of the step to workspace.J, one row for each variable. Returns -1 if the step failed, else 0.
     """
@@ -56,7 +57,8 @@ def predict(state, model, h, torque, noise, workspace):
 
 
 def moved(J, B, N, n, W):
-    """Write to W the first 2n rows of the product F B, for a time step's Jacobian F (N, N) and a matrix B (N, N).
+    """Write to W the first 2n rows of the product F B, where F (N, N) is the Jacobian of a time step and B (N, N) any
+    matrix. The N filter states are n angles, n rates and, if they are estimated, n disturbance torques.
 
     The columns of F = [[A, G], [0, 1]] are the rows of J (3n, 2n). The other rows of F B are those of B. Used for the
     covariance and for the transition of a whole frame.
@@ -71,7 +73,9 @@ def moved(J, B, N, n, W):
 
 
 def propagate(P, N, n, J, W):
-    """Replace the covariance P (N, N) by F P F^T in place, where F is the Jacobian of a time step."""
+    """Replace the covariance P (N, N) of the N filter states by F P F^T in place, where F is the Jacobian of a time
+    step.
+    """
     m = 2 * n
     moved(J, P, N, n, W)
     for a in range(m):
@@ -89,8 +93,8 @@ def propagate(P, N, n, J, W):
 
 
 def add_noise(P, n, h, gain, noise, J, G):
-    """Add the process noise of one step h [s] to the covariance P (N, N): white torques and the disturbance's random
-    walk.
+    """Add the process noise of one step h [s] to the covariance P (N, N) of the N filter states: white torque noise,
+    and the random walk of the disturbance torques.
 
     `G` (2n,) is workspace.
     """
@@ -116,8 +120,8 @@ def add_noise(P, n, h, gain, noise, J, G):
 
 
 def recall(power, h, recent):
-    """Update in place the recent peak of the mean square joint rate `power` [rad^2/s^2].
-    It decays with the time constant `FADE`.
+    """Update in place the recent peak of the joints' mean square rate [rad^2/s^2], whose present value is `power`. The
+    peak decays with the time constant `FADE`.
     """
     recent[0] = max(power, recent[0] / (1.0 + h / FADE))
 
@@ -174,8 +178,8 @@ def update(state, model, frame, workspace):
 
 
 def correct(state, model, change, workspace):
-    """Add a correction (N,) to the filter's state.
-    Slip elements and Bouc-Wen states follow the joints, creep states do not.
+    """Add a correction (N,) to the N filter states. The friction states of the joints (slip elements, Bouc-Wen) are
+    updated for the change of the angles; creep states do not change.
     """
     phi, w, d, _P, memory_state = state
     joints, law, remembers = model.joints, model.memory, model.remembers
@@ -240,7 +244,9 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
 
 
 def chain_transition(F, N, n, J, W):
-    """Replace the transition matrix F (N, N) by the product of the next time step's Jacobian and F."""
+    """Multiply, in place, the transition matrix F (N, N) of the N filter states from the left by the Jacobian of the
+    next time step.
+    """
     moved(J, F, N, n, W)
     for a in range(2 * n):
         for b in range(N):
@@ -248,7 +254,7 @@ def chain_transition(F, N, n, J, W):
 
 
 def store(state, x, C):
-    """Copy the filter's state to x (N,) and its covariance to C (N, N)."""
+    """Copy the N filter states to x (N,) and their covariance to C (N, N)."""
     phi, w, d, P, _memory = state
     n = len(phi)
     for a in range(P.shape[0]):

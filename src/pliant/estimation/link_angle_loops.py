@@ -6,8 +6,8 @@ import numpy as np
 
 
 def joint_values(points, ends, out):
-    """Write to `out` (n,) [rad] the angle of each link relative to the link before, from S points (S, 2) [m] on the
-    body.
+    """Write to `out` (n,) [rad] the angles of n links, each relative to the link before, computed from S points (S, 2)
+    [m] on the body.
 
     The first angle is relative to +y; all are NaN if a point is lost. `ends` holds for each end of a link the index of
     the point before it (n + 1,) and the weight of the point after it (n + 1,). Angles are unwrapped.

@@ -82,8 +82,8 @@ class LinkAngles:
 
 
 def joint_rows(model: Model) -> Array:
-    """Return rows (n, 4) that declare as measured the angle of each link relative to the one
-    before, the first to +y.
+    """Return rows (n, 4) that define n measured quantities for an estimator: the angle of each link relative to the
+    link before it, and of the first link relative to +y.
     """
     return np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)], dtype=float)
 
@@ -91,8 +91,8 @@ def joint_rows(model: Model) -> Array:
 
 
 def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
-    """Return `rows` if they declare the angles between links as measured (`joint_rows`); else raise InputError. `who`
-    names the estimator.
+    """Return `rows` if they state that the measured values are the angles between links, else raise InputError. `who`
+    names the estimator that needs these angles.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
 
 
 def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
-    """Return the model with rest angles and link lengths measured on the actual body at rest, from T frames (T, S, 2)
-    [m].
+    """Return the model with rest angles and link lengths measured on the actual body at rest, from T frames of S points
+    along it (T, S, 2) [m].
 
     `arc_length` (S,) [m] gives the positions of the points along the body. Stiffness, damping and torque law stay. Lost
     frames (NaN) are ignored.

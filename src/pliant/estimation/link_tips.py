@@ -54,8 +54,8 @@ class LinkTips:
         self._variance = np.full(len(self.rows), noise**2)
 
     def tips(self, points: Array) -> Array:
-        """Return the tips (..., n, 2) [m] of n links from positions (..., S, 2) [m] of S points along the body; in
-        space (..., 3).
+        """Return the tips (..., n, 2) [m] of n links from positions (..., S, 2) [m] of S points along the body. In
+        space the last axis has length 3.
         """
         near, far = points[..., self._left, :], points[..., self._left + 1, :]
         return np.asarray((1.0 - self._share) * near + self._share * far)
@@ -76,7 +76,8 @@ class LinkTips:
 
 
 def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
-    """Return the model with the rest shape measured in `frames`, and its `LinkTips` with the noise measured at rest.
+    """Return the model with the rest shape measured in `frames` of the body at rest, and a `LinkTips` that computes the
+    link tips from its markers. The noise of the tips is the one measured in these frames.
 
     Rest angles (in space rest rotations) follow from `frames` (T, S, d) [m] at rest. Lengths, stiffness, damping and
     torque law stay. Lost frames (NaN) are ignored.
@@ -101,8 +102,8 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
 
 
 def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the planar model whose links end at `tips` (n, 2) [m] when bent by `bend`, by new rest angles.
-    `bend` (n + S,) holds n joint angles [rad] and S strains.
+    """Return the planar model with new rest angles, at which its n links end at `tips` (n, 2) [m] when bent by `bend`
+    (n + S,). `bend` holds n joint angles [rad] and the strains of S segments.
     """
     joint = (1.0 + model.stretch_share[0] @ bend[model.n :]) * model.first_joint
     across = np.diff(tips, axis=0, prepend=joint[None])
@@ -111,8 +112,8 @@ def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
 
 
 def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the spatial model with rest rotations at which its links end at `tips` [m] while turned by `bend` (N,)
-    [rad]. Each rest rotation changes as little as possible.
+    """Return the spatial model with new rest rotations, at which its n links end at `tips` (n, 3) [m] when bent by
+    `bend` (N,), its N joint coordinates. Each rest rotation changes as little as possible.
 
     The tips (n, 3) [m] do not show twist.
     """

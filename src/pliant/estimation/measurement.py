@@ -27,8 +27,9 @@ PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above whic
 
 
 class Measurement(NamedTuple):
-    """What the filter compares with the model over T frames: m measured quantities, values and variances.
-    Each row (m, 4) describes a quantity: kind, link, and its distances along and across the link [m].
+    """Measured values of a recording that the filter compares with the model: m quantities in T frames, with their
+    variances. Each row (m, 4) describes a quantity: its kind, its link, and its distances along and across the link
+    [m].
     """
 
     time: Array  # (T,) s, as stamped
@@ -40,8 +41,8 @@ class Measurement(NamedTuple):
 
 
 def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
-    """Return rows (m, 4) that define the measured quantities: x, y and optionally the angle of stations.
-    Each row holds the kind, the link, and the distances along and across the link [m].
+    """Return rows (m, 4) that define m measured quantities: x, y and optionally the angle of each station. Each row
+    holds the kind, the link, and the distances along and across the link [m].
 
     Each row is (kind, link, along, across). In space, rows (m, 5) for x, y and z, with aside as the last entry. With
     `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
@@ -65,14 +66,15 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
 
 
 def row_width(model: Model) -> int:
-    """Return the number of columns that define a measured quantity: 4 (kind, link, along, across), 5 in space (also
-    aside).
+    """Return the number of columns that define a measured quantity: 4 (its kind, its link, and its distances along and
+    across the link), in space 5 (also its distance to the side).
     """
     return 4 if model.space is None else 5
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
-    """Raise InputError if rows, values and variances of a measured frame differ in number or lack a component.
+    """Raise InputError if a measured frame is invalid: its rows, values and variances differ in number, or an
+    orientation does not have three successive rows or exceeds half a turn.
 
     Raises
     ------
@@ -97,7 +99,8 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
-    """Return how many orientations in `values` (..., m) the filter rejected because a marker appeared flipped.
+    """Return how many measured orientations the filter rejected because a marker appeared flipped. `values` (..., m)
+    holds the m measured values of each frame.
 
     These are the orientations that were given but are NaN in `seen` (..., m).
     """
@@ -109,7 +112,8 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
 ) -> Measurement:
-    """Return the filter's measurement from an aligned recording: quantities, values (T, m) and variances (m,).
+    """Return the filter's measurement from an aligned recording: m measured quantities, their values (T, m) in T
+    frames, and their variances (m,).
 
     Positions of the model's stations are used, with their angles where recorded. A dense curve, base first, without any
     of these stations is compressed to the angles between links that divide the curve's length as the model's do. In
@@ -192,7 +196,7 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
-    """Return the recorded angles (T, S) [rad] of S stations, converted to absolute link angles."""
+    """Return the recorded angles (T, S) [rad] of S stations over T frames, converted to absolute link angles."""
     angle = recording["angle"].sel(station=[s.name for s in stations])
     turned = angle.values.astype(float)
     if str(angle.attrs.get("reference", "base")) == "rest":
@@ -201,7 +205,8 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
 
 
 def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
-    """Return recorded orientations as rotation vectors (T, 3) [rad] of the stations' links, by station index.
+    """Return the recorded orientations of the stations' links as rotation vectors (T, 3) [rad] over T frames, in a dict
+    by station index.
 
     A recording holds rotations since its rest, in the axes of the base frame. Stations without an orientation are
     omitted.

@@ -72,8 +72,9 @@ class Noise:
                 raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
-        """Return the spectral densities of the process noise: joint torques, common torque, disturbance rate, and its
-        growth with motion.
+        """Return the spectral densities of the process noise: of each joint's torque, of each chamber's torque due to
+        its pressure noise, and of the random walk of each disturbance torque. The last number returned is the relative
+        growth of this random walk with motion [s^2/rad^2].
         """
         common = np.array([(float(c.lever_at(0.0)) * self.pressure) ** 2 for c in model.chambers])
         size = scales(model) ** 2
@@ -91,10 +92,11 @@ class Noise:
 
 
 def scales(model: Model) -> Array:
-    """Return factors (N,) for the noise of each joint coordinate's force, relative to a joint's bending torque.
+    """Return factors (N,) for the N joint coordinates: the noise of each coordinate's force, divided by that of a
+    joint's bending torque.
 
-    It is 1 for the bending of joints. For strains of segments, and in space for bending about y and for twist, it is
-    their stiffness over the joints' mean.
+    A factor is 1 for the bending of joints. For strains of segments, and in space for bending about y and for twist, it
+    is their stiffness over the joints' mean.
     """
     chain = mechanics_of(model)
     size = chain.joints.K / float(np.mean(model.stiffness))
@@ -103,8 +105,8 @@ def scales(model: Model) -> Array:
 
 
 def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
-    """Return default noise levels in proportion to the model's stiffness.
-    With `disturbance` they include a disturbance torque.
+    """Return default noise levels in proportion to the model's stiffness. With `disturbance`, they make an estimator
+    also estimate a disturbance torque of each joint.
 
     Without a disturbance, model errors are described by white torque noise, which fits them less well.
     """

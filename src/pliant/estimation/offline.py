@@ -128,7 +128,9 @@ def input_of(
     recording: xr.Dataset, model: Model, pressure: Input | Sequence[Input] | None, window: float = 0.0,
     drive: Mapping[str, str | int] | None = None,
 ) -> tuple[Input | Sequence[Input], Model]:
-    """Return the pressure inputs of a recording and the model for them, without valves if pressures were measured."""
+    """Return the pressure inputs for the filter, and the model that takes them. For recorded pressures the model has
+    ideal valves, since these pressures are taken as measured behind the valves.
+    """
     if pressure is not None:
         return pressure, model
     if "pressure" not in recording:
@@ -194,7 +196,9 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
 
 
 def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> FilterFrame:
-    """Return the measurement that the compiled filter takes, for values (m,) of one frame or (T, m) of T frames."""
+    """Return the measurement in the form that the compiled filter takes, for m values of one frame (m,) or of T frames
+    (T, m).
+    """
     constants = mechanics_of(model).observed()[0]
     return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
 
@@ -225,7 +229,9 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
 
 
 def standard_deviations(T: Array, P: Array) -> Array:
-    """Return the standard deviations (T, n) of the linear combinations T x, for covariances P (T, N, N) of x."""
+    """Return the standard deviations (frames, n) of n linear combinations T x of the N states x. T (n, N) holds the
+    coefficients, P (frames, N, N) the covariances of x.
+    """
     return np.sqrt(np.maximum(np.einsum("ia,tab,ib->ti", T, P, T), 0.0))
 
 
@@ -278,14 +284,15 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Return the normalised squared estimation error (...,), e^T P^-1 e, for errors (..., N) and covariances (..., N,
-    N).
+    """Return the normalised squared estimation error e^T P^-1 e of one or more estimates of N states, from the errors e
+    (..., N) and the covariances P (..., N, N).
     """
     return np.asarray(np.einsum("...a,...a->...", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
 
 
 def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
-    """Return the interval that holds the mean of chi-square numbers, each over its degrees of freedom, at this level.
+    """Return the interval that contains, with probability `level`, the sum of chi-square variables divided by the sum
+    of their degrees of freedom.
 
     A mean of normalised squares, divided by its mean degree, lies between the bounds with probability `level` if the
     covariances are right. Its expected value is 1.
@@ -303,7 +310,8 @@ def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
 
 
 def whiteness(innovation: Array) -> tuple[float, float]:
-    """Return the correlation between successive whitened innovations (T, m), and its 95 % bound for white noise.
+    """Return the correlation between successive whitened innovations (T, m) of m measured values in T frames, and its
+    95 % bound for white noise.
 
     The correlation of white innovations lies within the bound. A larger one means a model error that persists from
     frame to frame.
@@ -318,7 +326,8 @@ def whiteness(innovation: Array) -> tuple[float, float]:
 
 
 def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
-    """Return smoothed states (T, N) and covariances (T, N, N), where each frame also uses the `lag` frames after it.
+    """Return smoothed states (T, N) and their covariances (T, N, N), for N states in T frames. The estimate of each
+    frame also uses the `lag` frames after it.
 
     x_{k|k+L} = x_k + sum_{j=1..L} C_k ... C_{k+j-1} (x_{k+j} - x^-_{k+j}),  C_k = P_k F_{k+1}^T (P^-_{k+1})^{-1}
 
@@ -347,7 +356,7 @@ def smooth(out: FilterOutput, lag: int) -> tuple[Array, Array]:
 
 
 def gains(out: FilterOutput) -> Array:
-    """Return the smoother's gain matrices C_k (T - 1, N, N), from each of T frames to the next.
+    """Return the smoother's gain matrices (T - 1, N, N) for N states: one matrix C_k from each of T frames to the next.
 
     States with zero variance (known, and constant in the model) are scaled by 1 so that the division stays defined.
     """

@@ -37,7 +37,8 @@ class Release(NamedTuple):
 
 
 def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release:
-    """Return when a hand let go of a body that it held at the start, from the result of `estimate` as `found`.
+    """Return when a hand let go of a body that it held at the start. `found` is the result of `estimate` with
+    disturbance torques.
 
     The pull is the median torque of `frames` frames after the first `start` frames, in which the filter converges.
     Later torques are projected onto it. A slow release appears as a long time from `begin` to `gone`.

@@ -47,8 +47,8 @@ void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@TWICE@
 
 
 class Code(NamedTuple):
-    """Text of the exported C header and C source of a model, with the prefix of its names and the length of its command
-    queue.
+    """Exported C header and C source of a model as text, the prefix of the names in them, and the length of the queue
+    of commands that wait for the dead time.
     """
 
     header: str
@@ -104,8 +104,8 @@ def delays(model: Model, h: float) -> tuple[list[int], list[float]]:
 
 
 def public_step(text: Text, h: float) -> tuple[str, int]:
-    """Return the source of the C function for one time step of `h` [s], and the length of its queue of delayed
-    commands.
+    """Return the source of the C function for one time step of `h` [s], and the number of time steps that its queue of
+    delayed commands holds (0 without dead time).
 
     A step is split at the times at which delayed commands arrive.
     """
@@ -132,7 +132,9 @@ def public_step(text: Text, h: float) -> tuple[str, int]:
 
 
 def fields(text: Text, queue: int) -> tuple[str, str]:
-    """Return the members of the C struct of the state and those of the C struct of the parameters, as two texts."""
+    """Return two texts: the members of the C struct that holds the state, and those of the C struct that holds the
+    parameters.
+    """
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
     swings = ", ".join(mechanics_of(text.model).joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"

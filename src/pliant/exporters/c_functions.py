@@ -29,7 +29,9 @@ LIMITS = {"AGREE": 2e-6}  # rad, tolerance that single precision can reach; see 
 
 
 class Names(NamedTuple):
-    """A model's constants as C expressions, with plain numbers in place of values that are fixed in the C code."""
+    """A model's constants as C expressions, such as ``p->damping[0]``, or as plain numbers where the C code fixes a
+    value.
+    """
 
     body: Any  # `symbols.Body`, or `SpatialBody`
     joints: Any  # `symbols.Joints`, or `SpatialJoints`
@@ -43,7 +45,9 @@ def parameters(model: Model) -> dict[str, Array]:
 
 
 def constants(model: Model) -> dict[str, Array]:
-    """Return all constants of a model that the kernels need as {name: array}, in SI units. Arrays may be empty."""
+    """Return all constants of a model that the simulation kernels take as {name: array}, in SI units. The array of a
+    feature that the model lacks may be empty.
+    """
     actuation = model.actuation.kernel()
     memory = model.memory.law()
     lags = np.array([lag_of(c.valve) for c in model.chambers])
@@ -63,8 +67,8 @@ def constants(model: Model) -> dict[str, Array]:
 
 
 def rest_shape(model: Model) -> dict[str, Any]:
-    """Return the parameters of a model's rest shape as {name: value}; in space also stiffness ratios, tendons and
-    segments.
+    """Return the parameters of a model's rest shape as {name: value}. For a model in space the dict also holds the
+    radius, the stiffness ratios, and the constants of tendons and extensible segments.
     """
     if not model.space:
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
@@ -79,7 +83,9 @@ def rest_shape(model: Model) -> dict[str, Any]:
 
 
 def beside_inertia(body: Any) -> tuple[str, ...]:
-    """Return the field names of a spatial chain's constants that are neither inertia, rest frames nor gravity."""
+    """Return the field names in `body`, the constants of a model in space, except those of geometry, inertia and
+    gravity. The others describe tendons and extensible segments.
+    """
     return tuple(field for field in body._fields if field not in (*IN_SPACE, "gx", "gy", "gz"))
 
 
@@ -93,8 +99,8 @@ def derived_constants(model: Model) -> dict[str, Any]:
 
 
 def place(model: Model, who: str, field: str) -> Any:
-    """Return the C expressions of a parameter's elements, such as ``p->stiffness[0]``, as an array or a single
-    expression.
+    """Return the C expression of each element of a parameter, such as ``p->stiffness[0]``: an array of expressions, or
+    a single one for a scalar parameter.
 
     `who` is the name of the struct pointer, e.g. "p".
     """
@@ -103,7 +109,9 @@ def place(model: Model, who: str, field: str) -> Any:
 
 
 def chain_names(model: Model) -> tuple[Any, Any]:
-    """Return inertia and spring constants of a model as C expressions, in the records that the kernels take."""
+    """Return the inertia constants and the spring constants of a model as C expressions, grouped like the arguments of
+    the kernels.
+    """
     def of(field: str) -> Any:
         return place(model, "p", field)
 
@@ -117,7 +125,7 @@ def chain_names(model: Model) -> tuple[Any, Any]:
 
 
 def names(model: Model) -> Names:
-    """Return all constants of a model as C expressions, in the records that the kernels take."""
+    """Return all constants of a model as C expressions, grouped like the arguments of the kernels."""
     C = model.actuation.count
 
     def of(field: str) -> Any:
@@ -160,7 +168,7 @@ class Text:
         self.remembered = state.relaxed(model, np.zeros(model.size)).shape if model.memory else (0, 0)
 
     def writer(self) -> CWriter:
-        """Return a writer for a new C function, without code."""
+        """Return a writer for a new C function whose body is still empty."""
         return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
 
     def workspace(self, writer: CWriter) -> Any:
@@ -169,8 +177,8 @@ class Text:
         return type(example)(*(writer.scratch(f"work_{f}", v.shape) for f, v in example._asdict().items()))
 
     def past(self, writer: CWriter) -> symbols.Past:
-        """Return the hysteresis states of the C struct, with the kernels' scratch arrays declared
-        as local C variables.
+        """Return the hysteresis argument of the kernels: the law, the states in the C struct, and scratch arrays, which
+        are declared as local variables of the C function.
         """
         rows = {
             f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
@@ -221,8 +229,8 @@ class Text:
         return self.function("void", name, f"const {self.state}, {self.constants}, {self.kind} {output}", writer)
 
     def update(self) -> str:
-        """Return the source of the C function that computes inertia and spring constants from masses, lengths and
-        stiffness.
+        """Return the source of the C function that computes the constants of inertia and of the nonlinear springs from
+        the masses, lengths and stiffness parameters.
         """
         w, n, rod = self.writer(), self.model.n, self.model.mass_at == "rod"
         l, m = place(self.model, "p", "link_length"), place(self.model, "p", "link_mass")
@@ -236,7 +244,7 @@ class Text:
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def curved_spring(self, w: CWriter, k: int, i: int) -> None:
-        """Write C code that sets the nonlinear spring terms of joint k at coordinate i.
+        """Write C code that sets the nonlinear spring terms of joint k, whose angle is the coordinate with the index i.
 
         The terms are those of `Springs.hardening`.
         """
@@ -266,7 +274,9 @@ class Text:
         return self.reading("tips", f"tip[{n}][2]", w)
 
     def stations(self) -> str:
-        """Return the source of the C function that computes positions and angles of the observed points."""
+        """Return the source of the C function that computes the position of each observed point and the absolute angle
+        of its link.
+        """
         w, points = self.writer(), self.model.points
         x, y = w.local("x"), w.local("y")
         for carrier in range(-1, self.model.n):
@@ -306,7 +316,8 @@ class Text:
         return self.reading("energy", "joule[3]", w)
 
     def linearise(self) -> str:
-        """Return the source of the C function that computes the matrices A (2n, 2n) and B (2n, C) at the present state.
+        """Return the source of the C function that computes the matrices A (2n, 2n) and B (2n, C) of the model
+        linearised at the present state, for n links and C chambers.
 
         Hysteresis elements act as springs, as before they slip.
         """
@@ -335,8 +346,8 @@ class Text:
         return self.reading("linearise", f"A[{2 * n}][{2 * n}], {self.kind} B[{2 * n}][{C}]", w)
 
     def law(self, w: CWriter, tau: Array) -> Array:
-        """Write C code that computes the joint torques `tau`, and return C variables with the slopes (C,) of the torque
-        laws.
+        """Write C code that computes the joint torques `tau`. Return one C variable for each chamber: the derivative of
+        its torque law with respect to its pressure.
 
         The viscoelastic lag is held constant.
         """
@@ -352,8 +363,8 @@ class Text:
         return slope
 
     def stiff_memory(self, w: CWriter, work: symbols.Workspace, out: symbols.Slopes) -> None:
-        """Write C code that adds the stiffness of hysteresis elements before slip to the derivatives of the
-        acceleration.
+        """Write C code that adds the stiffness of the hysteresis elements, which act as springs until they slip, to the
+        derivatives `out` of the link accelerations with respect to the link angles.
         """
         m, n = self.given.memory, self.model.n
         if not self.model.memory:

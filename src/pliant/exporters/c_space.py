@@ -20,7 +20,9 @@ Array = np.ndarray
 
 
 def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
-    """Write the rotation matrix R (3, 3) of the rotation vector (x, y, z) [rad], whose length is at most 4 rad."""
+    """Write the rotation matrix of the rotation vector (x, y, z) [rad] to `R` (3, 3). The vector's length is at most 4
+    rad.
+    """
     square = x * x + y * y + z * z
     c2, c3, _, _ = spatial.stumpff(square)
     c1 = 1.0 - square * c3
@@ -72,7 +74,9 @@ class SpatialText(Text):
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def joint(self, w: CWriter, k: int) -> None:
-        """Write C code that sets springs and dampers of joint k: its two swings and, if it twists, its twist."""
+        """Write C code that sets the springs and dampers of joint k: two for bending and, if the joint twists, one for
+        twist.
+        """
         n, joints = self.model.n, self.given.joints
         rows = {2 * k: "", 2 * k + 1: "p->stiffness_ratio * ", 2 * n + k: "p->twist_ratio * "}
         for i, ratio in rows.items():
@@ -87,7 +91,9 @@ class SpatialText(Text):
                 w.say(f"{row} = {w.number(0.0)};")
 
     def segment(self, w: CWriter, s: int) -> None:
-        """Write C code that sets spring and damper of extensible segment s from its unstretched length."""
+        """Write C code that sets the spring and damper of extensible segment s, in proportion to its unstretched
+        length.
+        """
         joints, body, whole = self.given.joints, self.given.body, w.local("whole")
         i = joints.hardening.shape[1] + s
         parts = [f"{body.length[k]} * {body.share[k, s]}" for k in range(self.model.n + 1)]
@@ -114,8 +120,8 @@ class SpatialText(Text):
         w.say(f"{body.centre[k]} = ({m} * {body.centre[k]} + p->tip_mass * {l}) / {body.mass[k]};")
 
     def posed(self) -> tuple[CWriter, Any]:
-        """Return a writer for a C function that begins by computing the poses of all links, and the scratch arrays with
-        these poses.
+        """Return a writer for a C function, and scratch arrays. The function begins by computing the poses of all links
+        into these arrays.
         """
         w = self.writer()
         work = self.workspace(w)
@@ -132,8 +138,8 @@ class SpatialText(Text):
         return self.reading("tips", f"tip[{self.model.n}][3]", w)
 
     def stations(self) -> str:
-        """Return the source of the C function that computes positions of the observed points and their links' angles
-        from +z.
+        """Return the source of the C function that computes the position of each observed point and the angle of its
+        link from +z.
         """
         w, work = self.posed()
         for k, point in enumerate(self.model.points):

@@ -58,7 +58,9 @@ def difference(one: Model, other: Model) -> Difference:
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
-    """Return the difference of two tip paths (T, 2) or (T, 3) [m] under a pulse of height `level` [Pa]."""
+    """Return the difference between two tip paths with T time steps, (T, 2) or (T, 3) [m], under a pressure pulse of
+    height `level` [Pa].
+    """
     apart = np.linalg.norm(one - other, axis=1)
     travel = np.linalg.norm(one - one[0], axis=1).max()
     return Difference(level, float(travel), float(apart.max()), float(np.sqrt(np.mean(apart**2))))

@@ -40,7 +40,7 @@ def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tupl
 
 
 def lag(chamber: Chamber) -> bool:
-    """Return whether a chamber's pressure lags behind its command by more than a dead time."""
+    """Return whether a chamber's valve has a lag or a limited rate, in addition to any dead time."""
     v = chamber.valve
     lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
     return any(lagging)
@@ -57,17 +57,21 @@ def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with the given fields of each chamber's valve changed."""
+    """Return a function that, called with a model, returns it with the field values `changes` set in each chamber's
+    valve.
+    """
     return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with the given fields of its hysteresis changed."""
+    """Return a function that, called with a model, returns it with the field values `changes` set in its hysteresis."""
     return lambda model: model.with_(memory=replace(model.memory, **changes))
 
 
 def straight_law(model: Model) -> Model:
-    """Return the model with torques proportional to pressure, exact at half of the typical pressure."""
+    """Return the model with joint torques proportional to pressure. They equal the original torques at half of the
+    model's typical pressure.
+    """
     level = 0.5 * (typical_pressure(model) or 1e5)
 
     def straight(chamber: Chamber) -> Chamber:
@@ -78,7 +82,8 @@ def straight_law(model: Model) -> Model:
 
 
 def unbounded(model: Model) -> Model:
-    """Return the model with polynomial springs K q (1 + s q + a q^2), fitted to its springs of bounded softening.
+    """Return the model with polynomial springs in place of its springs whose softening is bounded. The new torque at
+    the joint angle q is K q (1 + s q + a q^2); K is kept, s and a are fitted to the old torque.
 
     The fit covers the bend up to that of the typical pressure.
     """
@@ -97,7 +102,9 @@ def one_lag(chamber: Chamber) -> Chamber:
 
 
 def first_order(chamber: Chamber) -> Chamber:
-    """Return the chamber with a first-order valve of the same delay in place of its second-order valve."""
+    """Return the chamber with a first-order valve in place of its second-order valve. Both lag equally behind a slowly
+    changing command.
+    """
     v = chamber.valve
     if not v.natural_frequency:
         return chamber
@@ -129,7 +136,9 @@ def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """Return a pair of tendons as one linear spring of twice the stiffness, which is exact while both are taut."""
+    """Return a pair of tendons under pretension as one linear spring of twice a tendon's stiffness. This is exact while
+    both are taut.
+    """
     if not tendon.pair:
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
@@ -171,13 +180,13 @@ def longer(model: Model) -> tuple[str, ...]:
 
 
 def linear_segments(model: Model) -> Model:
-    """The model with linear axial springs."""
+    """Return the model with linear axial springs in its extensible segments."""
     straight: dict[str, Any] = dict.fromkeys(CURVES)
     return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
 
 
 def without_segments(model: Model) -> Model:
-    """The model with no segment that lengthens, and no hysteresis of one."""
+    """Return the model without its extensible segments and without their hysteresis."""
     return of_memory(**dict.fromkeys(AXIAL_BRANCHES, ()))(model).with_(extensions=())
 
 
@@ -362,7 +371,9 @@ def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
 
 
 def unknown(part: Any) -> Iterator[str]:
-    """Yield the fields, as Part.field, of a model that belong to no known feature and differ from their default."""
+    """Yield the name, such as "Valve.dead_time", of each field of a model that belongs to no known feature and differs
+    from its default.
+    """
     values = part._asdict() if hasattr(part, "_asdict") else {f.name: getattr(part, f.name) for f in fields(part)}
     for name, value in values.items():
         title = title_of(part, name)
@@ -402,7 +413,7 @@ def same(value: Any, default: Any) -> bool:
 
 
 def named(model: Model, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the parts of a model that have the features with the given keys."""
+    """Return the names of a model's parts that have the features with the given keys, such as "creep branch 1"."""
     return tuple(name for key in keys for name in FEATURES[key].names(model))
 
 

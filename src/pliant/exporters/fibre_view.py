@@ -46,13 +46,13 @@ class FibreView:
         self.bias = np.zeros((size, model.n))
 
     def reset(self, which: Array, rng: np.random.Generator) -> None:
-        """Draw a new random gain error and bias for the chains with the indices `which` (M,)."""
+        """Draw a new random gain error and a new random bias for each of M chains, whose indices are `which` (M,)."""
         self.gain[which] = 1.0 + self.sensor.gain_error * rng.standard_normal((len(which), 1))
         self.bias[which] = rng.standard_normal((len(which), self.model.n)) @ self.root.T
 
     def see(self, angle: Array, rng: np.random.Generator) -> Array:
-        """Return the link angles (N, n) [rad] of N chains as the fibre measures them, and advance its slowly drifting
-        bias by one sample.
+        """Return the link angles (N, n) [rad] that the fibre measures on N chains with n links, and advance its slowly
+        drifting bias by one sample.
         """
         turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
         kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T

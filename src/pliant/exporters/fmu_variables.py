@@ -77,7 +77,7 @@ def variables(model: Model, pressure: float) -> list[Variable]:
 
 
 def pose_of(model: Model) -> list[tuple[str, str]]:
-    """Return the components of an observed point as (name, unit): its coordinates and an angle."""
+    """Return the components of an observed point as (name, unit): its coordinates and the angle of its link."""
     return [*((axis, "m") for axis in "xyz"[: mechanics_of(model).dimension]), ("angle", "rad")]
 
 
@@ -111,7 +111,9 @@ def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:
 
 
 def base_units(unit: str) -> tuple[int, int, int, int] | None:
-    """Return the exponents of kg, m, s and rad of a unit, or None if an exponent is a model parameter."""
+    """Return the exponents of kg, m, s and rad of a unit, or None if they are unknown, as for "1/rad^n", where n is a
+    model parameter.
+    """
     if unit.startswith("N.m/Pa"):
         k = int(unit.removeprefix("N.m/Pa") or 1)
         return 1 - k, 2 + k, 2 * k - 2, 0

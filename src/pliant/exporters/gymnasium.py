@@ -114,8 +114,8 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self, *, seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's own
     ) -> tuple[Array, dict[str, Any]]:
-        """Start new episodes in all environments, at rest without pressure and with new targets. A seed also draws new
-        models.
+        """Start new episodes in all environments, at rest without pressure and with new targets. If a fit is given, a
+        `seed` also draws new models from it.
         """
         if seed is not None:
             whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
@@ -131,7 +131,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return self.observations(self._chains.angle), self.info()
 
     def begin(self, which: Array) -> None:
-        """Start a new episode in the environments with the indices `which` (M,)."""
+        """Start a new episode in each of M environments, whose indices are `which` (M,)."""
         self._body[which] = self.np_random.integers(len(self._bodies), size=len(which))
         self._chains.reset(which, self._body[which])
         self._phase[which] = self.np_random.uniform(0.0, 1.0, len(which))
@@ -144,14 +144,14 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._before[which] = angle[which]
 
     def target_at(self, phase: Array) -> Array:
-        """Return N points (N, 2) [m] of the tip's reachable curve, for phases (N,) from 0 (its
-        start) to 1 (its end).
+        """Return N target points (N, 2) [m] on the curve of tip positions that pressure can reach. `phase` (N,) is 0 at
+        the curve's start and 1 at its end.
         """
         along = np.linspace(0.0, 1.0, len(self._curve))
         return np.stack([np.interp(phase, along, self._curve[:, k]) for k in range(2)], axis=1)
 
     def tips(self, angle: Array, *, own: bool) -> Array:
-        """Return the tip positions (N, 2) [m] of N chains at absolute link angles (N, n) [rad].
+        """Return the tip positions (N, 2) [m] of N chains with n links, at their absolute link angles (N, n) [rad].
 
         With `own`, the lengths of the drawn bodies are used, else those of the model.
         """
@@ -162,7 +162,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
-        """Return the observations (N, 2 n + 4 + C) of N chains at absolute link angles (N, n) [rad]."""
+        """Return the observations (N, 2 n + 4 + C) of N chains with n links and C chambers, at their absolute link
+        angles (N, n) [rad].
+        """
         m, fibre = self.model, self._fibre
         seen = fibre.see(angle, self.np_random) if fibre else angle
         q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
@@ -173,8 +175,8 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.concatenate(rows, axis=1).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return the information of Gymnasium: tips and targets (N, 2) [m], and times (N,) [s] since the start of each
-        episode.
+        """Return Gymnasium's info dict of N environments: tips and targets (N, 2) [m], and times (N,) [s] since the
+        start of each episode.
         """
         every = np.ones(self.num_envs, dtype=bool)
         info = {
@@ -184,8 +186,8 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return info | {f"_{name}": every for name in info}
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Hold the pressures of the actions (N, C) for one period; return observations, rewards, two end flags and
-        information.
+        """Hold the pressures of the actions (N, C) for one period, in N environments with C chambers. Return
+        observations, rewards, the flags `terminated` and `truncated`, and the info dict.
         """
         if not self._bodies:
             raise gymnasium.error.ResetNeeded("reset the environments before the first step")
@@ -230,23 +232,23 @@ class TipEnv(gymnasium.Env[Array, Array]):
         self.observation_space = self._one.single_observation_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Start a new episode, at rest without pressure and with a new target. If a fit is given, a
-        new model is drawn.
+        """Start a new episode, at rest without pressure and with a new target. If a fit is given, the episode uses a
+        model drawn from it.
         """
         super().reset(seed=seed)
         seen, info = self._one.reset(seed=seed, options=options)
         return seen[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
-        information.
+        """Hold the pressures of the action (C,) in C chambers for one period. Return observation, reward, the flags
+        `terminated` and `truncated`, and the info dict.
         """
         seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
         return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
 
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the information of the first environment of a batch, as Gymnasium expects it for a single one."""
+    """Return the info dict of the first environment of a batch, without the arrays' batch dimension."""
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
 
 
@@ -260,8 +262,8 @@ def checked_task(task: EpisodeTask) -> EpisodeTask:
 
 
 def reachable(model: Model, highest: float) -> Array:
-    """Return the static tip positions (K, 2) [m] as the first chamber's pressure rises from 0 to 0.8 times `highest`
-    [Pa].
+    """Return the static tip positions (K, 2) [m] at K pressures of the first chamber, evenly spaced from 0 to at most
+    0.8 times `highest` [Pa].
     """
     tips = []
     for level in np.linspace(0.0, 0.8 * highest, 33):

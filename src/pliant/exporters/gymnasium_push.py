@@ -114,9 +114,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return self.observation(self.angle()), self.info()
 
     def places(self, where: float, further: float) -> tuple[Array, Array]:
-        """Return start and target (2,) [m] of the puck, from two fractions of the tip's path.
+        """Return the puck's start and target, each (2,) [m]. Each lies in front of a point of the tip's path.
 
-        The puck starts in front of the tip at the fraction `where` of the tip's path.
+        The start belongs to the fraction `where` of the path, the target to the fraction `further` of the rest.
         """
         at = where * (len(self._curve) - 1)
         k = min(int(at), len(self._curve) - 2)
@@ -133,11 +133,13 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return np.array([np.interp(phase, share, self._curve[:, k]) for k in range(2)])
 
     def angle(self) -> Array:
-        """Return the present absolute link angles (n,) [rad] of the simulated actuator."""
+        """Return the present absolute angles (n,) [rad] of the simulated actuator's n links."""
         return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
-        """Return the observation (2 n + 8 + C,) for absolute link angles (n,) [rad]."""
+        """Return the observation (2 n + 8 + C,) of the actuator with n links and C chambers, at its absolute link
+        angles (n,) [rad].
+        """
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle
         q = mechanics_of(m).joint_angles(seen)
@@ -150,7 +152,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return np.concatenate(rows).astype(np.float32)
 
     def info(self) -> dict[str, Any]:
-        """Return the information of Gymnasium: positions (2,) [m] of tip, puck and target, and the time [s]."""
+        """Return Gymnasium's info dict: positions (2,) [m] of tip, puck and target, and the time [s]."""
         tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
@@ -158,8 +160,8 @@ class PushEnv(gymnasium.Env[Array, Array]):
         }
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Hold the pressures of the action (C,) for one period; return observation, reward, two end flags and
-        information.
+        """Hold the pressures of the action (C,) in C chambers for one period. Return observation, reward, the flags
+        `terminated` and `truncated`, and the info dict.
         """
         self._command = 0.5 * (np.clip(np.asarray(action, dtype=float), -1.0, 1.0) + 1.0) * self.highest
         for name, chamber, power in self._controls:
@@ -176,7 +178,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
 
 
 def world(model: Model, timestep: float, highest: float) -> str:
-    """Return the MJCF text of a world with the actuator, and a puck on a table."""
+    """Return the MJCF text of a world that contains the actuator and a puck that rubs on a table."""
     provenance = Provenance(model, "mjcf", "pliant/Push-v0")
     root = ET.fromstring(mjcf(model, provenance, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))

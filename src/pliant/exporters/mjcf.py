@@ -1,4 +1,5 @@
-"""Export of a model as MJCF for MuJoCo: joints as hinges, creep and slip as hidden hinges, inputs as actuators.
+"""Export of a model as MJCF for MuJoCo: joints as hinges, creep and slip as additional hidden hinges, inputs as
+actuators.
 
 In MJCF a joint's stiffness "K K2 K3" means the torque K q + K2 q^2 + K3 q^3. A fixed tendon whose coefficients are the
 joint gains converts one force to the torques of all joints. A branch of creep is a separate hinge, damped by K share
@@ -56,7 +57,9 @@ LEVEL = 1e5  # Pa: MuJoCo limits controls to 1e10, so the k-th one is p (p / LEV
 
 
 class Branch(NamedTuple):
-    """A creep or slip element in MJCF: a spring between a joint and a hidden hinge with damper or dry friction."""
+    """A creep or slip element in MJCF: a spring from a joint to an additional, hidden hinge, which has a damper (creep)
+    or dry friction (slip).
+    """
 
     name: str
     share: float  # stiffness as a fraction of the joint's K
@@ -186,7 +189,7 @@ def sliding(parent: ET.Element, bodies: RigidChain, slide: Slide, prefix: str) -
 def hidden_hinges(
     parent: ET.Element, model: Model, own: RigidLink, place: Mapping[str, str], prefix: str
 ) -> None:
-    """Add the hidden hinges of creep and slip elements before one link to the MJCF."""
+    """Add the hidden hinges, which represent creep and slip of the joint before one link, to the MJCF."""
     for branch in branches(model):
         for hinge in own.hinges:
             name, K = f"{prefix}{branch.name}_{hinge.link + 1}", hinge.stiffness
@@ -221,14 +224,16 @@ def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array
 
 
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
-    """Return each chamber of a model with the names of its tendon and its first control in the MJCF."""
+    """Return (chamber, name of its tendon in the MJCF, name of its first control) for each chamber of a model."""
     actuation = model.actuation
     names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
 def tendons(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add a tendon for each input, and the springs between joints and hidden hinges, to the MJCF."""
+    """Add tendons to the MJCF: one for each input, and others that serve as springs of extensible segments and as
+    springs between joints and hidden hinges. Constraints that couple the slides of a segment are added too.
+    """
     group = ET.SubElement(root, "tendon")
     bodies, joints = rigid_chain(model), mechanics_of(model).joints
     hinges, slides, strains = bodies.hinges, bodies.slides, model.size - len(model.extensions)
@@ -265,8 +270,8 @@ def add_slides(tendon: ET.Element, slides: Sequence[Slide], coefficients: Array,
 def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> None:
     """Add constraints to the MJCF that couple all slides of an extensible segment to one of them, the chief.
 
-    A slide that two segments move has a fixed tendon in `group`, which is its displacement less what their
-    chiefs make of it.
+    A slide that two segments move is coupled through a fixed tendon in `group`. The tendon's length is the slide's
+    displacement minus the displacement that follows from both chiefs.
     """
     bodies = rigid_chain(model)
     if not bodies.slides:
@@ -305,7 +310,9 @@ def contacts(root: ET.Element, prefix: str) -> None:
 
 
 def control(pressure: float, power: int) -> float:
-    """Return the MuJoCo control value for a power of the pressure [Pa]: p (p / 100 kPa)^(power - 1)."""
+    """Return the MuJoCo control value [Pa] that represents the given power of the pressure p [Pa]: p (p / 100
+    kPa)^(power - 1).
+    """
     return float(pressure * (pressure / LEVEL) ** (power - 1))
 
 
@@ -349,7 +356,8 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
 
 
 def of_tendon(tendon: Tendon) -> dict[str, str]:
-    """Return the MJCF attributes of a tendon's actuator, with the force T_0 + k (u - length) or a given tension.
+    """Return the MJCF attributes of a tendon's actuator. An elastic tendon pulls with the force T_0 + k (u - length),
+    with its pretension T_0, its stiffness k and the control u. For any other tendon the control is the tension.
 
     The force of a single tendon is never negative. A pair without pretension has the force k (u - length), since one of
     the two is taut.
@@ -361,7 +369,7 @@ def of_tendon(tendon: Tendon) -> dict[str, str]:
 
 
 def sensors(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add sensors of the observed points' positions and of the joint angles to the MJCF."""
+    """Add sensors of the observed points' positions, of the joint angles and of the segments' strains to the MJCF."""
     group = ET.SubElement(root, "sensor")
     for p in model.points:
         ET.SubElement(group, "framepos", name=f"{prefix}{p.name}_pos", objtype="site", objname=f"{prefix}{p.name}")

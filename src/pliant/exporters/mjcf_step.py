@@ -18,7 +18,7 @@ SHORTEST = 2.0**-7 * USUAL  # s
 
 
 class Hidden(NamedTuple):
-    """Constants of the hidden hinges of one creep or slip element, tied to every joint by a spring."""
+    """Constants of the hidden hinges of one creep or slip element: each joint has one, tied to it by a spring."""
 
     share: float  # stiffness as a fraction of the joint's
     time: float  # s, relaxation time of its damper; 0: held by dry friction
@@ -94,7 +94,7 @@ def is_definite(a: Array) -> bool:
 
 
 def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
-    """Return a time step [s] at which MuJoCo is stable: the given one, or for 0 a suitable one with a margin.
+    """Return a time step [s] at which MuJoCo is stable: `step` itself or, if it is 0, a suitable one with a margin.
 
     The steps tried are 1 ms, 0.5 ms, and so on.
 

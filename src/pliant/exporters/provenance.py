@@ -70,7 +70,9 @@ class Provenance:
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
-        """Return sentences on the omitted features and the resulting difference of motion, and the target's notes."""
+        """Return sentences that name the omitted features and the resulting difference of motion, followed by the notes
+        of the export target.
+        """
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
 

@@ -44,7 +44,7 @@ def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | i
         standard errors (SI): each field is multiplied by an independent factor.
     count : int
         Number of models.
-    rng : Generator or int
+    rng : numpy.random.Generator or int
         Random generator, or its seed.
 
     Raises

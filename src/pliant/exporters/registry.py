@@ -189,7 +189,9 @@ def exporter_of(target: str) -> Exporter:
 
 
 def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all options of an export target: defaults, replaced by the given values in the defaults' types."""
+    """Return all options of an export target. A given value replaces the default and is converted to the default's
+    type.
+    """
     known = dict(exporter.options)
     for name, value in given.items():
         if name not in known:

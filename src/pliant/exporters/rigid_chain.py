@@ -78,7 +78,7 @@ class RigidChain(NamedTuple):
 
     @property
     def growth(self) -> Array:
-        """Displacement (K, S) [m] of each of K slides for a unit of each of S segment strains."""
+        """Displacements (K, S) [m] of the chain's K slides for a unit strain of each of its S extensible segments."""
         return np.array([slide.growth for slide in self.slides])
 
     @property
@@ -121,8 +121,8 @@ def rigid_chain(model: Model) -> RigidChain:
 
 
 def lengthening(model: Model, chain: RigidChain) -> RigidChain:
-    """Return the chain with slides on its extensible links, which carry their masses, and a slide at the end of an
-    extensible base.
+    """Return the chain with slides on its extensible links, and one at the end of an extensible base. The slides carry
+    a link's mass, except for the part of it at the joint.
     """
     share, links = model.stretch_share, []
     for i, link in enumerate(chain.links):
@@ -147,8 +147,8 @@ def lengthening(model: Model, chain: RigidChain) -> RigidChain:
 
 
 def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Array, Slide | None]:
-    """Return the body that carries an observed point, the point's position (3,) [m] in its frame, and the point's own
-    slide or None.
+    """Return the name of the body that carries an observed point, the point's position (3,) [m] in the frame of this
+    body, and the slide that must be added for the point, or None.
 
     A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
     other gets a slide of its own, which the body at the joint carries.
@@ -205,7 +205,9 @@ def hinges_of(model: Model) -> list[Hinge]:
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
-    """Return the hinge of the coordinate number `row`, about axis 0, 1 or 2, with a linear spring."""
+    """Return the hinge that turns by the joint coordinate with the index `row`, about the axis 0, 1 or 2 (x, y or z),
+    with a linear spring.
+    """
     K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
     return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
 
@@ -227,7 +229,9 @@ def point_of(model: Model, point: Station) -> Array:
 
 
 def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
-    """Return the tip position (3,) [m] of a chain of hinges at the hinge angles `x` (N,) [rad]."""
+    """Return the tip position (3,) [m] of a chain of hinges. Their angles are `x` (N,) [rad], in the order of the
+    model's N joint coordinates.
+    """
     from scipy.spatial.transform import Rotation
 
     turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
@@ -240,7 +244,8 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return the distance [m] between the tips of model and hinge chain when both bend diagonally by half a radian.
+    """Return the distance [m] between the tips of model and hinge chain when the joints of each bend by half a radian
+    in sum, halfway between the hinges' axes.
 
     The joint coordinates are equal: torques bend the springs of both by the same angles.
     """

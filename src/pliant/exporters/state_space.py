@@ -145,8 +145,8 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tup
 
 
 def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
-    """Return value and unit at the equilibrium of a state that belongs to an input: pressure, its rate or a past
-    command.
+    """Return the equilibrium value and the unit of a state that belongs to an input: its pressure, its pressure's rate
+    or a past command.
     """
     words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
     for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):

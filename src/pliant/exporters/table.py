@@ -10,8 +10,8 @@ from pliant.exporters.registry import BUILT_IN, Exporter, exporters
 
 
 def cell(exporter: Exporter, key: str) -> str:
-    """Return whether a target supports the feature `key`: "yes", "left out" (with a note) or "no"
-    (only approximately).
+    """Return how an export target treats the feature `key`: "yes" (exported), "left out" (always omitted, with a note)
+    or "no" (an error, or omitted in an approximate export).
     """
     return "yes" if key in exporter.can else "left out" if key in exporter.by_nature else "no"
 

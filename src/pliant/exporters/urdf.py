@@ -79,8 +79,8 @@ def inertia(link: ET.Element, centre: Array, mass: float, about: Mapping[str, st
 
 
 def strains(root: ET.Element, model: Model, prefix: str) -> None:
-    """Add a prismatic joint for each extensible segment to the URDF, whose value is the segment's strain. It moves an
-    empty link.
+    """Add a prismatic joint for each extensible segment to the URDF. The joint's value is the segment's strain; it
+    moves only an empty link.
     """
     dampers = mechanics_of(model).joints.D[model.size - len(model.extensions) :]
     for segment, damping in zip(model.extensions, dampers, strict=True):
@@ -134,8 +134,8 @@ def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, na
 
 
 def frame_of(bodies: RigidChain, parent: str, place: Array) -> tuple[Rotation, Array]:
-    """Return rotation and position (3,) [m] of a part on a body, in the body's frame. The base frame is not turned by
-    the base angle.
+    """Return the rotation and the position (3,) [m] of a part in the URDF frame of the body that carries it. On the
+    base they include the base's own rotation, since the URDF's base frame is not turned.
     """
     base = Rotation.from_rotvec(bodies.base_turn)
     return (base, np.asarray(base.apply(place))) if parent == "base" else (Rotation.identity(), place)
@@ -173,16 +173,16 @@ def angles(turn: Rotation) -> Array:
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation from the z axis of a cylinder to the axis of a link with the rotation vector `turn` (3,)
-    [rad].
+    """Return the rotation that aligns the z axis of a cylinder with a link's axis, if the link is turned by the
+    rotation vector `turn` (3,) [rad].
     """
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)
 
 
 def shape(link: ET.Element, along: Rotation, length: float, size: float, start: float = 0.0) -> None:
-    """Add a cylinder along a link, from `start` [m] on, to the URDF for display and contact. `along` rotates z to the
-    link's axis.
+    """Add a cylinder along a link to the URDF for display and contact. It begins `start` [m] from the link's origin,
+    and `along` rotates its z axis to the link's axis.
     """
     if not length > 0:
         return

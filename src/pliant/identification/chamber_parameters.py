@@ -104,8 +104,8 @@ def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, f
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return a chamber's joint gains (n,) under the parameter `values`, as a dict; {} if they do not change.
-    Values may set the gain of single joints, or scale all to a mean.
+    """Return a chamber's changed gains at its n joints, as a dict of arrays (n,) by field name; {} if none changes. The
+    parameter `values` set the gains of single joints, or scale all of them to a given mean.
     """
     changes: dict[str, Array] = {}
     for field in ("joint_gain", "cross_gain"):
@@ -125,7 +125,8 @@ def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Ar
 
 
 def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return a chamber's gains about both bending axes, scaled so that their means are ``gain_x`` and ``gain_y``.
+    """Return a chamber's gains at n joints about both bending axes, as a dict of arrays (n,) by field name. They are
+    scaled so that their means are ``gain_x`` and ``gain_y``.
 
     The means are over the joints that the chamber turns. The ratio of the lever between joints stays as it is.
     """
@@ -143,7 +144,9 @@ def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Arr
 
 
 def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Raise InputError for parameters of unknown chambers, or for ambiguous names of gains or chambers."""
+    """Raise InputError for a parameter that no chamber has, for a gain without a chamber's name in a model of several
+    chambers, or for a chamber named like a recording or station.
+    """
     mine = owners(model)
     if both := set(mine) & others:
         raise InputError(
@@ -165,8 +168,8 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
 
 
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
-    """Return the name prefixes of chambers whose gains and torque law are all free.
-    The mean gain of such a chamber must be held.
+    """Return the name prefixes of the chambers whose joint gains and torque law are all free. Recordings determine only
+    their product, so that a fit must hold the mean gain of such a chamber.
     """
     listed = {p.name: p for p in parameters}
     several = model.actuation.count > 1

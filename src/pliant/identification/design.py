@@ -40,7 +40,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Standard errors of the parameters to expect if one more recording is made with a given pressure input.
+    """Expected standard errors of the parameters after one more recording, made with a given pressure input.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def design(
     fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
     step: float = 2e-3, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
-    """Rank pressure inputs for the next recording by the parameters' standard errors to expect after it.
+    """Rank pressure inputs for the next recording by the standard errors that the parameters would have after it.
 
     The Fisher information of the fit and that of a recording simulated under each candidate are added. The simulated
     recording has noise of the size of the fit's residuals, whose correlation in time is taken into account.
@@ -147,8 +147,8 @@ def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 
 
 def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default pressure inputs to rank for one chamber: pulses up to `limit` [Pa] and, if
-    measured, chirps.
+    """Return the default pressure inputs to rank for one chamber: pulses up to `limit` [Pa] and, for recordings with a
+    measured pressure, chirps.
     """
     offered = [
         Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
@@ -170,7 +170,8 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 def information_gain(
     fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
 ) -> Array:
-    """Return the Fisher information (P, P), per relative parameter change, that a recording of a candidate input adds.
+    """Return the Fisher information (P, P) on P parameters that a recording of a candidate input adds. It is per
+    relative change of each parameter.
 
     The edge times of the recording are unknown as well and are marginalised out.
     """
@@ -207,7 +208,9 @@ def information_gain(
 
 
 def sampled(candidate: Candidate) -> Trace:
-    """Return the pressure input of a candidate as a `Trace`: a pulse by its jumps, any other input sampled at 1 kHz."""
+    """Return the pressure input of a candidate as a `Trace`: a pulse as four samples at its two jumps, any other input
+    sampled at 1 kHz.
+    """
     if isinstance(candidate.pressure, Pulse):
         start, stop = candidate.pressure.jumps
         return Trace(np.array([start, start, stop, stop]), candidate.level * np.array([0.0, 1.0, 1.0, 0.0]))
@@ -216,8 +219,8 @@ def sampled(candidate: Candidate) -> Trace:
 
 
 def information_of(covariance: Array) -> Array:
-    """Return the inverse (P, P) of a covariance matrix.
-    It is zero along directions that the matrix does not determine.
+    """Return the Fisher information (P, P) on P parameters, the inverse of their covariance matrix. In directions of
+    zero variance, which a fit did not determine, it is set to zero.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     inverse = np.where(values > 1e-14 * max(float(values[-1]), 1e-300), 1.0 / np.maximum(values, 1e-300), 0.0)
@@ -225,8 +228,8 @@ def information_of(covariance: Array) -> Array:
 
 
 def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Proposal, tuple[str, ...]]:
-    """Return a proposal with the standard errors for a Fisher information, and the names in its least certain
-    combination.
+    """Return as a `Proposal` the standard errors that follow from a Fisher information, and the names of the parameters
+    in the least certain combination.
     """
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 1e-12)

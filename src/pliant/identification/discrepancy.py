@@ -34,7 +34,8 @@ def discrepancy(
     model: Model, exp: Experiment, values: Mapping[str, float], modelled: Array, pressure: Array,
     training: Sequence[Experiment],
 ) -> Array:
-    """Return the standard deviation (T, S, 2) [m] of the model's error beyond the pressures and speeds in training.
+    """Return the standard deviation (T, S, 2) [m] of the model's error that is due to pressures and speeds which no
+    training recording covers, at T times and S stations.
 
     The shape is (T, S, 1) [rad] for a recording of angles only. The result is zero for a pressure and a speed that
     occurred in training. For a body with several chambers, speed alone counts.
@@ -67,14 +68,17 @@ def discrepancy(
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
-    """Interpolate station positions `rows` (G, S, 2), given at the first G pressures of `grid`, to T pressures."""
+    """Return positions (T, S, 2) of S stations at T pressures, interpolated between the `rows` (G, S, 2). These belong
+    to the first G pressures of `grid`.
+    """
     columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])
 
 
 def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
-    """Return the constant pressures (L,) [Pa], and 0, that training recordings kept for at least one period of the
-    first mode.
+    """Return the L pressures (L,) [Pa], in rising order, at which training recordings are taken to show the body at
+    rest: 0, nominal pressures of pulses and steps, and measured pressures kept for at least one period of the first
+    mode in total.
     """
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
@@ -93,7 +97,9 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """Return equilibrium positions (G, S, 2 or 1) at the pressures `grid`, exact and interpolated between `levels`.
+    """Return two arrays of equilibrium positions (G, S, 2) [m] of S stations at the first G pressures of `grid`: exact
+    ones, and ones interpolated between the equilibria at the pressures `levels`. For a recording of angles only they
+    hold angles (G, S, 1) [rad].
 
     Joint angles and strains are interpolated, or extrapolated, from the two nearest training `levels`. Both arrays end
     at the first pressure without an equilibrium.
@@ -124,7 +130,9 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
 
 
 def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> Array:
-    """Return the fraction (T, 1, 1) of the tip's speed that exceeds the highest speed in training; 0 below it."""
+    """Return the part of the tip's speed above the highest speed in training, as a fraction of the speed; 0 below it.
+    The shape is (T, 1, 1) for T times.
+    """
     seen = (speed(e.time, e.last_station, settled=e.poses) for e in training)
     limit = max((float(np.nanmax(s)) for s in seen), default=np.inf)
     own = speed(exp.time, modelled[:, -1], settled=exp.poses)
@@ -132,7 +140,9 @@ def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> 
 
 
 def speed(time: Array, path: Array, *, settled: bool = False) -> Array:
-    """Return the speed (T,) [m/s; angles: rad/s] of a point along `path` (T, d) at times (T,); 0 for settled poses."""
+    """Return the speed (T,) [m/s; angles: rad/s] of a point from its positions `path` (T, d) at T times, with d
+    coordinates each; 0 for settled poses.
+    """
     if settled:
         return np.zeros(len(path))
     return np.asarray(np.linalg.norm(np.gradient(path, time, axis=0), axis=1))

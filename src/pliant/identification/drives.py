@@ -60,7 +60,7 @@ def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int])
 
 
 def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """Return one array (P,) for each chamber of a model: the samples of the recorded input that drives it, or zeros.
+    """Return for each chamber of a model the P samples (P,) of the recorded input that drives it; zeros if none does.
 
     `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
     """
@@ -90,7 +90,7 @@ def one_chamber(name: str, pressure: xr.DataArray) -> Array:
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
-    """Return whether only one chamber was driven: other pressures vary by at most 10 % of its variation."""
+    """Return whether `chamber` alone was driven: the pressures of all others vary by at most 10 % as much."""
     if not exp.drives or leading(exp.drives) != chamber:
         return False
     moves = float(np.ptp(exp.drives[chamber].pressure))
@@ -166,7 +166,9 @@ def pressures_at(model: Model, experiments: Sequence[Experiment]) -> Array:
 
 
 def shared(a: Array, b: Array) -> float:
-    """Return how independent two pressure series (N,) are: the sine of the angle between them, 0 if proportional."""
+    """Return how independent two pressure series (N,) of N samples are: the sine of the angle between them as vectors,
+    0 if they are proportional.
+    """
     p, q = a / np.linalg.norm(a), b / np.linalg.norm(b)
     return float(np.linalg.norm(p - q * (p @ q)))
 
@@ -223,7 +225,9 @@ def hardly_apart(overlap: bool, uneven: bool) -> str:
 
 
 def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequence[Experiment]) -> str:
-    """Return why the parameters `names` cannot be separated, if chambers were never driven (separately); else ''."""
+    """Return as text why the recordings cannot separate the parameters `names`: a chamber was never driven, or two were
+    never driven separately. '' if neither is the case.
+    """
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""

@@ -15,7 +15,9 @@ FIRST = 5  # frames whose median is the first position
 
 
 def displacement(exp: Experiment) -> Array:
-    """Return the distance (T,) [m; angles: rad] of the last station from its first position. Gaps are interpolated."""
+    """Return the distance (T,) [m; angles: rad] of the last station from its first position, in T frames. Gaps are
+    interpolated.
+    """
     p = exp.steady
     seen = np.isfinite(p).all(axis=1)
     u = np.linalg.norm(p[seen] - np.median(p[seen][:FIRST], axis=0), axis=1)
@@ -23,8 +25,8 @@ def displacement(exp: Experiment) -> Array:
 
 
 def edges(exp: Experiment) -> dict[str, float]:
-    """Return the times [s] by parameter name at which the pressure switched or the body was let go, as the last station
-    shows.
+    """Return the times [s], by parameter name, at which the pressure switched or the body was let go. They are found
+    from the motion of the last station.
 
     The names are ``start`` and ``stop`` for a pulse, ``start`` for a step, ``release`` for a release; a measured
     pressure has none. The start is the last time at which the displacement was below 3 % of its peak before it first
@@ -54,7 +56,8 @@ def edges(exp: Experiment) -> dict[str, float]:
 
 
 def advance(exp: Experiment) -> Array:
-    """Return the signed displacement (T,) [m; angles: rad] of the last station along its main direction of motion.
+    """Return the signed displacement (T,) [m; angles: rad] of the last station along its main direction of motion, in T
+    frames.
 
     The noise of a signed displacement averages to 0, that of a distance does not.
     """
@@ -101,7 +104,7 @@ def onset_in_noise(t: Array, u: Array, first: int) -> float:
 
 
 def held_pose(exp: Experiment) -> Array:
-    """Return the median positions (S, 2) [m] of the stations in the last 0.05 s before a held body is let go."""
+    """Return the median positions (S, 2 or 3) [m] of S stations in the last 0.05 s before a held body is let go."""
     if exp.excitation != "release" or exp.without_positions:
         raise InputError(f"experiment {exp.name}: a held pose needs a release with positions, but this recording is a "
                          f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out "

@@ -176,8 +176,8 @@ class Experiment(Shown):
         return Card(title, drawing="" if self.without_positions else body_svg(self.drawn_poses(), title))
 
     def drawn_poses(self) -> list[tuple[str, Array]]:
-        """Return labelled lines to draw: the measured body (S + 1, 2) [m] at up to five instants, and the last
-        station's path.
+        """Return labelled lines to draw: the measured body at up to five instants, as base and S stations (S + 1, 2)
+        [m], and the path of the last station.
         """
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
@@ -193,19 +193,22 @@ class Experiment(Shown):
 
     @property
     def compared(self) -> Array:
-        """Return the observed values to which a fit compares a model: positions (T, S, 2) [m], else angles (T, S, 1)
-        [rad].
+        """Return the observed values of S stations in T frames that a fit compares with the model: positions (T, S, 2
+        or 3) [m], or angles (T, S, 1) [rad] if only these were recorded.
         """
         return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
 
     @property
     def last_station(self) -> Array:
-        """Return the observations of the last station: positions (T, 2), m, or angles (T, 1), rad."""
+        """Return the observed positions (T, 2 or 3) [m] of the last station in T frames, or its angles (T, 1) [rad] if
+        only these were recorded.
+        """
         return self.compared[:, -1]
 
     @property
     def steady(self) -> Array:
-        """Return the positions (T, 2) [m] or angles (T, 1) [rad] of the last station, with outliers set to NaN.
+        """Return the observed positions (T, 2 or 3) [m] of the last station in T frames, or its angles (T, 1) [rad] if
+        only these were recorded, with outliers set to NaN.
 
         A recording of settled poses is returned unchanged, since successive poses may differ by any amount.
         """
@@ -227,14 +230,16 @@ class Experiment(Shown):
 
     @property
     def traces(self) -> Mapping[str, Trace]:
-        """Return the measured inputs as a mapping from the name of the model input that each drives; "" for a single
-        unnamed one.
+        """Return the measured inputs in a mapping from the name of the model input that each drives. The key is "" for
+        a single input without a name.
         """
         return self.drives or ({} if self.pressure is None else {"": self.pressure})
 
     @property
     def peak(self) -> float:
-        """Return the extreme value [SI] of the measured input that varies most, or else the nominal pressure."""
+        """Return the value [SI] farthest from 0 of the measured input that varies most; the nominal pressure if no
+        input was measured.
+        """
         return self.pressure.peak if self.pressure is not None else float(self.level)
 
     def driving(self, name: str) -> Trace | None:
@@ -264,7 +269,9 @@ class Experiment(Shown):
 
     @cached_property
     def first_places(self) -> Array:
-        """Return the median position (S, 2) [m] of each marker over the first five frames that show the marker."""
+        """Return the median position (S, 2 or 3) [m] of each of S markers over the first five frames that show the
+        marker.
+        """
         seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
         return np.array([np.median(p, axis=0) for p in seen])
 
@@ -278,7 +285,9 @@ class Experiment(Shown):
 
 
 def farthest(seen: Array, *, poses: bool) -> float:
-    """Return the peak distance [m] of a path (T, d) from its first point; for a single settled pose, from the base."""
+    """Return the largest distance [m; angles: rad] of a path (T, d), T points with d coordinates, from its first point.
+    A single settled pose is measured from the base.
+    """
     if poses and len(seen) == 1:
         return float(np.linalg.norm(seen[0]))
     return float(np.linalg.norm(seen - np.median(seen[: 1 if poses else 5], axis=0), axis=1).max())
@@ -334,8 +343,8 @@ def check_extras(exp: Experiment) -> None:
 
 
 def check_poses(exp: Experiment) -> None:
-    """Raise InputError if an experiment of settled poses is planar, or has a nominal pressure, known forces or
-    own_places.
+    """Raise InputError if an experiment of settled poses is planar, lacks a measured input, has known forces, or takes
+    the stations' positions on their links from its first frames (``own_places``).
     """
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
@@ -345,7 +354,9 @@ def check_poses(exp: Experiment) -> None:
 
 
 def check_orientation(exp: Experiment) -> None:
-    """Raise InputError if orientations are not unit quaternions (T, S, 4) of a recording in space."""
+    """Raise InputError if an experiment has orientations and is planar, or if these are not unit quaternions (T, S, 4)
+    for T frames and S stations.
+    """
     orientation = exp.orientation
     if orientation is None:
         return
@@ -361,7 +372,9 @@ def check_orientation(exp: Experiment) -> None:
 
 
 def check_drives(exp: Experiment) -> None:
-    """Raise InputError if chamber pressures have different sample times, or the excitation is not 'trace'."""
+    """Raise InputError if the pressures of an experiment's chambers have different sample times, or if its excitation
+    is not a measured one ('trace').
+    """
     if exp.excitation != "trace":
         raise InputError(
             f"experiment {exp.name}: pressures of chambers need excitation 'trace', not {exp.excitation!r}"

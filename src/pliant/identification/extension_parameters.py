@@ -35,8 +35,8 @@ def segments(model: Model) -> tuple[str, ...]:
 
 
 def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the changes of a model, as a dict, that scale all stiffnesses so that the first joint gets the value
-    "body_stiffness".
+    """Return the stiffnesses of joints and extensible segments, all scaled by one factor so that the first joint gets
+    the value "body_stiffness". They are a dict of changes to the model; {} if this parameter is absent.
 
     The ratios between the joints' stiffnesses and the axial stiffnesses stay as they are. This fits one modulus of a
     body whose geometry is known.
@@ -61,7 +61,9 @@ def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, flo
 
 
 def check_segment_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Raise InputError for parameters of unknown segments, or a segment named like a recording, station or chamber."""
+    """Raise InputError for a segment parameter that the model does not have, or for a segment named like a recording,
+    station or chamber.
+    """
     mine = segments(model)
     if both := set(mine) & (others | set(owners(model))):
         raise InputError(

@@ -89,8 +89,8 @@ def fit(
         Fit even if the recordings do not determine some combination of parameters, which then stays near its start.
     section_area : float, optional
         Solid cross-section of the body, m^2, against which a fitted mass is checked.
-    rng : Generator, int or None
-        Generator or seed of the scattered starts; default: 0.
+    rng : numpy.random.Generator, int or None
+        Random generator or seed of the scattered starts; default: 0.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -139,7 +139,9 @@ def fit(
 
 
 def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
-    """Return a warning if the residuals far exceed the noise and no second start led to the optimum x; '' otherwise."""
+    """Return a warning if the residuals far exceed the noise and no other start point of the fit led to the optimum x
+    (P,) of P parameters; '' otherwise.
+    """
     parts = np.split(problem.data_residual(x), problem.ends[:-1])
     ratio = max(noise_ratio(o, part) for o, part in zip(problem.observed, parts, strict=True))
     if agreeing or ratio <= ABOVE_NOISE:
@@ -154,8 +156,8 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
 def starts_of(
     problem: Problem, starts: int, rng: np.random.Generator, second: Array | None = None,
 ) -> list[Array]:
-    """Return the start points of a fit that can be simulated: the estimate, the `second` start, and random points
-    around it.
+    """Return the start points of a fit from which the model can be simulated: the estimated one, a `second` one if
+    given, and random points around the first.
 
     Each start (P,) holds scaled parameters. Raises FitError if no start can be simulated.
     """
@@ -221,7 +223,8 @@ def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
 
 
 def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[str, float]:
-    """Return start values [s] of an experiment's edge times, by parameter name, from a search over two periods.
+    """Return start values [s] of an experiment's edge times, by parameter name. Each edge is moved by up to two periods
+    of the first mode, and the time of least error is taken.
 
     The motion of a ringing body nearly repeats after a period, so that a fit of edge times has several local minima.
     Each edge is therefore moved in steps of a quarter of the first mode's period, up to two periods either way, and
@@ -296,7 +299,8 @@ def finished(
 
 
 def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
-    """Return warnings about parameters that the simulation's time step biases by at least half of their standard error.
+    """Return a list with one warning if the simulation's time step biases a parameter by at least half of its standard
+    error. The warning names the parameter with the largest bias; without one the list is empty.
 
     The change of the residuals at half the step is turned into a change of the parameters to first order. For a method
     of second order, the whole error of the step is 4/3 of that change.

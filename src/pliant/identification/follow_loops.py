@@ -20,7 +20,9 @@ from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspac
 
 
 class Course(NamedTuple):
-    """Time steps of a simulation: length, mean torques and known forces of each, and its output row."""
+    """Time steps of a simulation. Each has a length, mean torques, loads by known forces, and the output row for the
+    state at its end.
+    """
 
     h: np.ndarray  # (steps,) s
     torque: np.ndarray  # (steps, C) N m, mean of each chamber over each step
@@ -38,8 +40,8 @@ class Before(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Positions of the observed points on the links of a planar chain, with offset and angle reference of the
-    recording.
+    """Positions of the observed points on the links of a planar chain, with the offset of the recording's frame and the
+    direction from which its angles are measured.
     """
 
     chain: ObservedChain
@@ -53,7 +55,7 @@ class Places(NamedTuple):
 
 
 class SpatialPlaces(NamedTuple):
-    """Positions of the observed points on the links of a chain in space, and the offset of the recording's frame."""
+    """Positions of the observed points on the links of a chain in space, with the offset of the recording's frame."""
 
     body: SpatialBody
     work: SpatialWorkspace
@@ -72,8 +74,8 @@ class Seen(NamedTuple):
 
 
 def follow(phi, w, course, before, body, joints, work, seen):
-    """Simulate the chain from angles phi and rates w (n,) over all steps of `course`; the observed points go to
-    seen.rows. Angles and rates change in place.
+    """Simulate a chain over all steps of `course`, and write the coordinates of the observed points to seen.rows.
+    Angles phi and rates w change in place.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
     keep[k] - 1 + before.rows where keep[k] >= 0.
@@ -93,8 +95,8 @@ def follow(phi, w, course, before, body, joints, work, seen):
 
 
 def follow_with_memory(phi, w, course, before, chain, past, work, seen):
-    """Simulate a chain with hysteresis or creep over all steps of `course`, and write the observed points to seen.rows.
-    Angles phi, rates w and the states in `past` change in place.
+    """Simulate a chain with hysteresis or creep over all steps of `course`, and write the coordinates of the observed
+    points to seen.rows. Angles phi, rates w and the states in `past` change in place.
 
     `chain` is (body, joints). Creep starts at rest at phi. Returns the index of the first step in which a link
     turns by more than a radian or the hysteresis branches do not converge, or -1.
@@ -116,7 +118,7 @@ def follow_with_memory(phi, w, course, before, chain, past, work, seen):
 
 
 def take_torques(k, phi, w, course, body, joints, work):
-    """Write the joint torques of step k, of chambers and known forces, to work.tau (n,) [N m]."""
+    """Write the torques (n,) [N m] that chambers and known forces exert on n joints in step k to work.tau."""
     for c in range(len(course.gain)):
         share_out(c, course.torque[k, c], course.gain, work.tau)
     if len(course.load) > 0:

@@ -40,8 +40,8 @@ def dual_kind() -> NumberKind:
 
 
 def observed_rows(forward: ForwardProblem, numbers: Numbers, rows: int) -> Array:
-    """Simulate one experiment of a fit and return the observed rows (T, S, 3): x [m], y [m], angle [rad]; x, y, z [m]
-    in space.
+    """Simulate one experiment of a fit, and return the coordinates (T, S, 3) of S observed points in T frames: x [m], y
+    [m], angle [rad]; in space x, y, z [m].
 
     Raises
     ------
@@ -55,8 +55,8 @@ def observed_rows(forward: ForwardProblem, numbers: Numbers, rows: int) -> Array
 
 
 def observed_slopes(forward: ForwardProblem, numbers: Numbers, rows: int, count: int) -> Array:
-    """Simulate with dual numbers and return `count` derivatives (count, T, S, 3) of the observed
-    positions and angles.
+    """Simulate with dual numbers, and return the derivatives (count, T, S, 3) of positions and angles of S observed
+    points in T frames by `count` parameters.
     """
     out = integrated_rows(forward, numbers, dual_kind(), rows)
     value, slopes = out[..., 0], np.moveaxis(out[..., out.shape[-1] // 2 :][..., :count], -1, 0)
@@ -71,8 +71,8 @@ def observed_slopes(forward: ForwardProblem, numbers: Numbers, rows: int, count:
 
 
 def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind, rows: int) -> Array:
-    """Simulate an experiment with float or dual numbers; return observed positions and angles (T, S, 3) before sensor
-    lag.
+    """Simulate an experiment with float or dual numbers. Return positions and angles (T, S, 3) of S observed points at
+    T output times, before the lag of the sensors is applied.
     """
     model, chain = forward.model, mechanics_of(forward.model)
     n, *more = chain.sizes
@@ -100,8 +100,8 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
 
 
 def step_error(forward: ForwardProblem, after: float, length: float, phi: Array) -> SimulationError:
-    """Return the SimulationError for a step of `length` [s] that fails `after` seconds, with link angles phi (n,)
-    [rad].
+    """Return the SimulationError for a time step of `length` [s] that fails at the time `after` [s], when the n links
+    have the angles phi (n,) [rad].
     """
     if reason := state.given_way(forward.model, phi):
         return SimulationError(f"{after:.6g} s after the start {reason}")
@@ -112,7 +112,9 @@ def step_error(forward: ForwardProblem, after: float, length: float, phi: Array)
 
 
 def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Array:
-    """Return the hysteresis states at the start of a simulation: zero, or those left by a pull to the held pose."""
+    """Return the hysteresis states at the start of a simulation: zero or, for a body that was pulled to its held pose,
+    those after the pull.
+    """
     states: Array = kind.of(state.relaxed(forward.model, np.zeros(forward.model.size)))
     if not forward.pulled:
         return states
@@ -128,8 +130,8 @@ def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKi
 
 
 def initial_hysteresis_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind, states: Array) -> Array:
-    """Return the initial hysteresis states of a chain in space, pulled straight from its unloaded
-    to its measured pose.
+    """Return the hysteresis states at the start of a simulation in space, for a body that was pulled straight from its
+    unloaded to its held pose.
     """
     held = hysteresis_workspace(forward, numbers.joints, kind)
     held.dq[:] = numbers.phi[: len(held.dq)]

@@ -73,7 +73,7 @@ def forward_problem(
 
 
 def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
-    """Return the simulation inputs of settled poses: the torques of each row, without time steps."""
+    """Return the simulation inputs of a recording of settled poses: the torques of each pose, without time steps."""
     model, plan, size = model_at.model, pose_inputs(model_at.model, exp), mechanics_of(model_at.model).size
     still = np.zeros(size), np.zeros(size)
     numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
@@ -82,8 +82,8 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
-    """Return the times [s] at which a simulation outputs rows: those of the frames or, with a sensor lag, finer ones.
-    For finer times the indices of the frames are returned too.
+    """Return the times [s] at which a simulation outputs rows: those of the frames or, if a sensor has a lag, finer
+    ones. A second value is None or, with a lag, the pair of these times and the indices of the frames in them.
     """
     times = exp.time - params.get("latency", 0.0)
     between = between_frames(times) if lags_of(params, exp.stations).size else None
@@ -93,7 +93,9 @@ def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, t
 def release_problem(
     model_at: ModelAt, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> ForwardProblem:
-    """Return the simulation inputs of a body that is held and then let go, while its base may turn by ``base_turn``."""
+    """Return the simulation inputs of a body that is held and then let go. At the release its base may turn by the
+    angle ``base_turn``.
+    """
     model = model_at.model
     base = (model.base_angle, model.base_angle + params.get("base_turn", 0.0))
     angles = mechanics_of(model).coordinates(held_angles(model_at, exp, params, plans))
@@ -131,8 +133,8 @@ def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[
 
 
 def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
-    """Return the joint torques (n,) [N m] that a hand must apply to hold the body in its initial pose, with link
-    `loads`.
+    """Return the joint torques [N m] that a hand must apply to hold the body in its initial pose against springs,
+    gravity and the link loads `loads`.
     """
     numbers = forward.numbers
     stretched = initial_hysteresis(forward, numbers, REAL)[:, len(numbers.memory.creep_time) :]
@@ -145,7 +147,9 @@ def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
 
 
 def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plans: Plans) -> Array:
-    """Return the joint angles (n,) [rad] of a held body: from measured positions, under ``hold_force``, or unloaded."""
+    """Return the joint angles [rad] of a body held before its release: those that fit its measured positions, those in
+    equilibrium under ``hold_force``, or zeros for the unloaded shape.
+    """
     model = model_at.model
     if exp.held is not None:
         if not model.space:
@@ -169,8 +173,8 @@ def no_drive(model: Model) -> Drive:
 def actuation_steps(
     model: Model, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
 ) -> Drive:
-    """Return the time steps and torques of an experiment under its pressure, with outputs at `times` [s] on the
-    pressure's clock.
+    """Return the time steps and torques with which to simulate an experiment under its inputs. Steps end at the output
+    `times` [s], which are on the clock of the inputs.
     """
     start, stop = params.get("start", 0.0), params.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
@@ -187,7 +191,9 @@ def forward_numbers(
     model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plan: Drive, angles: tuple[Array, Array],
     base: tuple[float, float],
 ) -> Numbers:
-    """Return all numbers of a simulation that may have derivatives: angles at the start, torques, constants, points."""
+    """Return all quantities of a simulation that may depend on fitted parameters: initial angles, torques, model
+    constants and positions of the observed points.
+    """
     model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.oriented)
     lags = lags_of(params, exp.stations)
     return Numbers(
@@ -204,8 +210,8 @@ def forward_numbers(
 
 
 def shift_of(params: Mapping[str, float], exp: Experiment) -> Array:
-    """Return the offset (d,) [m] of the recording's frame: the parameters ``base_x``, ``base_y`` and, in space,
-    ``base_z``.
+    """Return the offset (2 or 3,) [m] of the recording's frame from the model's: the parameters ``base_x``, ``base_y``
+    and, in space, ``base_z``.
     """
     return np.array([params.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
 
@@ -226,7 +232,9 @@ def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
 
 
 def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:
-    """Return simulation inputs with the loads of the experiment's known forces. The time steps begin at `first` [s]."""
+    """Return the simulation inputs `numbers` with the link loads of the experiment's known forces in each time step.
+    The first step begins at `first` [s].
+    """
     if not exp.forces or not numbers.h.size:
         return numbers
     nodes = first + np.append(0.0, np.cumsum(numbers.h))
@@ -240,15 +248,15 @@ def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:
 
 
 def carriers(model_at: ModelAt, exp: Experiment) -> Array:
-    """Return the index (S + 2 m,) of the link that carries each observed point.
-    The last 2 m points lie on axes of the m links whose orientation is observed.
+    """Return the index of the link that carries each observed point, (S + 2 m,) for S stations and 2 m auxiliary
+    points. The latter lie on axes of the m links whose orientation is observed.
     """
     return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
 
 
 def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
-    """Return the joint angles (n,) [rad] at which S points of the model come closest to `positions` (S, 2) [m].
-    The result is cached.
+    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m]. The
+    result is cached.
 
     Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
     shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
@@ -264,7 +272,7 @@ def pose_through(model: Model, stations: list[Station], positions: Array, cache:
 
 
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
-    """Return the joint angles (n,) [rad] at which S points of the model come closest to `positions` (S, 2) [m]."""
+    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m]."""
     chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
     pull = LEAST_PULL * model.length * chain.to_joints
     unloaded = chain.coordinates(np.zeros(model.size))

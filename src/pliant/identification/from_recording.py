@@ -117,8 +117,8 @@ def one_pose(recording: xr.Dataset) -> xr.Dataset:
 
 
 def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
-    """Return the positions (T, S, 2), in space (T, S, 3), [m] of S stations.
-    They are NaN for a recording of angles only.
+    """Return the recorded positions (T, S, 2), in space (T, S, 3), [m] of S stations in T frames. They are NaN for a
+    recording of angles only.
     """
     if "position" not in recording:
         return np.full((recording.sizes["time"], len(stations), 2), np.nan)
@@ -143,7 +143,9 @@ def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...],
 
 
 def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
-    """Return the arc lengths (S,) [m] of the stations if recorded in rising order; None otherwise."""
+    """Return the arc lengths (S,) [m] of S stations if these were recorded and rise from station to station; None
+    otherwise.
+    """
     if "arc_length" not in recording.coords or len(stations) < 2:
         return None
     s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
@@ -151,8 +153,8 @@ def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array 
 
 
 def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
-    """Return times (P,) [s] and samples (P,) of a recording's only measured input; raise InputError if there are
-    several.
+    """Return times [s] and samples of a recording's only measured input, both (P,) for P samples. Raise InputError
+    unless there is exactly one input.
     """
     if "pressure" in recording and "actuation" not in recording:
         return recording["pressure_time"].values, one_chamber(name, recording["pressure"])

@@ -143,7 +143,9 @@ def examine(problem: Problem) -> Identifiability:
 
 
 def in_chambers(problem: Problem, found: Direction) -> Direction:
-    """Return the undetermined combination with a sentence about its chambers, if none was driven, or never alone."""
+    """Return the undetermined parameter combination `found`. If one of its chambers was never driven, or two never
+    separately, its sentence says so.
+    """
     findings = findings_of_chambers(found.names, problem.model, problem.experiments)
     if not findings:
         return found
@@ -152,7 +154,9 @@ def in_chambers(problem: Problem, found: Direction) -> Direction:
 
 
 def information(problem: Problem, x: Array) -> Identifiability:
-    """Return which parameter combinations the Fisher information at x (P,) determines badly or not at all."""
+    """Return which parameter combinations the Fisher information at the scaled parameters x (P,) determines badly or
+    not at all.
+    """
     J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
     sizes = problem_sizes(problem, x)
     relative = J * (sizes / problem.scale)
@@ -191,14 +195,16 @@ def problem_sizes(problem: Problem, x: Array) -> Array:
 
 
 def is_factor(problem: Problem) -> Array:
-    """Return for each of P free parameters whether its error is judged relative to its value, as 0 makes no sense for
-    it.
+    """Return for each of P free parameters whether its error is judged relative to its value, as for a stiffness, and
+    not to a typical size, as for an angle.
     """
     return np.array([kind_of(p.name).scale in (0.0, 1.0) or shared_name(p.name) in RATIOS for p in problem.free])
 
 
 def simplest(basis: Array) -> Array:
-    """Return a basis (R, P) of the space spanned by `basis` with few nonzero entries, by Gauss-Jordan elimination."""
+    """Return another basis (R, P), with few nonzero entries, of the space spanned by the R rows of `basis` (R, P), by
+    Gauss-Jordan elimination. Each row combines P parameters.
+    """
     rows = basis / np.abs(basis).max(axis=1, keepdims=True) if basis.size else basis
     taken: list[int] = []
     for k in range(len(rows)):
@@ -216,8 +222,8 @@ def simplest(basis: Array) -> Array:
 
 
 def direction(names: tuple[str, ...], v: Array, kind: str) -> Direction:
-    """Return the parameter combination `v` (P,) with a sentence on the parameters it couples and
-    how to separate them.
+    """Return the combination `v` (P,) of P parameters as a `Direction`, with a sentence on the parameters that take
+    part and on how to separate them.
     """
     part = np.flatnonzero(np.abs(v) > TAKES_PART)
     mine, change = tuple(names[i] for i in part), v[part]

@@ -53,8 +53,8 @@ def last_edge(exp: Experiment) -> float:
 
 
 def last_jump(exp: Experiment) -> float:
-    """Return the last time [s] at which a measured input deviates from its final value by over 5 % of the widest input
-    range.
+    """Return the last time [s] at which a measured input differs from its final value by over 5 % of the range of the
+    input that varies most.
 
     The 5 % lie above the noise of a sensor.
     """
@@ -112,7 +112,7 @@ def turning_points(model: Model, exp: Experiment, known: Mapping[str, Station]) 
 
 
 def placed(model: Model, phi: Array, name: str, point: Array, link: int | None) -> Station:
-    """Return a `Station` of the model at `point` (d,) [m], attached to `link` or, if None, to the nearest link."""
+    """Return a `Station` of the model at `point` [m], on the link `link` or, if that is None, on the nearest link."""
     length = np.concatenate([[model.base_length], model.link_length])
     beside = mechanics_of(model).beside_links(phi, point[None])[0]  # (n + 1, 3)
     apart = np.linalg.norm(beside - np.stack([np.clip(beside[:, 0], 0.0, length), *[0.0 * length] * 2], axis=1), axis=1)
@@ -226,7 +226,9 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
 
 
 def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Return start values by parameter name: gains and tendons of the model, wall limits from the peak pressure."""
+    """Return start values by parameter name: gains and tendon parameters as in the model, and wall limits of twice the
+    peak pressure.
+    """
     found = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]
@@ -245,8 +247,8 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
 def bands_of_layouts(
     parameters: Sequence[Parameter], experiments: Sequence[Experiment], model: Model,
 ) -> list[Parameter]:
-    """Return fixed parameters for the range that a springpot or Payne's curve covers, unless they are given.
-    The range is of frequencies [Hz] for the springpot and of joint rotations [rad] for the curve.
+    """Return as fixed parameters the ends of the range in which branches approximate a springpot or Payne's curve,
+    where they are not given: frequencies [Hz] for the springpot, joint rotations [rad] for the curve.
     """
     names = {p.name for p in parameters}
     chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}

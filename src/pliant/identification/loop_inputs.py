@@ -15,8 +15,8 @@ APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most fo
 
 
 class Numbers(NamedTuple):
-    """All quantities of one simulated experiment that depend on fitted parameters, so that derivatives are taken by
-    them.
+    """All quantities of one simulated experiment that may depend on fitted parameters, and may therefore carry
+    derivatives by them.
     """
 
     held: Any  # (n,) rad, absolute angles of the first rows

@@ -96,8 +96,8 @@ def chamber_guess(highest: float) -> dict[str, float]:
 
 
 def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the creep and slip branches that the springpot and Payne's curve with the parameters in `values` expand
-    to.
+    """Return the creep branches that approximate a springpot and the slip branches that approximate Payne's curve, for
+    the parameters in `values`. The result is a dict of fields of the model's hysteresis and creep.
     """
     entries: dict[str, Any] = {}
     for law, (lay, fields, kind) in LAYOUTS.items():

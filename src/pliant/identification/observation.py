@@ -67,7 +67,9 @@ def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
 
 
 def between_frames(times: Array) -> tuple[Array, Array]:
-    """Return the frame times (T,) refined to at most 5 ms apart, and the indices of the frames in them."""
+    """Return the frame times with others inserted so that they are at most 5 ms apart, and the indices of the frames in
+    them.
+    """
     parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
     frames = np.append(0, np.cumsum(parts))
     return np.interp(np.arange(frames[-1] + 1), frames, times), frames
@@ -82,8 +84,8 @@ def behind_sensors(rows: Array, between: tuple[Array, Array], lags: Array) -> Ar
 
 
 def lagged(rows: Array, times: Array, lags: Array) -> Array:
-    """Return rows (R, S, 3) of S stations after first-order sensors with time constants `lags` (S,) [s].
-    Each sensor starts settled at the first row.
+    """Return the outputs (R, S, 3) of first-order sensors at S stations with time constants `lags` (S,) [s], for inputs
+    `rows` (R, S, 3) at R times. Each sensor starts settled at the first row.
 
     tau y' = u - y is solved exactly for motions that are linear between two rows. The rows may be complex.
     """
@@ -113,15 +115,15 @@ def with_axes(places: Array, oriented: Array) -> Array:
 
 
 def repeated(values: Array, oriented: Array) -> Array:
-    """Return values (S + 2 m,) for S observed points, and for 2 m auxiliary points the values of their m stations.
-    The auxiliary points lie on two axes of each link whose orientation is observed.
+    """Return the `values` (S,) of S stations, followed twice by those of the m stations whose orientation is observed:
+    (S + 2 m,). The repeated values are for two auxiliary points on axes of each such station's link.
     """
     return np.concatenate([values, values[oriented], values[oriented]])
 
 
 def frames_of(rows: Array, oriented: Array) -> Array:
-    """Return the rotation matrices (..., T, m, 3, 3) of m links from positions (..., T, S + 2 m, 3).
-    The last 2 m points lie on two axes of each link.
+    """Return the rotation matrices (..., T, m, 3, 3) of m links in T frames, from positions (..., T, S + 2 m, 3) of S
+    stations and 2 m auxiliary points. The latter lie on two axes of each link.
     """
     m = len(oriented)
     start, ahead, aside = rows[..., oriented, :], rows[..., -2 * m : -m, :], rows[..., -m:, :]
@@ -137,8 +139,8 @@ def unit(v: Array) -> Array:
 
 
 def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
-    """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations.
-    Both orientations are rotations since the first frame.
+    """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations in T
+    frames. Both orientations are rotations since the first frame.
 
     `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
     measured body.
@@ -149,8 +151,8 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
 
 
 def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Array) -> Array:
-    """Return the derivatives (P, T, m, 3) of the rotation vectors of `turns_off` by P parameters.
-    `derivatives` (P, T, S + 2 m, 3) are those of the positions.
+    """Return the derivatives (P, T, m, 3) by P parameters of the rotation vectors from the measured to the modelled
+    orientation of m stations in T frames. `derivatives` (P, T, S + 2 m, 3) are those of the modelled positions.
     """
     return np.asarray(turns_off(rows + 1j * TINY * derivatives, oriented, measured).imag / TINY)
 

@@ -126,7 +126,9 @@ def shifts(problem: Problem) -> Array:
 
 
 def shares(problem: Problem) -> bool:
-    """Return whether a fraction of the stiffness, that of creep or of Payne's curve, is a free parameter."""
+    """Return whether any free parameter is the stiffness of creep or of Payne's curve, as a fraction of the joints'
+    stiffness.
+    """
     return any(p.name.rpartition(".")[2].startswith(SHARES) for p in problem.free)
 
 
@@ -139,8 +141,8 @@ def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:
 
 
 def condensed(problem: Problem) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """Return residual and Jacobian functions for the optimiser, rotated so that only P + 1 rows are nonzero.
-    P is the number of free parameters.
+    """Return residual and Jacobian functions for the optimiser that give only P + 1 rows for P free parameters. An
+    orthogonal transformation makes all other rows zero.
 
     With [r J] = Q R, the first column of R is the norm of r followed by zeros. Sum of squares, gradient and singular
     values are those of r and J.

@@ -104,15 +104,15 @@ class Parameter:
 
     @property
     def narrowed(self) -> float | None:
-        """Return the parameter's standard error over that of its prior, 1 if the data add no information; None without
-        a prior.
+        """Return the ratio of the parameter's standard error to that of its prior, 1 if the data add no information.
+        None without a prior or a standard error.
         """
         return None if self.prior_std is None or self.std is None else self.std / self.prior_std
 
     @property
     def moved(self) -> float | None:
-        """Return the difference of the fitted value from the prior's mean, in standard deviations of the prior, or
-        None.
+        """Return the difference of the fitted value from the prior's mean, in standard deviations of the prior; None
+        without a prior.
         """
         if self.prior_std is None or self.prior is None or self.value is None:
             return None
@@ -217,8 +217,8 @@ def kind_of(name: str) -> Kind:
 
 
 def shared_name(name: str) -> str:
-    """Return a parameter's name without recording, chamber or joint number, but whole if it is the position of a
-    station.
+    """Return a parameter's name without the recording, chamber or joint number in it. The name of a station's position,
+    such as ``tip.along``, is returned whole.
     """
     of_station = name.endswith((".along", ".across", ".aside")) and name.count(".") == 1
     own = name if of_station else name.partition(".")[2] or name
@@ -238,7 +238,8 @@ def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
 
 
 def apply(model: Model, values: Mapping[str, float]) -> Model:
-    """Return the model with the parameter `values` (SI) applied. Names that belong to no model are ignored.
+    """Return the model with the parameter `values` (SI) applied. Parameters that no model has, such as those of a
+    recording, are ignored.
 
     Each value replaces the model's own, so that applying the same values twice changes nothing.
     """

@@ -41,8 +41,8 @@ class ModelAt(NamedTuple):
         return self.torques[key]
 
     def chambers(self, pressure: Array) -> Array:
-        """Return the constants (C, k) of C chambers for the compiled loops, starting from `pressure` (C,) [Pa] behind
-        the valves.
+        """Return the constants (C, k) of C chambers for the compiled loops, k for each. The pressures behind the valves
+        start at `pressure` (C,) [Pa].
         """
         key = pressure.tobytes()
         if key not in self.rows:
@@ -52,14 +52,16 @@ class ModelAt(NamedTuple):
         return self.rows[key]
 
     def places(self, stations: tuple[str, ...]) -> Array:
-        """Return the coordinates (3, S) [m] of S stations in the frames of their links: along, across and aside."""
+        """Return the coordinates (3, S) [m] of S stations relative to their links: along the link, across it in the
+        plane, and out of the plane.
+        """
         if stations not in self.beside:
             self.beside[stations] = np.array([self.points[name][2:] for name in stations]).T
         return self.beside[stations]
 
     def at_rest(self, pressure: Array) -> Array:
-        """Return the absolute link angles (n,) [rad], then the strains, in equilibrium under
-        pressures (C,) [Pa] alone.
+        """Return the coordinates of the chain in equilibrium under the constant pressures (C,) [Pa] of C chambers:
+        absolute link angles [rad] (in space joint angles), then strains.
         """
         key = pressure.tobytes()
         if key not in self.resting:

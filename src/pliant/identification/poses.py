@@ -49,8 +49,8 @@ COMPLEX = NumberKind(as_complex, np.real, twin)
 
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:
-    """Return the equilibrium shape for each row of a recording of settled poses.
-    The search starts from the row before, for the first from no input.
+    """Return the equilibrium shape for each row of a recording of settled poses. Each search starts from the shape
+    before, the first one from the equilibrium without input.
 
     Raises
     ------
@@ -71,16 +71,16 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
 
 
 def commands(numbers: Numbers) -> Array:
-    """Return the torques and tendon commands (T + 1, N + R) of T settled poses: N coordinates, R tendons.
-    The first row is zero.
+    """Return the torques and tendon commands (T + 1, N + R) of T settled poses, for N coordinates and R tendons. A
+    first row of zeros means no input.
     """
     rows = numbers.torque @ numbers.gain
     return np.concatenate([0.0 * rows[:1], rows])
 
 
 def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -> Array:
-    """Return the observed points (T, S, 3) [m] of settled poses as complex numbers, whose imaginary parts carry a
-    derivative.
+    """Return the positions (T, S, 3) [m] of S observed points in T settled poses, as complex numbers whose imaginary
+    parts carry a derivative.
     """
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
@@ -91,7 +91,7 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
 
 
 def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
-    """Return the observed points x, y, z (T, S, 3) [m] of S stations in T settled poses.
+    """Return the positions x, y, z (T, S, 3) [m] of S observed points in T settled poses.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
 
 
 def pose_slopes(forward: ForwardProblem, tilted: Sequence[Numbers]) -> Array:
-    """Return the derivatives (P, T, S, 3) of the observed points of T settled poses by P parameters.
-    Each of `tilted` holds the inputs with `TINY` times their derivative as imaginary part.
+    """Return the derivatives (P, T, S, 3) of the positions of S observed points in T settled poses by P parameters.
+    `tilted` holds the simulation inputs once for each parameter, with `TINY` times their derivative as imaginary part.
     """
     poses = equilibrium_poses(forward)
     return np.stack([observed_poses(forward, numbers, poses).imag / TINY for numbers in tilted])

@@ -16,7 +16,8 @@ Array = np.ndarray
 
 
 def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
-    """Predict S stations of an experiment by a model: positions (T, S, d) [m], angles (T, S) [rad], inputs (T, C) [Pa].
+    """Predict the motion of S stations in an experiment by a model: positions (T, S, d) [m] in T frames and d
+    dimensions, angles (T, S) [rad], and the pressures (T, C) [Pa] of C chambers.
 
     Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
@@ -31,7 +32,9 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
 
 
 def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
-    """Predict the positions (T, n + 2, d) [m] of base, first joint and n link tips of the chain in an experiment."""
+    """Predict the positions (T, n + 2, d) [m] of base, first joint and n link tips of a chain in an experiment, in T
+    frames and d dimensions.
+    """
     forward = forward_problem(model, exp, values, step)
     along = np.concatenate([[0.0, forward.model.base_length], forward.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(forward.model.n)])
@@ -43,15 +46,16 @@ def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], ste
 
 
 def compared_of(exp: Experiment, rows: Array) -> Array:
-    """Return the predicted values (..., T, S, d or 1) that a fit compares, from rows (..., T, S, 3) of the observed
-    points. They are positions, or angles for a recording of angles only.
+    """Return the predicted values that a fit compares with the recorded ones, from coordinates `rows` (..., T, S, 3) of
+    S observed points in T frames: positions (..., T, S, d) in d dimensions, or angles (..., T, S, 1) if only these were
+    recorded.
     """
     return referenced_angles(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
 
 
 def referenced_angles(exp: Experiment, rows: Array) -> Array:
-    """Return the predicted angles (..., T, S) [rad], relative to the experiment's reference, from
-    rows (..., T, S, 3).
+    """Return the predicted angles (..., T, S) [rad] of S stations in T frames, measured from the same reference as the
+    recorded ones. They are the third coordinate of `rows` (..., T, S, 3).
     """
     angle = rows[..., 2]
     if exp.angle_reference == "joint":

@@ -130,8 +130,8 @@ def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
     weighting: str = "travel",
 ) -> Array:
-    """Return the standard deviation (T, S, 2 or 1) [m; angles: rad] of a prediction's residuals, learnt from training
-    recordings.
+    """Return the standard deviation of a prediction's residuals at T times and S stations, learnt from training
+    recordings: (T, S, 2 or 3) [m], or (T, S, 1) [rad] if only angles were recorded.
 
     The squared residuals of each coordinate are modelled as a non-negative sum of a constant, a term in the squared
     displacement of the tip, and a term in its squared speed, since a model errs differently at rest, while held, and in
@@ -159,7 +159,8 @@ def residual_noise(
 
 
 def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = False) -> Array:
-    """Return regressors (T, 3) of the residuals' variance: 1, squared displacement and squared speed of the tip.
+    """Return regressors (T, 3) for the variance of the residuals at T times: 1, squared displacement and squared speed
+    of the tip.
 
     `rows` (T, S, ...) holds the motion, m; displacement and speed are divided by `unit`, m. The speed is 0 for settled
     poses.
@@ -170,8 +171,8 @@ def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = Fals
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:
-    """Return the expected squared residuals (T, C) at regressors `own` (T, 3), fitted to M samples: `square` (M, C) at
-    `traits` (M, 3).
+    """Return the expected squared residuals (T, C) of C coordinates at T times with the regressors `own` (T, 3). They
+    follow from a fit to M samples: squared residuals `square` (M, C) at the regressors `traits` (M, 3).
     """
     from scipy.optimize import nnls
 

@@ -141,26 +141,26 @@ class Problem:
         return np.asarray(J)
 
     def acts_on(self, p: Parameter, exp: Experiment) -> bool:
-        """Return whether parameter `p` can affect an experiment; a parameter of another recording alone cannot."""
+        """Return whether parameter `p` can affect an experiment: all can, except those of another recording."""
         owner = p.name.partition(".")[0]
         return owner == exp.name or owner not in self.names
 
     @property
     def learns(self) -> bool:
-        """Return whether the problem sets weights of priors or noise from the size of the residuals, so that a second
-        fit differs.
-        """
+        """Return whether the fit weights priors or noise by the size of its residuals, and must thus be repeated."""
         return len(self.all_known[1]) > 0 or self.weighting == "noise"
 
     def hold_to_start(self) -> None:
-        """Add to every parameter without a prior a weak prior about its start value, as wide as its scale."""
+        """Add a weak prior to every parameter that has none: its mean is the start value, its standard deviation the
+        parameter's scale.
+        """
         loose = [i for i, p in enumerate(self.free) if not p.prior_std]
         self.held = np.eye(len(self.free))[loose], self.start[loose]
 
     @property
     def all_known(self) -> tuple[Array, Array]:
-        """Return rows (R, P) and targets (R,) of the residuals of priors and of values held at their start, linear in
-        x.
+        """Return the R residuals A x - b that do not depend on recordings, as A (R, P) and b (R,), for scaled
+        parameters x (P,). They come from priors, and from values held at their mean or start.
         """
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
@@ -207,15 +207,17 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 def with_held_mean(
     known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """Return prior rows (R, P) and targets (R,) with one more, which holds a chamber's mean joint gain at its start."""
+    """Return R + 1 residuals A x - b, as A (R + 1, P) and b (R + 1,), for scaled parameters x (P,): the R known ones,
+    and one that holds a chamber's mean joint gain at its start value.
+    """
     gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
-    """Return rows (R, P) and targets (R,) of the residuals that priors, and joint values against their mean, add to a
-    fit.
+    """Return the R residuals A x - b that priors add to a fit, as A (R, P) and b (R,), for scaled parameters x (P,).
+    Joint values that are drawn to their mean add further ones.
     """
     rows, aims = [], []
     for i, p in enumerate(free):

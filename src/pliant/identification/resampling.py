@@ -51,8 +51,8 @@ def bootstrap(
     step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
 ) -> tuple[tuple[str, ...], Array]:
-    """Return parameter names and values (replicates, P) of refits to the modelled motion plus residuals resampled in
-    blocks.
+    """Return the names of P free parameters, and their values (replicates, P) from refits to synthetic data: the
+    modelled motion plus residuals resampled in blocks of frames.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def bootstrap(
         Integration step, s.
     weighting, loss : str
         Those of the fit.
-    rng : Generator, int or None
-        Generator or seed.
+    rng : numpy.random.Generator, int or None
+        Random generator or seed.
 
     Returns
     -------
@@ -95,14 +95,15 @@ def bootstrap(
 
 
 def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
-    """Return the experiment with its observations replaced by `drawn`: positions (T, S, 2) [m] or angles (T, S, 1)
-    [rad].
+    """Return the experiment with its observations of S stations in T frames replaced by `drawn`: positions (T, S, 2 or
+    3) [m] or angles (T, S, 1) [rad].
     """
     return replace(exp, angle=drawn[..., 0]) if exp.without_positions else replace(exp, position=drawn)
 
 
 def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator) -> Array:
-    """Return synthetic observations (T, S, 2 or 1): the modelled motion plus residuals in shuffled blocks of frames.
+    """Return synthetic observations (T, S, 2 or 3), or (T, S, 1) for angles, of S stations in T frames: the modelled
+    motion plus residuals in randomly drawn blocks of frames.
 
     A block has `width` frames. Blocks wrap around the end, so that every frame is drawn with equal probability.
     Residuals are not centred: the mean error of the model stays. Missing observations stay missing, and a missing

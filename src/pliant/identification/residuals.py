@@ -46,7 +46,9 @@ class Observations:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
-        """Append the orientations of m stations, quaternions (T, m, 4), weighted by `share` (m,) of each station."""
+        """Append the orientations of m stations in T frames, as quaternions (T, m, 4). `share` (m,) holds the weights
+        of the stations.
+        """
         turn, seen = measured_turns(quaternion)
         self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
@@ -71,8 +73,8 @@ class Observations:
         return self.weight[self.station, self.channel]
 
     def residual(self, rows: Array) -> Array:
-        """Return the weighted differences (N,) between modelled positions and angles (T, S, 3) and the N observed
-        values.
+        """Return the N weighted residuals (N,): modelled positions and angles (T, S, 3) of S stations in T frames,
+        minus the N observed values.
         """
         off: Array = self.modelled(rows)[self.seen] - self.data[self.seen]
         turn = (self.channel == 2) & self.planar
@@ -80,8 +82,8 @@ class Observations:
         return off * self.flat_weight
 
     def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
-        """Return derivatives (P, N) of N weighted residuals by P parameters, from those (P, T, S, 3) of positions and
-        angles.
+        """Return the derivatives (P, N) of N weighted residuals by P parameters, from those of the positions and angles
+        of S stations in T frames, (P, T, S, 3).
 
         With observed orientations, `rows` (T, S, 3) themselves are needed too.
         """
@@ -99,8 +101,8 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Return modelled positions and angles in the form of the observed ones: angles and orientations from the same
-        reference.
+        """Return modelled positions and angles in the form of the observed ones. Angles and orientations get the
+        reference of the recording.
         """
         if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
@@ -112,7 +114,9 @@ class Observations:
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:
-    """Return rotation matrices (T, m, 3, 3) of quaternions (T, m, 4), and a mask (T, m) of those not missing."""
+    """Return rotation matrices (T, m, 3, 3) of the quaternions (T, m, 4) of m stations in T frames, and a mask (T, m)
+    of those that are not missing.
+    """
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(quaternion).all(axis=2)
@@ -121,7 +125,9 @@ def measured_turns(quaternion: Array) -> tuple[Array, Array]:
 
 
 def white_noise(data: Array) -> Array:
-    """Return the standard deviation (S, C) of white noise in time series (T, S, C), from their second differences."""
+    """Return the standard deviation (S, C) of white noise in the C coordinates of S stations, from second differences
+    of `data` (T, S, C) over T frames.
+    """
     bend = np.abs(np.diff(data, 2, axis=0))
     noise = np.full(data.shape[1:], 1.0)
     for place in np.ndindex(*noise.shape):
@@ -189,7 +195,9 @@ def autocorrelations(observed: Observations, residual: Array) -> list[float]:
 
 
 def falling_correlations(r: Array, least: float) -> list[float]:
-    """Return the autocorrelation of zero-mean time series (T, C) at lags of 1, 2, ... frames, while above `least`."""
+    """Return the autocorrelation of zero-mean time series (T, C) at lags of 1, 2, ... frames, up to the first value
+    below `least`. It is pooled over all C series of T frames.
+    """
     power = float(np.sum(r * r))
     found: list[float] = []
     if power <= 0 or r.shape[0] < 8:

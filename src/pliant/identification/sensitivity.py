@@ -40,8 +40,8 @@ ProblemAt = Callable[[float, Drive | None], ForwardProblem]
 
 
 class Slope(NamedTuple):
-    """Derivative of all inputs of a simulation (`Numbers`) by one parameter.
-    Steps, torques, loads and chambers (`APART`) are separate.
+    """Derivative of all inputs of a simulation (`Numbers`) by one parameter. Those of steps, torques, loads and
+    chambers (`APART`) have fields of their own; `row` holds all others.
 
     An entry of 0 means no change. A torque of None is computed later from the derivatives of `h` and `chambers`.
     """
@@ -56,7 +56,8 @@ class Slope(NamedTuple):
 def sensitivities(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
 ) -> tuple[Array, Array]:
-    """Return the observed positions and angles (T, S, 3) of a simulated experiment, and their derivatives (P, T, S, 3).
+    """Return the positions and angles (T, S, 3) of S stations in T frames of a simulated experiment, and their
+    derivatives (P, T, S, 3) by P parameters.
 
     Parameters
     ----------
@@ -87,8 +88,8 @@ def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """Return the derivatives (P, T, S + 2 m, 3) of observed positions and angles by P parameters.
-    The last 2 m points lie on axes of the m links whose orientation is observed.
+    """Return the derivatives (P, T, S + 2 m, 3) by P parameters of the positions and angles of S stations and 2 m
+    auxiliary points in T frames. The latter lie on axes of the m links whose orientation is observed.
     """
     plans = Plans() if plans is None else plans
     rows = exp.time.size
@@ -127,8 +128,8 @@ def slopes_of(
 
 
 def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardProblem) -> tuple[Any, ...]:
-    """Return a cache key that is equal for recordings with equal derivatives of their inputs, torques aside; () if
-    none.
+    """Return a cache key for the derivatives of a simulation's inputs, those of torques excluded. Recordings with equal
+    keys share these derivatives; () means that they are not shared.
     """
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
     if not forward.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
@@ -171,7 +172,9 @@ def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, fl
 
 
 def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the derivatives (P, T, S, 3) of observed positions and angles, from those of the simulation's inputs."""
+    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames by P parameters,
+    from those of the simulation's inputs.
+    """
     if forward.poses:
         return pose_slopes(forward, [with_imaginary_slope(forward, slope) for slope in slopes])
     from pliant.compiler.duals import WIDTH  # loads the compiler
@@ -181,7 +184,9 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
 
 
 def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the result of `propagated` for as many parameters as one run with dual numbers can carry."""
+    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames by P parameters,
+    from one run with dual numbers. P is at most `WIDTH`, the number of derivatives in a dual number.
+    """
     from pliant.compiler.duals import duals
 
     numbers = forward.numbers
@@ -198,7 +203,9 @@ def with_imaginary_slope(forward: ForwardProblem, slope: Slope) -> Numbers:
 
 
 def dual_array(value: Array, rates: Sequence[Any]) -> Array:
-    """Return an array of dual numbers from values and a list of derivatives of the same shape, or 0."""
+    """Return an array of dual numbers from an array of values and a list of their derivatives. Each derivative is an
+    array of the same shape, or 0.
+    """
     from pliant.compiler.duals import WIDTH, duals  # loads the compiler
 
     array = duals(value)
@@ -211,8 +218,8 @@ def dual_array(value: Array, rates: Sequence[Any]) -> Array:
 def input_slopes(
     problem_at: ProblemAt, forward: ForwardProblem, value: float, size: float, drive: Drive | None,
 ) -> tuple[ForwardProblem, Slope]:
-    """Return the finite-difference derivative of a simulation's inputs by one parameter at `value`, and the inputs
-    there.
+    """Return a simulation's inputs at `value` of one parameter, and their derivative by this parameter from finite
+    differences.
 
     The derivative is taken close beside `value` if the time steps change exactly there. With a `drive`, the derivative
     of the torques is left to that of the chambers where possible.
@@ -259,17 +266,18 @@ def finite_difference(problems: list[ForwardProblem], stencil: Any, size: float)
 
 
 def rest_stiffness(forward: ForwardProblem) -> Array:
-    """Return the derivative (N, N) of the generalised forces by the coordinates at equilibrium.
-    It is negative definite.
+    """Return the derivative (N, N) of the N generalised forces by the N coordinates at equilibrium. It is negative
+    definite.
     """
     numbers = forward.numbers
     return mechanics_at(forward, numbers).static_slope(numbers.phi, numbers.load_before, numbers.torque_before)
 
 
 def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Slope:
-    """Return the derivative `slope` of a simulation's inputs, completed by that of the initial equilibrium shape.
+    """Return the derivative of a simulation's inputs by a parameter, with the change of the initial equilibrium shape
+    added. `slope` is the derivative at constant shape.
 
-    `slope` was taken at constant equilibrium; `stiffness` is the `rest_stiffness` of the forward problem.
+    `stiffness` is the `rest_stiffness` of the forward problem.
     """
     turned = equilibrium_slope(forward, slope, stiffness)
     tilted = from_one_row(in_one_row(forward.numbers) + 1j * TINY * slope.row, forward.numbers)
@@ -279,7 +287,8 @@ def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Arr
 
 
 def equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Array:
-    """Return the derivative (N,) of the equilibrium coordinates by a parameter, by the implicit function theorem.
+    """Return the derivative (N,) of the N equilibrium coordinates with respect to a parameter, from the implicit
+    function theorem.
 
     `slope` is the derivative of the numbers of the forward problem, `stiffness` its `rest_stiffness`.
     """

@@ -56,8 +56,8 @@ def space_start(model: Model) -> dict[str, float]:
 
 
 def check_space_names(names: Iterable[str], model: Model) -> None:
-    """Raise InputError for spatial parameters of a planar model or the reverse, or for twist of a
-    chain without twist.
+    """Raise InputError for spatial parameters in a planar model, planar parameters in a spatial one, a joint number
+    that does not exist, or twist of a chain that cannot twist.
     """
     planar = re.compile(r"rest_angle(_\d+)?|gravity_angle|base_angle|base_turn|joint_share")
     spatial = re.compile(f"{'|'.join(ROWS)}|base_z|gain_[xy]|cross_gain_.*|.+\\.aside")

@@ -101,8 +101,8 @@ class StageFitter:
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """Fit the parameters that a stage adds to those `free` on the stage below; return the stage's result and free
-        parameters.
+        """Fit the parameters that are `free` on the stage below together with those that a stage adds; return the
+        stage's result and its free parameters.
         """
         began = clock.perf_counter()
         reason, found = "", []
@@ -124,8 +124,8 @@ class StageFitter:
     def prune(
         self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
     ) -> tuple[Step, dict[str, Entry]]:
-        """Fit the parameters `taken`, then again with those that the recordings do not determine held at the given
-        model's values.
+        """Fit the parameters `taken`. Then hold those that the recordings do not determine at their values in the given
+        model, and fit the others again.
 
         Parameters are held one after another, the least certain first, while one of the stage's `choice` remains free.
         If some are still not determined then, the fit of all parameters is returned, with these listed in `open`.
@@ -165,7 +165,8 @@ class StageFitter:
         return p.name not in self.common and not p.shrink and usual_start(p.name) is None and kind_of(p.name).lower >= 0
 
     def multistart(self, entries: Sequence[Entry], stage: Stage, ended: dict[str, Parameter]) -> FitResult:
-        """Fit parameters of a stage from the best of several start values, which short fits determine.
+        """Fit parameters of a stage from several start values: by a few evaluations from each, then fully from the
+        best.
 
         The starts are the end of the stage below and fresh estimates, since parameters of the stage below may have
         compensated for those that this stage adds. Both are tried with each value of the stage's scan.
@@ -247,8 +248,8 @@ def entry_name(entry: Entry) -> str:
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """Return a parameter that starts at the value with which it, or its counterpart for all joints or chambers, `ended`
-    on a lower stage.
+    """Return the parameter of an entry, with the value at which a lower stage `ended` as its start value. If that stage
+    fitted one value for all joints or chambers, this one is taken.
 
     A parameter that ended at a bound starts afresh. Its scale stays that of the first start.
     """

@@ -68,7 +68,8 @@ def searched(
 def independent_start(
     problem: Problem, model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
 ) -> Array | None:
-    """Return scaled start values (P,) of a fit in space that do not use the given stiffness and torques, or None.
+    """Return scaled start values (P,) of P parameters of a fit in space, found without the given stiffness and torques;
+    None if no such search is needed or it fails.
 
     A second start there checks that the given one leads to the best optimum. None for a planar chain, if no start value
     of the stiffness is given, or if the search fails.
@@ -125,8 +126,8 @@ def beginning(exp: Experiment, duration: float) -> Experiment:
 
 
 def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: float) -> list[Parameter]:
-    """Return the parameters in which those without a value get this joint `stiffness` and damping `ratio` of the first
-    mode.
+    """Return the parameters with start values for joint stiffness and damping where none was given: the `stiffness` [N
+    m/rad], and the damping that gives the first mode the damping ratio `ratio`.
     """
     omega = 2 * np.pi * float(modes(model.with_(stiffness=stiffness, gravity=0 * model.gravity))[0][0])
     own = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}

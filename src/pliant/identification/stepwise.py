@@ -131,8 +131,8 @@ def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
 ) -> list[Step]:
-    """Fit all stages of a model selection in order.
-    With `late`, skipped stages that only refine other parameters are fitted again at the end.
+    """Fit all stages of a model selection in order. With `late`, a stage without success is tried again at the end if
+    it replaces parameters by finer ones.
 
     Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """

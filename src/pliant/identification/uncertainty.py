@@ -39,7 +39,8 @@ class Covariance(NamedTuple):
 
 
 def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covariance:
-    """Return the covariance of the free parameters at the optimum x (P,), which allows for correlated residuals.
+    """Return the covariance of the free parameters at the optimum x (P,). It takes into account that residuals are
+    correlated in time.
 
     White residuals: (J'J)^-1 J' S J (J'J)^-1 with S the variance of each experiment's residuals, with `robust` from
     their median absolute value. Coloured ones: J'SJ is replaced by the sum of J_t' R_ts J_s over frames t, s as far
@@ -83,8 +84,8 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
 
 
 def along_channels(observed: Any, J: Array, residual: Array) -> Array:
-    """Return the sum (P, P) over frame pairs t, s of J_t' R_ts J_s, for the standard errors of a fit.
-    J is the Jacobian and R the autocovariance of the residuals, pooled over channels.
+    """Return the sum (P, P) of J_t' R_ts J_s over pairs of frames t, s, from which the standard errors of P parameters
+    follow. J is the Jacobian, and R the autocovariance of the residuals, estimated from all channels together.
     """
     dense = np.zeros((*observed.seen.shape, J.shape[1]))
     dense[observed.rows, observed.station, observed.channel] = J
@@ -96,8 +97,8 @@ def along_channels(observed: Any, J: Array, residual: Array) -> Array:
 
 
 def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
-    """Return the sum (P, P) of products of the cost's gradients in any two frames up to two
-    correlation lengths apart.
+    """Return the weighted sum (P, P) of products of the cost's gradients by P parameters in two frames, over all pairs
+    of frames up to two correlation lengths apart. The standard errors follow from it.
     """
     score = np.zeros((observed.seen.shape[0], J.shape[1]))
     np.add.at(score, observed.rows, J * residual[:, None])

@@ -89,7 +89,7 @@ class LinearModel:
         return np.concatenate([self.angle, self.strain])
 
     def row(self, output: str) -> Array:
-        """Return the row (N,) of the output matrix C for the named output, such as "tip_x".
+        """Return the row (N,) of the output matrix C for N states and the named output, such as "tip_x".
 
         Raises
         ------
@@ -110,8 +110,8 @@ class LinearModel:
         return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
     def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
-        """Return the frequency response (W,) of an output to a commanded pressure at `omega` (W,) [rad/s], dead time
-        included.
+        """Return the frequency response (W,) of an output to a commanded pressure at W angular frequencies `omega`
+        [rad/s], dead time included.
         """
         late = np.exp(-1j * omega * self.dead_times[chamber])
         return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
@@ -175,10 +175,11 @@ def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
 
 
 def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Array]:
-    """Return the derivatives of a chain's accelerations at the equilibrium x by coordinates, rates and input torques.
+    """Return the derivatives of a chain's N accelerations at the equilibrium x with respect to its coordinates (N, N),
+    its rates (N, N) and C actuation torques (C, N).
 
-    Their shapes are (N, N), (N, N) and (C, N). `x` (N,) are the coordinates, `torque` the actuation torques [N m]. At
-    equilibrium, derivatives of the inertia and terms quadratic in the rates vanish.
+    `x` (N,) are the coordinates, `torque` the actuation torques [N m]. At equilibrium, derivatives of the inertia and
+    terms quadratic in the rates vanish.
     """
     chain = mechanics_of(model)
     M, R = chain.inertia(x), chain.to_joints
@@ -217,7 +218,9 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
 
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:
-    """Return the output matrix C (outputs, N) and its output names: tip position, bending angle, joint coordinates."""
+    """Return the output matrix C (outputs, N) for N states, and the names of the outputs: tip position, bending angle
+    (in the plane only), joint coordinates.
+    """
     n, N, chain = model.n, model.size, mechanics_of(model)
     if chain.dimension == 3:
         C = np.zeros((3 + N, states))
@@ -255,7 +258,7 @@ def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
 
 
 def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
-    """Return the frequency response c (i omega - A)^{-1} B (W,) at W angular frequencies `omega` [rad/s]."""
+    """Return c (i omega - A)^{-1} B, the frequency response (W,) at W angular frequencies `omega` [rad/s]."""
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
     eye = np.eye(A.shape[0])
     return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])

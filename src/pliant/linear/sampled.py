@@ -43,7 +43,9 @@ class Margins(NamedTuple):
 
 
 def least_margins(each: Iterable[Margins]) -> Margins:
-    """Return the smallest gain, phase and delay margin over several loops, and the highest crossover frequency."""
+    """Return the smallest gain, phase, delay and modulus margin over several loops, and the highest crossover
+    frequency.
+    """
     gain, phase, delay, modulus, crossover = np.array(list(each)).T
     return Margins(
         float(gain.min()), float(phase.min()), float(delay.min()), float(modulus.min()), float(crossover.max())
@@ -59,8 +61,8 @@ class LoopCurve:
 
 
 def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
-    """Return the discrete-time model for samples every `period` [s] with zero-order hold.
-    Dead time and `latency` [s] are treated exactly.
+    """Return the discrete-time model for samples every `period` [s] with zero-order hold. The dead times of the valves
+    and the additional delay `latency` [s] need not be multiples of the period.
 
     Raises
     ------
@@ -92,8 +94,8 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
 
 
 def periods_late(late: float, period: float) -> tuple[int, float, int]:
-    """Split a dead time `late` [s] into whole periods and a remainder [s]; also return the number
-    of delayed commands.
+    """Split a delay `late` [s] into whole sampling periods and a remainder [s]. Also return how many past commands the
+    discrete-time model must store because of this delay.
     """
     whole, part = divmod(late, period)
     part = 0.0 if part < 1e-9 * period else part

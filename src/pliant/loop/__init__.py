@@ -1,4 +1,4 @@
-"""The control loop in real time: sources, sinks, clocks, watchdog and log, and the receiver at the valve."""
+"""The control loop in real time: sensor readings come in, commands go out, and a watchdog vents after a fault."""
 
 from pliant.loop.clock import SystemClock, Timing, VirtualClock
 from pliant.loop.keyed import new_key, read_key

@@ -39,7 +39,7 @@ class SystemClock:
         return time.monotonic_ns() - self._start
 
     def sleep_until(self, deadline: int) -> None:
-        """Wait until `deadline` [ns]: sleep, then poll the clock for the last 0.5 ms, since a sleep ends late."""
+        """Wait until `deadline` [ns]: sleep, then poll the clock for the last 0.5 ms, because a sleep ends late."""
         left = deadline - self.now()
         if left > SPIN:
             time.sleep((left - SPIN) * 1e-9)
@@ -99,7 +99,10 @@ class Timing:
         self._square += float(late) ** 2
 
     def end(self, began: int, deadline: int, now: int) -> int:
-        """Record the end of a period's work that began at `began` [ns], and return the next deadline [ns]."""
+        """Record that the work of a period, begun at `began`, ended at `now`, and return the next deadline (all in ns).
+
+        Deadlines that have passed are skipped.
+        """
         self.longest = max(self.longest, now - began)
         self._work += now - began
         ahead = deadline + self.period
@@ -112,7 +115,7 @@ class Timing:
 
     @property
     def jitter(self) -> float:
-        """Standard deviation of the start delay, ns."""
+        """Standard deviation [ns] of the delays with which the periods started."""
         n = max(self.periods, 1)
         return float(np.sqrt(max(self._square / n - (self._late / n) ** 2, 0.0)))
 

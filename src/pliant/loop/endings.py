@@ -1,4 +1,4 @@
-"""Convert signals that end or stop a program to exceptions, so that the pressure is released first."""
+"""Convert signals that end a program to exceptions, so that it can release the pressure before it ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAMES = (
 
 
 class Ended(SystemExit):
-    """A signal ended the program. The exit code is 128 plus the signal's number."""
+    """Exception raised when a signal ends the program. The exit code is 128 plus the signal's number."""
 
 
 @contextmanager

@@ -14,8 +14,8 @@ OF_INPUT = {"Pa": PASCAL, "N": NEWTON, "m": METRE, "rad": RADIAN}  # units that 
 
 
 class Stream:
-    """Checks the readings that arrive from one sensor, rejects invalid ones, and keeps the time of the newest complete
-    reading.
+    """Checks the readings that arrive from one sensor and rejects invalid ones. It keeps the time of the newest
+    complete reading, i.e. one without NaN.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ class Stream:
 
 
 def streams(skew: int, now: int, axes: int = 2, unit: str = "Pa") -> tuple[Stream, Stream]:
-    """Return two `Stream` objects for a loop that starts at `now` [ns]: one checks the incoming shapes, the other the
-    inputs in `unit`.
+    """Return two `Stream` objects for a loop that starts at `now` [ns]: one checks the measured shapes, the other the
+    measured actuation inputs in the SI unit `unit`, e.g. pressures in Pa.
 
     `axes` is the number of coordinates of a point, and `skew` [ns] the time by which stamps may be ahead.
     """

@@ -1,4 +1,4 @@
-"""Authenticated packets: HMAC-SHA256 with a session for each start of a sender; each packet is accepted once.
+"""Packets authenticated by HMAC-SHA256 and a shared key. A recorded packet that is sent again is not accepted.
 
 A packet consists of the mark "PLN3", the session (16 random bytes of the sender), a counter (uint64), a packet of
 `pliant.loop.packet` and the tag (32 bytes). The tag is computed with the session's key, which is derived from the
@@ -137,8 +137,8 @@ class Sealer:
 
 
 class Opened(NamedTuple):
-    """Result of checking an incoming packet: its content and session if accepted, else a challenge to send back, or
-    nothing.
+    """Result of checking an incoming packet. An accepted one gives its content and session; one of an unknown session
+    gives a challenge to send back; any other gives nothing.
     """
 
     packet: bytes = b""
@@ -151,8 +151,8 @@ class _Session:
         self.key, self._newest, self._seen = key, counter, 1
 
     def first_time(self, counter: int) -> bool:
-        """Return True if no packet with this counter was accepted before and the counter is less than `WINDOW` behind
-        the newest.
+        """Return True if no packet with this counter was accepted before, and the counter is less than 64 behind the
+        newest one. An older counter is always refused.
         """
         ahead = counter - self._newest
         if ahead > 0:

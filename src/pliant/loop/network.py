@@ -99,7 +99,7 @@ class UdpSource:
         return None
 
     def end_session(self, sender: Sender) -> None:
-        """End the session of `sender`: its earlier packets are no longer accepted, so that it starts a new one."""
+        """End the session of `sender`: packets it has sent are refused from now on, and it must start a new one."""
         if self._sessions is not None:
             self._sessions.end(sender.session)
 
@@ -180,7 +180,7 @@ def _zmq() -> Any:
 
 
 class ZmqSource:
-    """Samples from a ZeroMQ publisher; at most 100 are queued.
+    """Samples from a ZeroMQ publisher; at most 100 wait to be read.
 
     Parameters
     ----------

@@ -35,7 +35,8 @@ class _InForce:
 
 
 class ValveReceiver:
-    """Sets a valve to the commands that arrive, and vents it when no command arrives within the last one's hold time.
+    """Sets a valve to the commands that arrive. Each carries a hold time; without a newer command the valve is vented
+    when this time is over.
 
     The receiver runs where the valve is. A kill or crash of the loop's program, a power loss of its machine or a pulled
     cable leaves the valve under pressure no longer than a command's `Sample.hold`. The hardware must handle a failure

@@ -1,4 +1,4 @@
-"""Sources of the loop without hardware: a recording that is played back, and a plant that moves with the clock."""
+"""Sources of samples for a control loop without hardware: a recording that is played back, or a simulated plant."""
 
 from __future__ import annotations
 
@@ -86,7 +86,8 @@ class PlantLike(Protocol):
 
 
 class VirtualActuator:
-    """Source and sink of a plant that advances with the clock and vents when a command's hold time is over.
+    """Connects a simulated plant to a control loop: source of its sensor readings and sink of its commands. The plant
+    advances with the clock, and is vented when the hold time of a command is over.
 
     Parameters
     ----------

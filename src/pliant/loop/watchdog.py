@@ -93,7 +93,9 @@ class Watchdog:
 
     @property
     def summary(self) -> tuple[str, int]:
-        """Description of the fault, or of the faults that the controller reported, and its time [ns]."""
+        """Description and time [ns] of the fault that vented the actuator; without one, those of the first fault that
+        the controller reported.
+        """
         if self.fault or not self.controller_faults:
             return self.fault, self.fault_time
         periods = "period" if self.controller_faults == 1 else "periods"
@@ -105,8 +107,8 @@ class Watchdog:
             self.fault, self.fault_time = sentence, now
 
     def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
-        """Set a fault if the last complete shape or pressure reading is too old (times in ns), or a pressure [Pa] is
-        outside its limits.
+        """Set a fault if the last complete reading of the shape or of the pressure is too old at the time `now` [ns],
+        or if a pressure is outside its limits.
         """
         b = self.bounds
         kind = KIND_OF[b.unit]
@@ -126,7 +128,7 @@ class Watchdog:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
-        """Set a fault if the pressure reading of a chamber [Pa] is not finite or out of limits."""
+        """Set a fault if the measured pressure of a chamber is not finite or out of limits. `pressure` (C,) [Pa]."""
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):
@@ -164,8 +166,8 @@ class Watchdog:
         return begins
 
     def command(self, now: int, command: Array) -> Array:
-        """Return the commands of C chambers (C,) [Pa] to send: 0 after a fault, or when a command is not finite or out
-        of limits.
+        """Return the commands to send to C chambers, (C,) [Pa]. All are 0 after a fault. A command that is not finite
+        or out of limits is a fault.
         """
         for p in command.tolist():
             if not math.isfinite(p):

@@ -160,8 +160,8 @@ class Mechanics(ABC):
 
     @property
     def lever(self) -> Array:
-        """Generalized force (N,) [N m] of each coordinate per unit of the torque [N m] or axial force [N] stored in
-        datasets.
+        """Factors (N,) from forces as stored in datasets to generalized forces [N m]: 1 for the torque [N m] of a joint
+        angle, the segment's length [m] for the axial force [N] of a strain.
         """
         lever = np.empty(self.size)
         for kind in self.kinds:
@@ -169,8 +169,8 @@ class Mechanics(ABC):
         return lever
 
     def gathered(self, data: Any, which: int) -> Array:
-        """Return one kind of quantity (coordinate, rate, disturbance or force) of a dataset for all N coordinates, as
-        an array (T, N).
+        """Return one kind of quantity (coordinate, rate, disturbance or force) of a dataset for all N coordinates at T
+        instants, as an array (T, N).
 
         `which` is the index of the quantity in `CoordinateKind.names`.
         """
@@ -257,7 +257,9 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def remembering(self) -> int:
-        """Number of coordinates with hysteresis states. They are the first ones, the joint angles."""
+        """Number of coordinates with hysteresis states: all joint angles, and the strains if segments have hysteresis.
+        They are the first coordinates.
+        """
 
     @abstractmethod
     def held(self) -> Any:
@@ -322,7 +324,9 @@ class Mechanics(ABC):
         """Return the derivatives (2 or 3, N) [m/rad] of a point's position by the N coordinates, at x (N,)."""
 
     def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
-        """Return positions (S, dimension) [m] and Jacobians (S, dimension, N) of the model's points at one moment."""
+        """Return positions (S, d) [m] and Jacobians (S, d, N) of the model's S points at the coordinates x (N,), in d =
+        2 or 3 dimensions.
+        """
         slopes = [self.position_jacobian(x, point) for point in self.model.points]
         return self.stations(x)[0], np.stack(slopes)
 

@@ -100,7 +100,7 @@ class PlanarChain(Mechanics):
 
     @cached_property
     def axial_laws(self) -> int:
-        """Laws of the segments beyond linear springs, for which kernels are compiled: `compiler.choose.twin`."""
+        """Laws of the segments as a bit mask: 1 for nonlinear springs, 2 for hysteresis, 0 for neither."""
         curved = any(e.curved for e in self.model.extensions)
         return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
@@ -328,10 +328,7 @@ class PlanarChain(Mechanics):
         return total
 
     def weight(self) -> Array:
-        """Return gravity as loads on the links [N m], in the same shape as external loads.
-
-        `no_loads` has this shape.
-        """
+        """Return gravity as loads on the links [N m], in the same shape as external loads (`no_loads`)."""
         load = np.outer(self.body.h, [self.body.gx, self.body.gy])
         return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
 
@@ -397,9 +394,8 @@ class PlanarChain(Mechanics):
 
 
 def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
-    """Return new scratch arrays for a time step of a planar chain with n links and `segments` extensible segments.
-
-    `kind` is the type of their numbers.
+    """Return new scratch arrays, of the number type `kind`, for a time step of a planar chain with n links and
+    `segments` extensible segments.
     """
     if not segments:
         shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
@@ -432,7 +428,9 @@ def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any,
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
-    """Return the generalized forces (n + S,) [N m] of external loads (n + 1, 4) on n links with S strains.
+    """Return the generalized forces (n + S,) [N m] of external loads on n links with S strains. Row 0 of `load` (n + 1,
+    4) [N m] is the part before the first joint. Columns 0 and 1 are due to the forces' distance along the link, columns
+    2 and 3 to that across it.
 
     A load keeps its direction when the body turns: its potential is -sum_k (st_k L_k + R_k) . e(phi_k).
     """
@@ -442,7 +440,9 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of base and link angles at x, and loads (n + 1, 2) [N m] on stretched links."""
+    """Return cosines and sines (n + 1,) of the angles of base part and links at x, and their loads (n + 1, 2) [N m]:
+    the first two columns of `load` (n + 1, 4) times the link's stretch, plus the last two.
+    """
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])
     whole = (1.0 + share @ x[n:])[:, None] * load[:, :2] + load[:, 2:]

@@ -189,8 +189,8 @@ class SpatialChain(Mechanics):
     # positions
 
     def posed(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays with the positions and orientations of the links at x (..., N). The leading axes of x
-        come last there.
+        """Return scratch arrays with the positions and orientations of the links at the coordinates x (..., N). In
+        these arrays, the leading axes of x are the last ones.
 
         x may be complex.
         """

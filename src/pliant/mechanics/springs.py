@@ -39,8 +39,8 @@ class Springs:
 
     @cached_property
     def hardening(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the nonlinear spring terms: K2 [N m/rad^2], K3 [N m/rad^3], bound R
-        [1/rad^2].
+        """Coefficients (terms + 1, n, ...) of the nonlinear terms of n springs, one row each: K2 [N m/rad^2], K3 [N
+        m/rad^3], and R [1/rad^2], which bounds the change of stiffness by K2.
 
         `symbols.Joints` uses the same coefficients.
         """
@@ -51,7 +51,9 @@ class Springs:
 
     @property
     def powers(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of q, q^2, ... in the spring torque, in N m/rad, N m/rad^2, ..."""
+        """Coefficients (terms + 1, n, ...) of the torque K q + K2 q^2 + K3 q^3 of n springs without bound R, one row
+        each: K [N m/rad], K2 [N m/rad^2], K3 [N m/rad^3].
+        """
         return np.concatenate([self.K[None], self.K * self.terms])
 
     def torque(self, q: Array) -> Array:
@@ -156,7 +158,9 @@ def angle_under(model: Model, torque: Array) -> Array:
 
 
 def axial_springs_of(model: Model) -> Springs:
-    """Return the axial springs of the segments that lengthen, K = EA L [N m] by strain."""
+    """Return the axial springs of the segments that lengthen. Their stiffness is EA L [N m], a segment's axial
+    stiffness EA times its length L, because strains take the place of angles.
+    """
     segments = model.extensions
     terms = np.reshape([[getattr(e, name) or 0.0 for e in segments] for name in SPRING_TERMS], (TERMS, len(segments)))
     stiffness = np.array([e.stiffness for e in segments]) * model.segment_length
@@ -164,7 +168,8 @@ def axial_springs_of(model: Model) -> Springs:
 
 
 def strain_under(model: Model, force: Array) -> Array:
-    """Return the strains (S,) at which axial springs alone hold `force` (S,), axial force times length [N m].
+    """Return the strains (S,) at which the axial springs of S segments alone balance `force` (S,) [N m], the axial
+    force on each segment times its length.
 
     Raises
     ------
@@ -201,7 +206,9 @@ def softened(model: Model, q: Array, least: float = 0.0) -> str:
 
 
 def softened_segment(model: Model, strain: Array, least: float = 0.0) -> str:
-    """Return a sentence on the first axial spring whose slope at `strain` (S,) falls to `least` of EA, or ''."""
+    """Return a message on the first segment whose axial stiffness at the strains `strain` (S,) is at most `least` times
+    EA, or '' if there is none.
+    """
     axial = axial_springs_of(model)
     lost = np.flatnonzero(axial.slope(strain) <= least * axial.K)
     if not lost.size:

@@ -84,9 +84,11 @@ class Actuation:
 
     @cached_property
     def gain(self) -> Array:
-        """Gain (C, N) of each input's torque at each of the N coordinates: joint angles, then twists and strains.
+        """Gains (C, N) of C inputs at N coordinates: the torque at each coordinate for a torque of 1 N m of each
+        chamber, or a tension of 1 N of each tendon.
 
-        The column of a strain is the axial force over the torque [1/m] times the segment's length [m].
+        The coordinates are joint angles, then twists and strains. The column of a strain is the axial force over the
+        torque [1/m] times the segment's length [m].
         """
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
@@ -112,8 +114,8 @@ class Actuation:
 
     @cached_property
     def levers(self) -> Array:
-        """Lever arm (R, N) [m] of each of R tendons at each of the N coordinates. The two tendons of a pair have
-        opposite signs.
+        """Lever arm (R, N) [m] of each of R tendons at each of the N coordinates of the chain. At the joints, the two
+        tendons of a pair have opposite signs.
         """
         levers = np.reshape([self.gain[i] for i, *_ in self._cords], (-1, self.gain.shape[1]))
         levers[:, : self.turns * self.joints] *= np.reshape([sign for *_, sign in self._cords], (-1, 1))
@@ -130,10 +132,11 @@ class Actuation:
 
     @cached_property
     def columns(self) -> Array:
-        """Gains (C, N + R) of the C inputs as the kernels take them: at the N coordinates, then at the R tendon
-        commands.
+        """Gains (C, N + R) of C inputs as the compiled kernels take them: first at the N coordinates of the chain, then
+        at R tendons.
 
-        The N columns of the coordinates are those of `gain`.
+        The first N columns are those of `gain`, but 0 for inputs that pull tendons. The last R columns are 1 for a
+        tendon of the input, -1 for the second one of a pair, and else 0.
         """
         if not self.tendons:
             return self.gain
@@ -189,8 +192,8 @@ class Actuation:
         return symbols.ActuationConstants(law, np.array(self.columns), np.array([c.kernel()[1:] for c in self.inputs]))
 
     def pressures(self, value: Any) -> Array:
-        """Return `value` as an array (C,) of input values [Pa]. One number is enough for a single input, and 0 for any
-        number of inputs.
+        """Return `value` as an array (C,) with one value in SI units for each of C inputs. A single number is enough
+        for a single input, and a single 0 sets any number of inputs to 0.
 
         Raises
         ------
@@ -207,14 +210,16 @@ class Actuation:
         return p
 
     def torques(self, pressure: Any) -> Array:
-        """Return the static torque (C,) [N m] of each chamber at the gauge pressures `pressure` (C,) [Pa]."""
+        """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon as an array (C,).
+        `pressure` (C,) has the values of the C inputs in SI units.
+        """
         return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
     def joint_torques(self, pressure: Any) -> Array:
-        """Return static torques of the N coordinates [N m], then commands of the R tendons [N], at the inputs
-        `pressure` (C,) [Pa].
+        """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
+        tendons [N]. `pressure` (C,) has the values of the C inputs in SI units.
 
-        Torques are in N m, commands in N. They are infinite where a hyperelastic wall has no equilibrium.
+        The result is one array (N + R,). It is infinite where a hyperelastic wall has no equilibrium.
         """
         tau = np.empty(self.columns.shape[1])
         for c, torque in enumerate(self.torques(pressure)):
@@ -222,17 +227,15 @@ class Actuation:
         return tau
 
     def no_rest(self, pressure: Any) -> str:
-        """Return a message about the first chamber whose hyperelastic wall has no equilibrium at `pressure` (C,) [Pa],
-        or '' if all have one.
+        """Return a message about the first chamber whose hyperelastic wall has no equilibrium at its pressure; '' if
+        all have one. `pressure` (C,) has the values of the C inputs in SI units.
         """
         said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 
     def rest_state(self, pressure: Any) -> Array:
-        """Return the equilibrium of each chamber's slow states (C, 2) at `pressure` (C,) [Pa]: lagged pressure and wall
-        stretch.
-
-        They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
+        """Return the slow states of C chambers in equilibrium at the pressures `pressure` (C,) [Pa]. Each row of the
+        array (C, 2) holds the lagged pressure [Pa] and the fourth power of the wall's hoop stretch.
         """
         return np.stack([c.rest_state(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 

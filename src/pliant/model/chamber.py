@@ -24,7 +24,9 @@ NOT_NEGATIVE = ("swell_share", "inflation_limit", "inflation_jm")
 
 
 class ChamberValues(TypedDict, total=False):
-    """Type of the keyword arguments of `Model` that describe its single chamber, as those of `Chamber`."""
+    """Type of the keyword arguments of `Model` that describe its single chamber. `Chamber` takes them under the same
+    names.
+    """
 
     torque: Any
     joint_gain: Any
@@ -198,7 +200,7 @@ class Chamber:
         )
 
     def growth_at(self, pressure: Any) -> Any:
-        """Return the equilibrium of the wall's hoop stretch to the fourth power at gauge `pressure` [Pa]; 1 for a rigid
+        """Return the fourth power of the wall's hoop stretch in equilibrium at gauge `pressure` [Pa]; 1 for a rigid
         wall.
         """
         return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit, self.inflation_jm)
@@ -265,8 +267,8 @@ class Chamber:
 
 
 def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
-    """Return the equilibrium of the wall's hoop stretch to the fourth power at `pressure` [Pa]; 1 where `limit` [Pa] is
-    0.
+    """Return the fourth power of the wall's hoop stretch in equilibrium at `pressure` [Pa]. `limit` [Pa] is the
+    chamber's `inflation_limit`; where it is 0, the wall is rigid and the result 1.
 
     With Gent's rubber (`jm` > 0) it is finite at every pressure. Otherwise it is infinite from the limit on.
     """
@@ -278,8 +280,8 @@ def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
 
 
 def rest_of_gent(push: float, jm: float) -> float:
-    """Return the equilibrium of a Gent wall's hoop stretch to the fourth power, at a pressure of `push` times
-    `inflation_limit`.
+    """Return the fourth power of a Gent wall's hoop stretch in equilibrium. `push` is the pressure divided by the
+    chamber's `inflation_limit`.
     """
     wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
     y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the equilibrium
@@ -292,10 +294,10 @@ def rest_of_gent(push: float, jm: float) -> float:
 
 
 def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
-    """Return the static torques (N,) [N m] of N chambers with inflating walls, from their torques without inflation, in
-    place.
+    """Multiply the static torques of N chambers by the effect of their inflating walls in equilibrium. The array
+    `torque` (N,) [N m] of the torques without inflation is changed in place and returned.
 
-    `torque` (N,) are those of the laws, `values` holds the chambers' parameters as arrays (N,).
+    `pressure` (N,) are gauge pressures [Pa], `values` holds the chambers' parameters as arrays (N,).
     """
     soft, limit = np.flatnonzero(values["inflation_limit"]), values["inflation_limit"]
     torque[soft] *= chamber.lever_growth(rest_growth(pressure[soft], limit[soft], values["inflation_jm"][soft]))

@@ -18,7 +18,8 @@ Array = np.ndarray
 
 
 def coefficients(lever: float, compliance: float) -> Array:
-    """Return the coefficients (4,) [N m/Pa^i] of p, p^2, p^3, p^4 in the elastic-wall law a p (1 + c p)^3.
+    """Return the four coefficients of p, p^2, p^3 and p^4 in the elastic-wall law of the torque, a p (1 + c p)^3, at
+    pressure p. The coefficient of p^i is in N m/Pa^i.
 
     a is `lever` [N m/Pa], c is `compliance` [1/Pa].
     """
@@ -26,7 +27,8 @@ def coefficients(lever: float, compliance: float) -> Array:
 
 
 def start(pressure: Array, torque: Array) -> dict[str, float]:
-    """Return starting values for a fit of the elastic-wall law, from pressures (T,) [Pa] and static torques (T,) [N m].
+    """Return starting values for a fit of the elastic-wall law, from T measured pressures (T,) [Pa] and static torques
+    (T,) [N m].
 
     They follow from a straight line through the cube roots of torque over pressure.
     """

@@ -45,12 +45,12 @@ def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
 
 
 def extensible_inertia(model: ModelParameters) -> tuple[Array, Array]:
-    """Return the inertia constants of an extensible planar chain: B (n + 1, n + 1) [kg m^2] and first moments h (n +
-    1,) [kg m].
+    """Return the inertia constants of an extensible planar chain of n links: coupling matrix B (n + 1, n + 1) [kg m^2]
+    and first moments h (n + 1,) [kg m]. Index 0 is the part before the first joint.
 
     They are the fields of `symbols.ExtensibleBody`.
 
-    The rotary inertia is on the diagonal of B. Index 0 is the part before the first joint.
+    The rotary inertia is on the diagonal of B.
     """
     length, mass = np.append(model.base_length, model.link_length), np.append(0.0, model.link_mass)
     B, rotary, h = inertia_constants(length, mass, model.tip_mass, rod=model.mass_at == "rod")
@@ -59,10 +59,10 @@ def extensible_inertia(model: ModelParameters) -> tuple[Array, Array]:
 
 
 def least_inertia(B: Array, share: Array) -> float:
-    """Return the smallest eigenvalue of the normalised inertia matrix of the strains; near 0, two strains move the same
-    mass.
+    """Return the smallest eigenvalue of the inertia matrix of the segments' strains, normalised to 1 on its diagonal.
+    At 0, some combination of strains moves no mass.
 
-    It is 0 where some combination of strains moves no mass, so that the equations of motion have no solution.
+    The equations of motion then have no solution. `share` is the fraction of each link that lies in each segment.
     """
     axial = share.T @ B @ share
     size = np.sqrt(np.diag(axial))
@@ -70,8 +70,8 @@ def least_inertia(B: Array, share: Array) -> float:
 
 
 def check_extensions(model: ModelParameters) -> None:
-    """Raise InputError if a model's extensible segments overlap, share a name or a mass, contain no link, or do not fit
-    its chambers.
+    """Raise InputError if extensible segments of a model overlap, share a name, lie beyond the body, or cannot move
+    independently of each other, or if the axial gains of a chamber do not match their number.
     """
     check_laws(model)
     if not (names := [e.name for e in model.extensions]):
@@ -100,7 +100,9 @@ def check_extensions(model: ModelParameters) -> None:
 
 
 def check_laws(model: ModelParameters) -> None:
-    """Raise InputError where hysteresis or curved springs of segments have no segment, or one in space."""
+    """Raise InputError if a model has hysteresis of segments but no extensible segment. In space, it must have neither
+    hysteresis nor nonlinear axial springs of segments.
+    """
     if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(
             f"memory axial_*: {model.name!r} has no segment that lengthens: leave these branches out, or give it "

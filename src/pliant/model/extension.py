@@ -84,7 +84,9 @@ class Extension:
 
     @property
     def curved(self) -> bool:
-        """Whether the axial spring may soften or stiffen: a fit can begin where it does neither yet."""
+        """Whether the axial spring has nonlinear terms. A term of size 0 counts, so that a fit can start from a linear
+        spring.
+        """
         return any(getattr(self, name) is not None for name in SPRING_TERMS)
 
     def end(self, length: float) -> float:

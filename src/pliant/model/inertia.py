@@ -12,8 +12,8 @@ Array = np.ndarray
 
 
 def inertia_constants(length: Array, mass: Array, tip_mass: Any, *, rod: bool) -> tuple[Array, Array, Array]:
-    """Return coupling matrix B (n, n, ...) and rotary inertias (n, ...) [kg m^2], and first moments h (n, ...) [kg m],
-    of n links.
+    """Return the inertia constants of n links: coupling matrix B (n, n, ...) and rotary inertias (n, ...) [kg m^2], and
+    first moments h (n, ...) [kg m]. The dots are the axes of a batch, if any.
 
     Parameters
     ----------

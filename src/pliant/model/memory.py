@@ -20,8 +20,8 @@ PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"),
 
 @dataclass(frozen=True)
 class Memory:
-    """Hysteresis of joints and extensible segments: creep, friction and Bouc-Wen branches in parallel with each spring,
-    with stiffnesses as fractions of its K or EA.
+    """Hysteresis of joints and extensible segments: creep, friction and (at joints only) Bouc-Wen branches in parallel
+    with each spring. Their stiffnesses are fractions of the stiffness of this spring: K of a joint, EA of a segment.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Memory:
 
     @property
     def has_axial(self) -> bool:
-        """Return whether the segments that lengthen have any branch."""
+        """Return whether the extensible segments have any branch of hysteresis."""
         return bool(self.axial_creep_share or self.axial_slip_share)
 
     @property
@@ -120,7 +120,9 @@ class Memory:
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share
 
     def law(self) -> symbols.MemoryLaw:
-        """Return the hysteresis parameters as arrays for the kernels, an `AxialMemoryLaw` if segments have branches."""
+        """Return the hysteresis parameters as a record of arrays for the compiled kernels: a `MemoryLaw` or, if
+        segments have branches, an `AxialMemoryLaw`.
+        """
         joints = symbols.MemoryLaw(
             np.array(self.creep_share), np.array(self.creep_time), np.array(self.slip_share), np.array(self.slip_angle),
             boucwen_share=self.boucwen_share, boucwen_beta=self.boucwen_beta, boucwen_gamma=self.boucwen_gamma,
@@ -132,8 +134,8 @@ class Memory:
 
 
 class Springpot(NamedTuple):
-    """Prony branches that approximate a springpot, as `creep_share` and `creep_time` for `Memory`, and an additional
-    spring.
+    """Prony branches that approximate a springpot, as `creep_share` and `creep_time` for `Memory`, and the stiffness of
+    a spring to be added to that of the joint.
     """
 
     creep_share: tuple[float, ...]
@@ -188,8 +190,8 @@ def springpot(share: float, order: float, low: float, high: float) -> Springpot:
 
 
 class Payne(NamedTuple):
-    """Slip elements that approximate Payne's curve, as `slip_share` and `slip_angle` for `Memory`, and an additional
-    spring.
+    """Slip elements that approximate Payne's curve, as `slip_share` and `slip_angle` for `Memory`, and the stiffness of
+    a spring to be added to that of the joint.
     """
 
     slip_share: tuple[float, ...]

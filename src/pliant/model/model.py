@@ -75,8 +75,8 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class Model(ModelParameters):
-    """Parameters of the reduced-order model of a soft actuator, a chain of n rigid links, in SI units: those of Eqs.
-    (1)-(5).
+    """Parameters of the reduced-order model of a soft actuator: a chain of n rigid links with springs and dampers at
+    its joints. SI units.
 
     They enter Eqs. (1)-(5) of the paper.
 
@@ -194,7 +194,9 @@ class Model(ModelParameters):
 
     @property
     def torque(self) -> Array:
-        """Coefficients (k,) [N m/Pa^i] of the torque law of the model's single chamber."""
+        """Coefficients of the torque law of the model's single chamber: in N m/Pa for the pressure, in N m/Pa^2 for its
+        square, and so on. For a law that is no polynomial, its parameters.
+        """
         return self.chamber.torque
 
     @property
@@ -246,8 +248,8 @@ def each_link(name: str, a: Array, n: int) -> Array:
 
 
 def with_gains(chamber: Chamber, n: int) -> Chamber:
-    """Return the chamber with one `joint_gain` and one `cross_gain` for each of n joints, where a single number applied
-    to all.
+    """Return the chamber with one `joint_gain` for each of n joints. A single number is repeated for every joint, and
+    with it a single `cross_gain`.
     """
     if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber

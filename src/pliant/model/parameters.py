@@ -49,7 +49,9 @@ class ModelParameters(Shown):
 
     @property
     def size(self) -> int:
-        """Number N of coordinates: n angles (2 n or 3 n in space) and S strains of segments that lengthen."""
+        """Number N of coordinates: the angles of n joints (n in a plane, 2 n or 3 n in space) and the strains of S
+        segments that lengthen.
+        """
         return self.link_length.size * (self.space.turns if self.space else 1) + len(self.extensions)
 
     @cached_property

@@ -136,8 +136,8 @@ def require_planar(model: Any, what: str) -> None:
 
 
 def check_space(model: Any) -> None:
-    """Raise InputError if a planar model has a parameter of chains in space, or a chain in space
-    one of planar models.
+    """Raise InputError if a planar model has a parameter that only chains in space have, or a chain in space a
+    parameter that only planar models have.
     """
     size = 2 if model.space is None else 3
     if model.gravity.size != size:

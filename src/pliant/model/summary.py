@@ -38,7 +38,9 @@ def chain(model: ModelParameters, turn: float) -> np.ndarray:
 
 
 def curve(segment: Extension) -> str:
-    """Return by how much an axial spring softens or stiffens; "" for a linear one."""
+    """Return text for a model's summary that says by how much an axial spring softens or stiffens; '' for a linear
+    spring.
+    """
     if not segment.curved:
         return ""
     sizes = ", ".join(f"{term.letter} = {getattr(segment, name) or 0.0:.3g}" for name, term in SPRING_TERMS.items())

@@ -1,1 +1,1 @@
-"""Numerical methods without physics: factorisations, splines, bases, curves, ring-down analysis."""
+"""Numerical methods without physics: matrix factorisation, splines, curves, rotations, and analysis of free decays."""

@@ -48,10 +48,12 @@ def planar_curve(curvature: ArrayLike, arc_length: ArrayLike, *, base_angle: flo
 def spatial_curve(
     curvature: ArrayLike, arc_length: ArrayLike, *, twist: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points and frames of curves in space from their curvature and twist, by fourth-order exponential steps.
+    """Return the points (T, S, 3) [m] and frames (T, S, 3, 3) of T curves in space at S arc lengths, from their
+    curvature and twist.
 
-    g' = g xi,  xi = (omega, v) = ((k2, phi', k1), e_y); curvature and twist are linear between stations. Constant
-    curvature is integrated exactly.
+    g' = g xi,  xi = (omega, v) = ((k2, phi', k1), e_y); curvature and twist are linear between stations. Each step from
+    station to station is the exponential of a Magnus expansion, of fourth order. Constant curvature is integrated
+    exactly.
 
     Parameters
     ----------

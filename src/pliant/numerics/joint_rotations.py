@@ -1,4 +1,4 @@
-"""Rotations about axes across a link, as vectors (a, b, 0), and the frames of links in space.
+"""Bending of joints in space, as rotation vectors (a, b, 0) perpendicular to the link along z, and frames of the links.
 
 A swing (a, b) [rad] is the rotation vector (a, b, 0) in the frame of the link before. It takes z to (sin(v) b / v,
 -sin(v) a / v, cos(v)), v = |(a, b)|. Frames that follow a curve by swings alone do not twist about it (parallel
@@ -18,7 +18,7 @@ STRAIGHT = 1e-150  # sine of the angle below which a direction is taken as z
 
 
 def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors (a, b, 0), given as `swing` (..., 2) [rad]."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (a, b, 0). `swing` (..., 2) [rad] holds (a, b)."""
     v = np.asarray(swing, dtype=np.float64)
     angle = np.linalg.norm(v, axis=-1)
     sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # sin(v)/v, (1 - cos v)/v^2
@@ -32,8 +32,8 @@ def swing_matrices(swing: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
-    """Return the smallest rotations (a, b, 0) that turn z to directions (..., 3), as arrays (..., 2) [rad].
-    Their angle is at most pi.
+    """Return the smallest rotations that turn the z axis into given directions (..., 3). Each is a rotation vector
+    (a, b, 0), given by its components (..., 2) [rad]; its angle is at most pi.
     """
     u = np.asarray(direction, dtype=np.float64)
     across = np.hypot(u[..., 0], u[..., 1])
@@ -46,8 +46,8 @@ def swings_to(direction: ArrayLike) -> NDArray[np.float64]:
 
 
 def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return the joint rotations (..., n, 2) [rad] of a chain in space whose n links point along directions (..., n,
-    3).
+    """Return the joint rotations of a chain in space whose n links point along given directions (..., n, 3). Each is
+    given by the components (a, b) of its rotation vector (a, b, 0); the result is (..., n, 2) [rad].
 
     Link k has the frame R_k = R_{k-1} R_rest,k exp([a_k, b_k, 0]^), R_{-1} the identity, and points along its z.
 
@@ -69,8 +69,8 @@ def swings_along(directions: ArrayLike, rest: NDArray[np.float64] | None = None)
 
 
 def link_frames(swings: ArrayLike, rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., n, 3, 3) of n links from joint rotations (..., n, 2) [rad].
-    `rest` (n, 3, 3) holds the rotations of the joints at rest.
+    """Return the rotation matrices (..., n, 3, 3) of n links from their joint rotations (..., n, 2) [rad], which are
+    the components (a, b) of rotation vectors (a, b, 0). `rest` (n, 3, 3) holds the rotations of the joints at rest.
     """
     turns = swing_matrices(swings)
     turns = turns if rest is None else rest @ turns

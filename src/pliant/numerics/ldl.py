@@ -28,7 +28,7 @@ def ldl_factor(A):
 
 
 def ldl_solve(A, b):
-    """Solve A x = b in place, with the factors A (n, n) that `ldl_factor` left; b (n,) becomes the solution."""
+    """Solve A x = b, with A (n, n) already factorised by `ldl_factor`. The solution x overwrites b (n,)."""
     n = A.shape[0]
     for i in range(1, n):
         value = b[i]

@@ -72,10 +72,11 @@ def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
 
 
 def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
-    """Return the damped sine with fitted parameters x (3,) for a signal y (T,) at times t (T,) [s], or None.
+    """Return the damped sine of a fit with parameters x (3,) to a signal y (T,) at times t (T,) [s]. Return None if the
+    signal does not clearly oscillate.
 
-    None where it explains too little of the signal, spans less than two periods, is damped too strongly or does not
-    return.
+    None is returned if the sine explains too little of the signal, the signal spans less than two periods, the damping
+    is too strong, or the motion does not turn back. `decay_basis` explains x.
     """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
@@ -98,7 +99,10 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
-    """Return the frequencies [Hz] of the `count` strongest spectral peaks of a signal without its slow part."""
+    """Return the frequencies [Hz] of the `count` strongest spectral peaks of a signal y (T,) at times t (T,) [s].
+
+    A cubic polynomial fitted to the signal is subtracted first, so that slow drift gives no peak.
+    """
     slow = np.polynomial.Polynomial.fit(t, y, 3)(t)
     power = np.abs(np.fft.rfft((y - slow) * np.hanning(y.size), 4 * y.size))
     frequency = np.fft.rfftfreq(4 * y.size, float(np.median(np.diff(t))))
@@ -108,7 +112,8 @@ def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:
 
 
 def decay_basis(x: Array, t: Array) -> Array:
-    """Return the basis functions (T, 4) of a free decay: damped cosine, damped sine, constant, slow exponential.
+    """Return the four functions whose sum models a free decay at T times, (T, 4): a damped cosine, a damped sine, a
+    constant and a slow exponential.
 
     x (3,) are the logarithms of angular frequency [rad/s], decay rate [1/s] and time constant of the exponential [s].
     """
@@ -120,7 +125,11 @@ def decay_basis(x: Array, t: Array) -> Array:
 
 
 def decay_residual(x: Array, t: Array, y: Array) -> Array:
-    """Return the residual (T,) of the decay y (T,) at parameters x (3,), with the best weights of `decay_basis`."""
+    """Return the residual (T,) of the least-squares fit of a damped sine, a constant and a slow exponential to a decay
+    y (T,) at times t (T,) [s].
+
+    x (3,) are the logarithms of the sine's angular frequency, its decay rate and the exponential's time constant.
+    """
     if not np.isfinite(x).all():  # MINPACK makes such a step where a column of the Jacobian vanishes
         return np.full_like(y, NOWHERE)
     left, _, _ = directions(decay_basis(x, t))
@@ -128,7 +137,8 @@ def decay_residual(x: Array, t: Array, y: Array) -> Array:
 
 
 def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
-    """Return the derivatives (T, 3) of the residual of `decay_residual` with respect to its parameters x (3,).
+    """Return the derivatives (T, 3) of the residual of a fitted decay with respect to its three parameters x, the
+    logarithms of angular frequency, decay rate and time constant.
 
     Source: Golub and Pereyra (1973), The differentiation of pseudo-inverses and nonlinear least squares problems
     """
@@ -148,7 +158,7 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
 
 
 def directions(basis: Array) -> tuple[Array, Array, Array]:
-    """Return the singular value decomposition U, s, V^T of a matrix, without singular values of rounding size."""
+    """Return the singular value decomposition U, s, V^T of a matrix, without singular values that are 0 to rounding."""
     left, size, right = np.linalg.svd(basis, full_matrices=False)
     kept = size > len(basis) * np.finfo(float).eps * size[0]
     return left[:, kept], size[kept], right[kept]
@@ -166,7 +176,7 @@ NONE = Swings(None, None, None)
 
 
 def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
-    """Return frequency and damping of a free decay twice: of its large swings, and of its small swings.
+    """Return frequency and damping of the large swings of a free decay, and those of its small swings.
 
     A swing is the motion between two successive turning points, so that the final position need not be known. Large
     swings exceed a third of the first one, small swings are below a sixth of it and clear of noise. The frequency is
@@ -193,8 +203,8 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
 
 
 def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
-    """Return frequency and damping of the swings `first` to `last - 1` of a decay, from times and heights of its
-    extremes.
+    """Return frequency and damping of the swings `first` to `last - 1` of a decay, from the times of its turning points
+    and the sizes of the swings between them.
 
     `at` are the times of the turning points [s], `way` the sizes of the swings between them.
     """
@@ -210,10 +220,10 @@ def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
 
 
 def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
-    """Return times (K,) [s] and values (K,) of a signal's extremes, neighbours at least `least` apart in value.
-    The first sample counts as an extreme.
+    """Return the times (K,) [s] and values (K,) of the K turning points of a signal. Successive values differ by at
+    least `least`. The first sample counts as a turning point.
 
-    Each extreme is that of the parabola through the nearest three samples.
+    Each turning point is the extreme of the parabola through the nearest three samples.
     """
     turns, way = [0], 0.0
     for k in range(1, y.size):

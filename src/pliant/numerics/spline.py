@@ -21,8 +21,10 @@ BOUNDARIES = (NATURAL, NOT_A_KNOT, CLAMPED)
 def spline_matrix(
     knots: ArrayLike, at: ArrayLike, boundary: str, derivative: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the matrix B (P, N) and vector (P,) that map N knot values and a base slope to a cubic spline at P points.
-    The spline is ``B @ nodes + slope[:, None] * base_tangent``.
+    """Return the matrix B (P, N) and the vector `slope` (P,) that evaluate a cubic spline with N knots at P points.
+
+    The spline is ``B @ values + slope * base_slope``, for its values at the knots and, with a clamped base, its
+    derivative `base_slope` at the first knot.
 
     Parameters
     ----------
@@ -79,8 +81,8 @@ def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64
 
 
 def polynomial_slope_weights(x: ArrayLike, degree: int) -> NDArray[np.float64]:
-    """Return weights (S,) whose dot product with values at S points `x` is the slope at ``x[0]`` of a fitted
-    polynomial.
+    """Return weights (S,) for values measured at S points `x`. Their dot product with the values is the slope at
+    ``x[0]`` of the polynomial of this degree fitted to them.
     """
     points = np.asarray(x, dtype=np.float64)
     span = points[-1] - points[0]

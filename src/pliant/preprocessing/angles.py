@@ -18,8 +18,8 @@ COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
 def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
-    """Return a dict of data quality of recorded angles, per station: lost samples, spikes, noise, range and sensor
-    resolution [degrees].
+    """Return a dict of data quality of recorded angles, per station: numbers of lost samples and spikes; noise, largest
+    deviation from the median and resolution of the sensor, in degrees.
     """
     names = [str(n) for n in recording["station"].values]
     angle = recording["angle"].values
@@ -36,8 +36,8 @@ def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def sensor_noise(angle: NDArray) -> NDArray:
-    """Return the noise (S,) [rad] of recorded angles (T, S): the standard deviation of S stations over T frames. For a
-    sensor of coarse resolution it is the standard deviation of the rounding error.
+    """Return the standard deviation (S,) [rad] of the noise of S recorded angles (T, S) over T frames. For a sensor of
+    coarse resolution it is the standard deviation of the rounding error.
     """
     plain = np.nan_to_num(detectors.noise_level(angle[..., None]))
     steps = np.array(coarse_steps(angle)) / np.sqrt(12.0)
@@ -54,8 +54,8 @@ def coarse_steps(angle: NDArray) -> list[float]:
 
 
 def angle_sentences(facts: dict[str, float]) -> list[str]:
-    """Return one sentence for each station in `facts`, a dict from station name to the resolution [degrees] of its
-    angle sensor.
+    """Return one sentence per station about the coarse resolution of its angle sensor, with the noise that this causes.
+    `facts` maps the station's name to the resolution [degrees].
     """
     return [f"the angle of {name} has a resolution of {step:.2g} degrees, which acts as {step / np.sqrt(12.0):.2g} "
             "degrees of noise"

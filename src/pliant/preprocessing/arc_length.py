@@ -29,8 +29,8 @@ def chord_lengths(position: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Return the positions (T, S, d) [m] of S stations and the times (T,) [s] of the T frames in which no station is
-    missing, and the number of frames left out.
+    """Return the positions (T, S, d) [m] of S stations in d dimensions and the times (T,) [s], for the T frames in
+    which no station is missing. Also return the number of frames left out.
 
     Raises
     ------

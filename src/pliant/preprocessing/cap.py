@@ -186,8 +186,8 @@ class CapTemplate:
         self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
 
     def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return two arrays (T, M): the fraction of body and of tail within the gauge length of each of M samples,
-        where the cap begins at `edge` (T,) [m] in T frames.
+        """Return two arrays (T, M): which fractions of the gauge length of each of M samples lie on the body and on the
+        tail. In each of T frames the cap begins at `edge` (T,) [m].
         """
         low = self.s - self.width / 2
         body = np.clip((edge[:, None] - low) / self.width, 0.0, 1.0)
@@ -196,7 +196,8 @@ class CapTemplate:
 
     def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the tip position (T,) [m] along the fibre in T frames, from the curvature `kappa` (T, S) [1/m] of S
-        samples. Also return (4, T) [1/m]: mean curvature of body, cap and tail, and their standard error.
+        samples. Also return four rows (4, T) [1/m]: mean curvature of body, cap and tail, and the standard error of
+        that of the cap.
         """
         body, tail = (share[0] for share in self.shares(np.zeros(1)))
         fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail

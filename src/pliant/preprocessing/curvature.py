@@ -93,7 +93,7 @@ def curvature_of(
 
 def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], window: int = 51) -> NDArray[np.float64]:
     """Compute the curvature (T, S) [1/m] at S evenly spaced stations over T frames by Savitzky-Golay filters of
-    polynomial order 4, from their positions (T, S, d) [m].
+    polynomial order 4, from their positions (T, S, d) [m] in d dimensions.
 
     kappa = (x' y'' - y' x'') / (x'^2 + y'^2)^(3/2); in three dimensions |r' x r''| / |r'|^3
 

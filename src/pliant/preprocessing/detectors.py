@@ -27,8 +27,8 @@ FLOOR_SHARE = 3e-3  # faults below this fraction of the station's peak displacem
 
 
 def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArray, overlap: int = 0) -> NDArray:
-    """Apply the function `detector` to a few stations of the positions (T, S, d) at a time, to save memory, and return
-    its joined result.
+    """Apply the function `detector` to the positions (T, S, d) of S stations over T frames in d dimensions, a few
+    stations at a time to save memory. Return its joined results.
 
     `known` are arrays (S,) of which the detector receives the values of its stations. Its result has the stations last.
     With `overlap` = 1 it has one value for each pair of neighbours.
@@ -39,8 +39,8 @@ def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArr
 
 
 def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
-    """Yield the measured positions [m] minus the reference `about`, as arrays (N, d) of N points for a block of frames
-    at a time. Points with NaN are left out.
+    """Yield, for one block of frames after another, the measured positions [m] minus the reference positions `about`,
+    as N points (N, d) in d dimensions. Points with NaN are left out.
     """
     for i in range(0, len(position), BLOCK_FRAMES):
         points = (position[i : i + BLOCK_FRAMES] - about).reshape(-1, position.shape[-1])
@@ -48,7 +48,9 @@ def seen_points(position: NDArray, about: NDArray) -> Iterator[NDArray]:
 
 
 def mean_place(position: NDArray) -> NDArray:
-    """Return the mean position (S, 3) [m] over time of each of S stations; NaN for one that was never measured."""
+    """Return the mean position (S, d) [m] over time of each of S stations in d dimensions; NaN for one that was never
+    measured.
+    """
     total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
     for i in range(0, len(position), BLOCK_FRAMES):
         part = position[i : i + BLOCK_FRAMES]
@@ -76,7 +78,7 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
 
 def noise_level(position: NDArray) -> NDArray:
     """Return the standard deviation (S,) [m] of the noise per coordinate of S stations, from their positions (T, S, d)
-    [m] over T frames. It is NaN with fewer than 8 frames.
+    [m] over T frames in d dimensions. It is NaN with fewer than 8 frames.
 
     Third differences of white noise have sqrt(20) times its deviation, and smooth motion has hardly any. The median
     excludes fast motion and faults.
@@ -104,8 +106,8 @@ def quantum(values: NDArray) -> float:
 
 
 def travel(position: NDArray) -> NDArray:
-    """Return the peak displacement (S,) [m] of S stations from their median positions, from the positions (T, S, d) [m]
-    over T frames. It is NaN for a station that was never measured.
+    """Return the peak displacement (S,) [m] of S stations from their median positions, from their positions (T, S, d)
+    [m] over T frames in d dimensions. It is NaN for a station that was never measured.
     """
     distance = _lengths(position - _nanmedian(position))
     with warnings.catch_warnings():
@@ -114,8 +116,8 @@ def travel(position: NDArray) -> NDArray:
 
 
 def rms_deviation(position: NDArray) -> NDArray:
-    """Return the root-mean-square distance (S,) [m] of S stations from their mean positions, from the positions (T, S,
-    d) [m] over T frames.
+    """Return the root-mean-square distance (S,) [m] of S stations from their mean positions, from their positions (T,
+    S, d) [m] over T frames in d dimensions.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -123,8 +125,8 @@ def rms_deviation(position: NDArray) -> NDArray:
 
 
 def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) that is True where one of S stations leaves its path for a single one of T frames and
-    returns.
+    """Return a mask (T, S) over T frames and S stations. It is True where a station leaves its path for a single frame
+    and then returns.
 
     The residual against the cubic through two neighbours on each side must exceed its surroundings by far, and the
     steps to and from the frame must oppose each other. `floor` is the `fault_floor`, where it is known.
@@ -145,16 +147,16 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
 
 
 def without_spikes(position: NDArray) -> NDArray:
-    """Return the positions (T, S, d) [m] of S stations over T frames with NaN where a station leaves its path for a
-    single frame.
+    """Return the positions (T, S, d) [m] of S stations over T frames in d dimensions, with NaN where a station leaves
+    its path for a single frame.
     """
     found = by_blocks(spikes, position)
     return np.where(found[..., None], np.nan, position) if found.any() else position
 
 
 def spikes_bridged(position: NDArray) -> NDArray:
-    """Return the positions (T, S, d) [m] of S stations over T frames; where a station leaves its path for a single
-    frame, its position is the mean of the neighbouring frames.
+    """Return the positions (T, S, d) [m] of S stations over T frames in d dimensions. Where a station leaves its path
+    for a single frame, its position is the mean of the neighbouring frames.
     """
     found = by_blocks(spikes, position)  # none in the first and the last frame
     if not found.any():
@@ -165,7 +167,7 @@ def spikes_bridged(position: NDArray) -> NDArray:
 
 
 def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) that is True where one of S stations suddenly moves at one of T frames and does not return.
+    """Return a mask (T, S) over T frames and S stations. It is True where a station suddenly moves and does not return.
     Steps across a gap in time are not counted.
 
     The step is compared with the velocities before and after it.
@@ -211,8 +213,8 @@ def orientation_jumps(quaternion: NDArray) -> NDArray:
 
 
 def stretched(position: NDArray, share: float) -> NDArray:
-    """Return a mask (T, S - 1) that is True where the distance between two neighbours of S stations, in one of T
-    frames, differs from its median by more than the fraction `share`.
+    """Return a mask (T, S - 1) over T frames and the pairs of neighbours among S stations. It is True where the
+    distance of a pair differs from its median over time by more than the fraction `share` of that median.
     """
     spacing = _lengths(np.diff(position, axis=1))
     middle = _nanmedian(spacing)
@@ -221,7 +223,7 @@ def stretched(position: NDArray, share: float) -> NDArray:
 
 def out_of_plane_share(position: NDArray) -> float:
     """Return the ratio (0 to 1) of the root-mean-square motion out of the plane of bending to the whole motion, from
-    positions (T, S, d) [m] of S stations over T frames.
+    positions (T, S, d) [m] of S stations over T frames in d dimensions.
 
     That plane contains the mean chord from the first to the last station and the direction perpendicular to the chord
     with most motion. The plane of a single station is the one with most of its motion.

@@ -64,8 +64,8 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
 
 
 def stopped(position: NDArray, flat: NDArray) -> NDArray:
-    """Return a mask (T,) of the frames, of T, in which the tracker repeats all its numbers `flat` (T, S, D) for S
-    stations before the body seems to leap.
+    """Return a mask (T,) over T frames. It is True while a tracker repeats the numbers of all stations, after which the
+    body seems to leap. `flat` (T, S, D) are the D numbers of each of S stations in each frame.
 
     The leap must be larger than the step after it, and the wait longer than the repeats of a tracker that is slower
     than its log.
@@ -103,8 +103,8 @@ def _repeats(values: NDArray) -> NDArray:
 
 
 def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, tuple[Span, ...]]:
-    """Return, by station name, the intervals (first time [s], last time [s], number of frames) in which the mask
-    `marked` (T, S) is True: T frames in which the tracker repeats the position of S stations.
+    """Return, by station name, the intervals in which a tracker repeats the station's position: first time [s], last
+    time [s], number of frames. The mask `marked` (T, S) is True there, for S stations over T frames.
     """
     return {
         name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s]))

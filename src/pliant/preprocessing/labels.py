@@ -22,7 +22,8 @@ LONGEST_GAP_S = 0.2  # s between two measured samples that are compared
 
 
 def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
-    """Return an index (T, S): under which of S labels each station appears in each of T frames, from tracked positions.
+    """Return an index (T, S): the number of the label under which the tracker recorded each of S stations in each of T
+    frames.
 
     The index is 0, 1, ... where no labels are exchanged.
 

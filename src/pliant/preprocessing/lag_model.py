@@ -91,8 +91,8 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
-    """Return the pressure over time, with gaps interpolated: first the first principal component of the chambers, then
-    each chamber, scaled to the range 0 to 1.
+    """Return the pressure over time, with gaps interpolated. The first column is the first principal component of all
+    chambers. Each further column is a chamber's rise above its minimum, scaled by the range of all chambers.
     """
     values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     clock = recording["pressure_time"].values
@@ -181,8 +181,8 @@ class LagFrame:
         self.scale = np.array([0.01, 0.3, 0.5, 1e-4][: 4 if drift else 3])
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return the residual (K,) of the motion at K frames, divided by its standard deviation, for the parameters x:
-        clock offset [s], log of frequency [Hz], log of damping ratio and, on request, clock drift.
+        """Return the residual (K,) of the motion at K frames, as a multiple of the motion's standard deviation, for the
+        parameters x: clock offset [s], log of frequency [Hz], log of damping ratio and, on request, clock drift.
         """
         basis = self.response(x)
         return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])

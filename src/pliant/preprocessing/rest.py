@@ -57,8 +57,8 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
 
 
 def shown(recording: xr.Dataset) -> NDArray:
-    """Return the recorded positions (T, S, d) [m] of S stations over T frames, or their angles (T, S, 1) [rad] without
-    positions. Spikes of single frames are interpolated.
+    """Return the recorded positions (T, S, d) [m] of S stations over T frames in d dimensions. For a recording without
+    positions, return the angles (T, S, 1) [rad]. Spikes of single frames are interpolated.
     """
     if "position" in recording:
         return detectors.spikes_bridged(recording["position"].values)

@@ -1,4 +1,4 @@
-"""Determine the side to which a planar body bends, and turn a recording by pi about the base tangent.  # D4"""
+"""Determine the side to which a planar body bends, and turn a recording by pi about the base tangent."""  # D4
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:
     """Raise InputError where the clock offset of the fit `best` explains too little of the motion, lies at the end of
-    the search range, or is no better than that of `rival`.
+    the search range, or explains the motion no better than the fit `rival` at another offset.
     """
     if best.explained < LEAST_EXPLAINED:
         raise InputError(

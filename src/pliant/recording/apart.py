@@ -36,7 +36,7 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
     """Read the arrays of a file in a separate process with limits on time and memory, so that a damaged file cannot
-    crash this one.
+    crash the calling process.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
 
 
 def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
-    """Run the helper process that reads a file, and return its exit code and its output in bytes."""
+    """Run the helper process that reads a file, and return its exit code and its output as bytes."""
     command = [sys.executable, "-P", "-c", START, SOURCES, kind, str(path.resolve()), str(seconds), str(memory)]
     with subprocess.Popen(  # noqa: S603  our own worker, no shell
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,

@@ -84,8 +84,9 @@ def check_definition(connection: Any) -> None:
 
 
 def read(path: str) -> Content:
-    """Read a ROS 2 bag: for each topic with poses, points or numbers, the times (M,) [ns] of M messages and their R
-    rows of 7 numbers (pose) or 1 number each. Also return the names of all other topics.
+    """Read the topics of a ROS 2 bag that hold poses, points or numbers. Return for each topic the times (M,) [ns] of
+    its M messages and their values (M, R, 7) or (M, R, 1): R poses of 7 numbers, or R single numbers, per message. Also
+    return the names of all other topics.
     """
     arrays: dict[str, np.ndarray] = {}
     topics = []

@@ -87,8 +87,8 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
 
 
 def announced_bytes(item: Any, name: str) -> int:
-    """Return the size [bytes] that an HDF5 data set takes in memory by its stated shape. Raise `Refused` where the file
-    stores too little for it.
+    """Return the memory [bytes] that an HDF5 data set needs according to its stated shape. Raise `Refused` if the file
+    stores too few bytes for this shape.
     """
     creation = item.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():

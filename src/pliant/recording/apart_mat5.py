@@ -13,8 +13,8 @@ DEEPEST = 20  # structs within structs
 
 
 def read(path: str) -> Content:
-    """Return the numeric arrays of a .mat file and a dict with their names, and with the names of all variables that
-    are not numeric.
+    """Return the numeric arrays of a .mat file, and a dict with two entries: the names of these arrays, and the names
+    of all variables that are not numeric.
 
     Fields of structs are named ``struct.field``.
     """

@@ -116,8 +116,8 @@ def _unknown(value: Any) -> str:
 
 
 def read_answer(answer: bytes) -> Content | dict[str, Any]:
-    """Return the arrays and facts from the output of the helper process. After a failed read return a dict with the
-    reason.
+    """Decode the output of the helper process, and return the arrays of the file and the dict of facts about them. If
+    the process could not read the file, return a dict with the reason instead.
     """
     start = len(MAGIC) + LENGTH_BYTES
     end = start + int.from_bytes(answer[len(MAGIC) : start], "little")
@@ -156,8 +156,8 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
 
 
 def main() -> None:
-    """Run the helper process with the command-line arguments kind of library, path, seconds and bytes of memory. It
-    writes the arrays of the file to standard output.
+    """Run the helper process: read one file and write its arrays to standard output. The command-line arguments are the
+    kind of library, the path, the time limit [s] and the memory limit [bytes].
     """
     kind, path, seconds, memory = sys.argv[1:5]
     answer = os.dup(1)

@@ -55,8 +55,8 @@ class BagMapping(FileMapping):
 
 
 class Topic(NamedTuple):
-    """Messages of one ROS 2 topic: its type, the times (M,) [ns] of M messages, and R rows per message of 7 numbers
-    (pose) or 1 number.
+    """Messages of one ROS 2 topic: its type, the times (M,) [ns] of M messages, and their values (M, R, 7) or (M, R,
+    1), which are R poses of 7 numbers, or R single numbers, per message.
     """
 
     kind: str
@@ -96,8 +96,8 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 def chosen(
     held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
 ) -> dict[str, Topic]:
-    """Return the messages of the topic of each station or chamber, by its name. The dict `named` assigns topics to
-    names; where it is None, `default` does.
+    """Return, by station or chamber name, the messages of the topic that belongs to this name. The dict `named` states
+    the topic of each name; if it is None or empty, the dict `default` does.
     """
     for topic in (named or {}).values():
         if topic not in held:

@@ -17,8 +17,8 @@ NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
 def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]:
-    """Convert the counter `ticks` (T,) of a logger to times (T,) [s] and remove its wrap-arounds, which a history line
-    counts.
+    """Convert T counter values `ticks` (T,) of a logger to times (T,) [s] without wrap-arounds. Also return a history
+    line that counts the wrap-arounds, if there were any.
 
     Raises
     ------

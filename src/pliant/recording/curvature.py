@@ -130,8 +130,8 @@ def integrated(
 
 
 def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, int]:
-    """Return, by arc length [m], the index of each column whose name is `start` followed by an arc length, such as
-    ``k_10``.
+    """Return a dict from arc length [m] to column index, for the columns whose name is `start` followed by an arc
+    length, such as ``k_10``.
     """
     found: dict[float, int] = {}
     for k, name in enumerate(names):
@@ -151,8 +151,8 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
 def time_of(
     table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the times (T,) [s] of the rows of a curvature table, from its time column or the frame rate, and lines for
-    the history.
+    """Return the times (T,) [s] of the T rows of a curvature table, from its time column or the frame rate, and lines
+    for the history.
     """
     clocks = [k for k, name in enumerate(names) if is_time(name)]
     if not clocks and options.rate_hz:

@@ -89,8 +89,8 @@ def from_hdf(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
 def whole_clock(
     frame: NDArray, points: NDArray, likelihood: NDArray | None, file: str
 ) -> tuple[NDArray, NDArray | None, list[str]]:
-    """Insert the frames that the file lacks between its first and last: return points with NaN and likelihoods 0 there,
-    and a history line that counts them.
+    """Insert the frames that are missing between the first and last frame of a file, with NaN as points and 0 as
+    likelihoods. Return the points and likelihoods of all frames, and a history line that counts the inserted ones.
     """
     if not (np.abs(frame) < 2**53).all() or np.any(frame != np.round(frame)) or np.any(np.diff(frame) <= 0):
         raise InputError(f"the first column of {file} must hold whole frame numbers that increase from row to row: "

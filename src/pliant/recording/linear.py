@@ -71,8 +71,8 @@ def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dat
 
 
 def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
-    """Return the name of the recording's variable that contains the channel `name`, and the channel's index in it. The
-    index is empty where `name` is that of the variable itself.
+    """Find the variable of a recording that contains the channel `name`, and return the variable's name and the
+    channel's index in it. The index is empty if `name` is the name of the variable itself.
     """
     if name in CHANNELS and name in recording:
         return name, {}
@@ -90,7 +90,7 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
 
 
 def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
-    """Return the value in SI units of one unit of a channel's offset, such as 1000 for kPa."""
+    """Return the factor that converts a channel's offset from its stated unit to the SI unit, such as 1000 for kPa."""
     per = CHANNELS[variable][1]
     if line.scale == 0:
         raise InputError(f"the mapping for {file}: {KEY}.{name} has scale = 0, which would erase the channel: give "

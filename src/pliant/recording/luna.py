@@ -75,8 +75,8 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
 
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join recordings of the strain of one fibre core each, with equal times and gauge positions, into one recording of
-    all cores, with the inputs of the first.
+    """Join recordings that hold the strain of one fibre core each, at equal times and gauge positions, into one
+    recording of all cores. The actuation inputs are taken from the first recording.
 
     Raises
     ------

@@ -21,8 +21,8 @@ class FileMapping(BaseModel):
 
     @classmethod
     def load(cls, mapping: Mapping[str, Any] | None, name: str, what: str = "mapping for") -> Self:
-        """Check the options `mapping` of the file `name` and return them as an object; raise InputError, which names
-        the first wrong key.
+        """Check the options `mapping` of the file `name` and return them as an object. If a key or value is wrong,
+        raise InputError, which names the first wrong key.
         """
         try:
             return cls.model_validate(dict(mapping or {}))

@@ -44,8 +44,8 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a netCDF file as datasets in memory, by path (the root is ``/``), without conversion of
-    times to dates.
+    """Return a dict from the path of each group in a netCDF file (``/`` for the root) to its dataset in memory. Times
+    are not converted to dates.
 
     The file is opened in a separate process, as it may come from an untrusted source.
 

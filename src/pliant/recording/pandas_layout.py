@@ -23,8 +23,8 @@ MARK = object()
 
 
 class StoredFrame(NamedTuple):
-    """Table that pandas stored in HDF5: names of its columns (one text per level), row numbers (T,) of T rows, and
-    values (T, C) of C columns.
+    """Table that pandas stored in HDF5: the names of its C columns (one text for each level of the header), the numbers
+    (T,) of its T rows, and its values (T, C).
     """
 
     levels: tuple[str, ...]

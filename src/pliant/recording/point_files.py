@@ -43,8 +43,8 @@ def read_tracker(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 
 
 def one_track(path: Path) -> tuple[str, Track, list[str]]:
-    """Read one file of the program Tracker: return the name of its track, times (T,), positions (T, 2) of T samples,
-    and history lines.
+    """Read one file of the program Tracker: return the name of its track, the times (T,) and positions (T, 2) of T
+    samples in the units of the file, and history lines.
     """
     lines = read_text(path).split("\n")
     at = next((k for k, line in enumerate(lines[:4]) if header_of(line)), None)

@@ -166,11 +166,10 @@ def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> di
 
 
 def looks_like(head: bytes, but: str = "") -> str:
-    """Return a hint for a message where the first bytes of a file, `head`, look like those of a known tracking program
-    other than `but`; else "".
+    """Return a hint for an error message if the first bytes of a file, `head`, look like those of a known tracking
+    program, else "". The program `but` is not considered.
 
     The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
-    `head` holds the first bytes of the file.
     """
     words = head.lower()
     found = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)

@@ -73,8 +73,8 @@ def whole_number(text: str) -> int | None:
 
 
 def judge_end(lines: list[str], delimiter: str | None, name: str) -> tuple[list[str], list[str]]:
-    """Drop the last row of a text table where it is incomplete; return the rows and a list with one sentence about it,
-    empty for a complete table.
+    """Drop the last row of a text table if it is incomplete. Return the remaining rows, and a list with one sentence
+    about the dropped row, which is empty if the table is complete.
 
     A file that was cut has no line end after its last row, and may hold `0.27` of `0.27944`.
 

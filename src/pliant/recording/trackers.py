@@ -115,7 +115,9 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
-    """Return the times (T,) [s] of the `count` frames of a video, 0 for the first one, from the camera's frame rate."""
+    """Return the times (count,) [s] of the `count` frames of a video, computed from the camera's frame rate. The first
+    is 0.
+    """
     rate = options.camera.rate_hz if options.camera is not None else None
     if rate is None:
         raise InputError(f"{file} has no times: set rate_hz in [camera] to the frame rate of the video")
@@ -123,7 +125,7 @@ def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
 
 
 def seconds(ticks: NDArray, options: TrackerMapping, usual: str) -> NDArray:
-    """Convert the times `ticks` of a tracker file to seconds; their unit is the one in the options or, without it,
-    `usual`.
+    """Convert the times `ticks` of a tracker file to seconds. Their unit is the one in the options or, if the options
+    state none, `usual`.
     """
     return np.asarray(ticks * SECONDS[options.time_unit or usual])

@@ -270,8 +270,9 @@ def pressure_unit(name: str) -> str | None:
 
 
 def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
-    """Return the pressures [Pa] in the columns named ``p_<unit>``, (T,) for one chamber or (T, C) for C chambers over T
-    rows, and the names of several chambers.
+    """Return the pressures [Pa] in the pressure columns of a table with T rows, and the names of the chambers. A single
+    column without a chamber name, such as ``p_kpa``, gives (T,) and no names. C columns, such as ``p_kpa_left``, give
+    (T, C) and C names.
     """
     found = {name: unit for name in columns if (unit := pressure_unit(name))}
     if "p" in columns:

@@ -88,7 +88,7 @@ def frame_errors(
 
 def node_positions(one: SplineMap, position: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the positions (T, n + 1, d) [m] of n + 1 nodes on the body, interpolated between the positions (T, S, d)
-    [m] of S stations over T frames.
+    [m] of S stations, over T frames in d dimensions.
     """
     return np.matmul(one.nodes, position)
 
@@ -137,7 +137,7 @@ def closest_distances(
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the distance (T, S) [m] from each of S stations to the closest point of a spline, in T frames. It is at
-    most `distance`, that at equal arc length.
+    most `distance` (T, S) [m], the distance to the spline's point of equal arc length.
 
     The search covers the part of the spline that can be closest to a station: within pi times its distance at equal arc
     length. A grid search finds the neighbourhood, and Newton's method on the local cubic finds the point.

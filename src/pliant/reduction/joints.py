@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 class LinkPoint(NamedTuple):
-    """A point attached to a link of a spatial chain: the link's index, and its distances [m] from the link's joint
-    along (z), across (-y) and aside (x).
+    """A point attached to a link of a spatial chain: the link's index, and the point's coordinates [m] in the link's
+    frame, whose origin is the link's joint: `along` = z (along the link), `across` = -y, `aside` = x.
     """
 
     link: int  # 0 for the first link, -1 for the base
@@ -40,8 +40,8 @@ def joints_in_plane(
 def joints_in_space(
     nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the swing angles, two per joint, of a spatial chain of n links at rest (2 n,) [rad] and their changes over
-    T frames (T, 2 n) [rad], and the link tips (T, n, 3) [m].
+    """Return the joint angles of a spatial chain of n links, two swing angles per joint: (2 n,) [rad] at rest, and (T,
+    2 n) [rad] relative to rest over T frames. Also return the link tips (T, n, 3) [m].
     """
     rest_swing = swings_along(np.diff(rest_nodes, axis=0))
     rest = swing_matrices(rest_swing)
@@ -77,8 +77,8 @@ def beside_links(
 
 
 def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lengths [m] of n planar links between nodes (T, n + 1, 2) [m] over T frames, and the angle [rad] of
-    each link to the previous one in (-pi, pi]; both are (T, n).
+    """Return the lengths (T, n) [m] of n planar links between successive nodes (T, n + 1, 2) [m] over T frames, and the
+    angle (T, n) [rad] of each link to the previous one, in (-pi, pi].
     """
     chord = np.diff(nodes, axis=1)
     alpha = np.arctan2(-chord[:, :, 0], chord[:, :, 1])
@@ -87,7 +87,7 @@ def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the tips (T, n, 2) [m] of the n links of planar chains that start at the origin, over T frames. `turns`
-    (T, n) [rad] is the angle of each link to the previous one: q + theta_0.
+    (T, n) [rad] is the angle of each link to the previous one: joint angle q plus rest angle theta_0.
 
     p^i = p^{i-1} + l_i (-sin phi_i, cos phi_i),  phi_i = sum_{k<=i} (q_k + theta_k0)
 

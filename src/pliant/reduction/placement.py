@@ -38,8 +38,8 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
 
 
 def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Search the arc lengths (n + 1,) [m] of the nodes of n segments for which the spline through them is closest to
-    the body, and return them. Their largest error is at most that of `start`.
+    """Search for nodes for which the spline through them is closest to the body. Return their arc lengths (n + 1,) [m],
+    for n segments. The spline's largest error is at most that with the nodes `start`.
 
     Base and tip are fixed. The search moves nodes from station to station, alone and in blocks, on a set of active
     frames. It adds the worst of all frames until none is worse than the active ones. It starts from the equal nodes and
@@ -115,7 +115,7 @@ class _Search:
 
     def descend(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], float]:
         """Move nodes between stations, starting from the station indices `index`, while this reduces the largest error
-        of the spline through them. Return the last indices and that error [m].
+        of the spline through them. Return the final indices and the largest error [m].
         """
         cost = self.cost(index)
         n = index.size - 1

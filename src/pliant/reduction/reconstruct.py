@@ -29,8 +29,8 @@ def spline_shape(
     base: ArrayLike = (0.0, 0.0),
     base_tangent: ArrayLike = (0.0, 1.0),
 ) -> NDArray[np.float64]:
-    """Reconstruct a continuous shape from a chain of links: return P points (T, P, d) [m] in T frames on the cubic
-    spline through the base and the link tips.
+    """Reconstruct a continuous shape from a chain of links: return P points (T, P, d) [m] on the cubic spline through
+    the base and the link tips, in T frames and d dimensions.
 
     Parameters
     ----------
@@ -74,7 +74,8 @@ def spline_shape(
 
 def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> NDArray[np.float64]:
     """Return the curvature (T, P) [1/m] at P arc lengths of a continuous curve that follows a planar chain of n links
-    over T frames. `turns` (T, n) [rad] is the angle of each link to the previous one: q + theta_0.
+    over T frames. `turns` (T, n) [rad] is the angle of each link to the previous one: joint angle q plus rest angle
+    theta_0.
 
     The tangent angle phi(s) is the quadratic spline whose mean over segment i is the chord angle
     alpha_i = sum_{k<=i} turns_k, with phi(0) = 0: the derivative of the clamped cubic spline through

@@ -44,8 +44,8 @@ class Cores(FileMapping):
         )
 
     def paths(self, path: Path) -> list[Path]:
-        """Return the paths of the files of all cores: that of the first core, `path`, and those with the part of its
-        name that stands for the core replaced.
+        """Return the paths of the files of all cores. `path` is the file of the first core; the others have the same
+        name, with the part that stands for the core replaced.
         """
         if not self.files:
             return [path]

@@ -112,8 +112,8 @@ def _estimated_noise(residual: NDArray[np.float64], layout: CoreLayout, sees_twi
 
 
 def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
-    """Return the standard deviation [m] of the tip position, across the axis of a straight fibre, from that of the
-    measured curvature.
+    """Return the standard deviation [m] that errors of the measured curvature cause in the tip position of a straight
+    fibre, across its axis.
 
     sigma_tip = sigma_kappa sqrt(ds L^3 / 3), for independent errors of the curvature samples
 
@@ -137,7 +137,7 @@ def point_covariance(
     """Return the covariance matrix (S, 2, 2) [m^2] of the position of each of S points on a planar curve, from the
     errors of its measured curvature. It is accurate to first order.
 
-    delta p_k = sum_{j<=k} S (p_k - p_j) delta kappa_j ds_j + S (p_k - p_0) delta phi_0,  S = [[0, -1], [1, 0]]
+    delta p_k = sum_{j<=k} J (p_k - p_j) delta kappa_j ds_j + J (p_k - p_0) delta phi_0,  J = [[0, -1], [1, 0]]
 
     Parameters
     ----------

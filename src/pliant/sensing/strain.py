@@ -62,7 +62,7 @@ class CoreLayout:
 
     @property
     def twist_gain(self) -> NDArray[np.float64]:
-        """Axial strain (C,) of each of C cores per rad/m of fibre twist; 0 for straight cores."""
+        """Return the axial strain (C,) of each of C cores per rad/m of fibre twist; 0 for straight cores."""
         if self.pitch is None:
             return np.zeros_like(self.radius)
         turn = 2 * np.pi / self.pitch

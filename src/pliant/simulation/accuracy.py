@@ -48,8 +48,8 @@ def tip_error(again: Again) -> float:
 
 
 def difference(again: Again, factor: float) -> float:
-    """Return the largest tip distance between a motion and its repetition with other time steps, over the body's
-    length. The distance is infinite if the repetition fails.
+    """Return the largest distance between the tip positions of a motion and of its repetition with other time steps, as
+    a fraction of the body's length. It is infinite if the repetition fails.
     """
     try:
         return distance(*again(factor))
@@ -58,10 +58,14 @@ def difference(again: Again, factor: float) -> float:
 
 
 def distance(one: Array, other: Array) -> float:
-    """Return the largest distance between corresponding points of two arrays of positions (..., d)."""
+    """Return the largest distance between corresponding points of two arrays of positions, whose last axis holds the
+    components.
+    """
     return float(np.sqrt(np.sum((one - other) ** 2, axis=-1).max(initial=0.0)))
 
 
 def step_for(error: float) -> float:
-    """Return the factor, 0.1 to 0.7, by which to shorten a time step so that the tip error falls to half its limit."""
+    """Return the factor, 0.1 to 0.7, by which to shorten a time step so that the tip error falls to half the limit of 1
+    % of the body's length. `error` is the present one, as a fraction of the length.
+    """
     return float(np.clip(np.sqrt(0.5 * LIMIT / error), 0.1, 0.7))

@@ -33,11 +33,10 @@ class EnergyWarning(AccuracyWarning):
 
 
 def energy_defects(motion: xr.Dataset) -> tuple[float, float]:
-    """Return the energy that a motion gains without a source, and that it loses without dissipation, as fractions.
-    Both refer to the energy exchanged.
+    """Return the energy that a motion gains without a source, and the energy that it loses without dissipation, as
+    fractions of the energy exchanged in the motion.
 
-    They are relative to the exchanged energy: the largest change of any form of energy, or the energy dissipated by the
-    dampers, whichever is larger.
+    The exchanged energy is the largest change of any form of energy or, if larger, the energy dissipated.
 
     Parameters
     ----------

@@ -77,16 +77,18 @@ def row_of(chamber: Chamber, before: float) -> Array:
 
 
 def valve_constants(row: Array) -> ValveConstants:
-    """Return the named constants of a valve from an array of `valve_row`, whose numbers may be dual."""
+    """Return the constants of a valve by name, from an array `row` that begins with them. Its entries are floats or
+    dual numbers, as from `valve_row`.
+    """
     single = row[:OF_A_VALVE].tolist() if row.ndim == 1 else row[:OF_A_VALVE]
     return ValveConstants(Lag(*single[:4]), *single[4:])
 
 
 def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any, p: Any) -> None:
     """Replace commanded pressures p (m, 4) [Pa] by those behind a valve, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
-    The columns are the values at the start, middle and end of each interval of `lengths` (m,) [s], and the mean.
+    The intervals have the `lengths` (m,) [s].
     ``run(kernel)`` returns the compiled form of a kernel. `constants` are the constants of the `valve`.
     """
     if valve.dead_band:
@@ -105,7 +107,7 @@ def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any,
 
 def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any, torque: Any, grown: Any) -> None:
     """Write the mean torque of a chamber in each time step to torque (steps,) [N m].
-    The pressures p (m, 4) [Pa] behind the valve are start, middle, end and mean of m intervals.
+    The pressures p (m, 4) [Pa] behind the valve are those at start, middle and end of m intervals, and the mean.
 
     `row` is the row of the chamber (`row_of`). If the chamber has slow states, grown (m + 1,) receives the fourth power
     of its hoop stretch between the intervals.
@@ -120,14 +122,12 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
 
 
 def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
-    """Return WIDTH derivatives (steps, WIDTH) of a chamber's mean torque in each time step, from a `row` of dual
-    constants.
+    """Return the derivatives (steps, WIDTH) of a chamber's mean torque in each time step with respect to WIDTH
+    variables. The chamber's constants `row` and the step lengths `at.h` are dual numbers: values with their derivatives
+    by these variables.
 
-    They are the derivatives by the variables whose derivatives the dual numbers hold.
-
-    The lengths of the steps `at.h` are dual numbers too. If every step has one interval, they also replace the lengths
-    of the intervals. `commands` (m, 4) [Pa] are the command at the start, middle and end of each interval, and its
-    mean.
+    If every step has one interval, the step lengths also replace the lengths of the intervals. `commands` (m, 4) [Pa]
+    are the command at the start, middle and end of each interval, and its mean.
     """
     from pliant.compiler.duals import WIDTH, dual_twin, duals  # loads the compiler
 

@@ -78,8 +78,7 @@ class Driven(NamedTuple):
 
 
 class Layout:
-    """Time steps for given inputs, with the commanded pressures in them; pressures behind valves and torques are
-    cached.
+    """Time steps of a simulation for given inputs, and the commanded pressures in them.
 
     Of the chambers only the dead times affect the steps. Pressures behind valves and torques of chambers are cached,
     for models that differ only in other parameters.
@@ -98,7 +97,7 @@ class Layout:
 
     def behind(self, c: int, valve: Valve) -> Array:
         """Return the pressure (m, 4) [Pa] of chamber `c` behind its valve in m time intervals.
-        The four columns are start, middle, end and mean.
+        The four columns are the values at start, middle and end, and the mean.
         """
         if (c, valve) not in self._behind:
             self._behind[c, valve] = lagging(valve, self.intervals.lengths, self.commands[c], self.resting(c, valve))
@@ -128,7 +127,8 @@ class Layout:
         return self._driven[key]
 
     def jump_slope(self, c: int, k: int) -> Array | None:
-        """Return the derivative (steps,) of the step lengths by the time of jump `k` of chamber `c`'s input, or None.
+        """Return the derivative (steps,) of all step lengths with respect to the time of jump `k` of chamber `c`'s
+        input, or None if this derivative does not exist.
 
         Only the lengths of the steps next to the jump change. None if the jump does not exist, if its time is also an
         output time or is otherwise not the end of a step, or if inputs have breakpoints within steps.
@@ -148,11 +148,12 @@ class Layout:
         return slope
 
     def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
-        """Return WIDTH derivatives (steps, C, WIDTH) of the mean torques of C chambers. `rows` and step lengths h are
-        dual numbers that carry the derivatives.
+        """Return the derivatives (steps, C, WIDTH) of the mean torques of C chambers in each time step with respect to
+        WIDTH variables. The chambers' constants `rows` and the step lengths `h` are dual numbers: values with their
+        derivatives by these variables.
 
-        `rows` has one row for each chamber (`row_of`). h (steps,) are the lengths of the steps, dual numbers too. Where
-        inputs have breakpoints within steps, the derivatives of h must be 0.
+        `rows` has one row for each chamber (`row_of`), h (steps,) one length for each step. Where inputs have
+        breakpoints within steps, the derivatives of h must be 0.
         """
         pairs = zip(chambers, rows, self.commands, strict=True)
         return np.stack([torque_slopes(c, row, self.intervals._replace(h=h), u) for c, row, u in pairs], axis=1)
@@ -250,7 +251,9 @@ def before(pressure: Input, dead_time: float, times: Array) -> float:
 
 
 def merge(times: Array, moments: Array, same: float) -> Array:
-    """Return the sorted union of `times` and those `moments` between them that are more than `same` from any other."""
+    """Return the sorted union of `times` and `moments`. Left out are moments outside the range of `times`, and moments
+    within `same` of one of `times` or of the moment before.
+    """
     moments = np.unique(np.asarray(moments, dtype=float))
     moments = moments[(moments > times[0]) & (moments < times[-1])]
     moments = moments[np.diff(moments, prepend=-np.inf) > same]
@@ -271,7 +274,7 @@ def subdivide(corners: Array, step: float) -> Array:
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:
     """Return the pressure (m, 4) [Pa] behind a valve in the m intervals between times `nodes` [s].
-    The four columns are start, middle, end and mean.
+    The four columns are the values at start, middle and end, and the mean.
 
     `nodes` (m + 1,) [s] are the ends of the intervals.
 
@@ -282,7 +285,7 @@ def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) ->
 
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
     """Return the pressure command (m, 4) [Pa], delayed by `dead_time` [s], in the m intervals between times `nodes`
-    [s]. The four columns are start, middle, end and mean.
+    [s]. The four columns are the values at start, middle and end, and the mean.
 
     The command within an interval is the straight line through two inner points, so that a jump at a node counts on the
     right side.
@@ -303,7 +306,7 @@ def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
 
 def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
     """Return the pressure (m, 4) [Pa] behind a valve for commands (m, 4) [Pa] in intervals of length h (m,) [s].
-    The four columns are start, middle, end and mean.
+    The four columns are the values at start, middle and end, and the mean.
     """
     out = commands.copy()
     pass_valve(twin, valve, valve_constants(valve_row(valve, before)), h, out)
@@ -311,9 +314,8 @@ def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
 
 
 def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """Return the SimulationError for a failed time step: a link that turns by more than 1 rad, or another cause.
-
-    `given_way` describes the other failure.
+    """Return the SimulationError for a failed time step. The failure is the one that `given_way` describes or, if this
+    is empty, a link that turns by more than 1 rad in the step.
     """
     if given_way:
         return SimulationError(f"{plan.h[: failed + 1].sum():.6g} s after the start {given_way}")

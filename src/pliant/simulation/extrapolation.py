@@ -53,8 +53,8 @@ def smooth(problem: InitialValueProblem) -> bool:
 
 
 def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
-    """Return time steps of at most `step` [s] that also end at all breakpoints of the inputs, each divided into
-    `parts`.
+    """Return time steps that end at all output times and breakpoints of the inputs. Steps of at most `step` [s] between
+    these are each divided into `parts` equal ones.
     """
     model, times = problem.model, problem.times
     pairs = zip(problem.pressure, model.chambers, strict=True)

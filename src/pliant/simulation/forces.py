@@ -61,12 +61,16 @@ def station_of(model: Model, force: PointForce) -> Station:
 
 
 def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:
-    """Return the loads (T, ...) [N m] on the links under F known forces, of values (T, F, d) [N]."""
+    """Return the loads [N m] of F known forces on the links at T instants. `values` (T, F, d) [N] are the d components
+    of the forces. The first axis of the result has length T.
+    """
     return mechanics_of(model).link_loads([station_of(model, force) for force in forces], values)
 
 
 def at_time(force: PointForce, time: Array) -> Array:
-    """Return the value (..., d) [N] of a known force at times (...) [s]."""
+    """Return the components [N] of a known force at `time` [s], an array of any shape. The result has one more axis,
+    the last, for the components.
+    """
     return np.stack([np.interp(time, force.time, column) for column in force.force.T], axis=-1)
 
 
@@ -86,7 +90,9 @@ def mean_loads(model: Model, forces: Sequence[PointForce], nodes: Array) -> Arra
 
 
 def integral(force: PointForce, time: Array) -> Array:
-    """Return the integral (T, d) [N s] of a known force from its first time to each `time` (T,) [s]."""
+    """Return the time integral (T, d) [N s] of the d components of a known force, from its first time to each of the T
+    instants `time` [s].
+    """
     knots, value = force.time, force.force
     area = 0.5 * (value[1:] + value[:-1]) * np.diff(knots)[:, None]
     total = np.concatenate([0.0 * value[:1], np.cumsum(area, axis=0)])

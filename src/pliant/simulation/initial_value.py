@@ -43,8 +43,8 @@ class InitialValueProblem(NamedTuple):
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
-        """Return the problem with its initial state set: joint angles, rates and hysteresis states,
-        as in `simulate`.
+        """Return the problem with its initial state set: joint angles, rates and hysteresis states. None stands for the
+        equilibrium angles, rates of 0 and relaxed hysteresis.
         """
         model, load = self.model, loads_before(self.model, self.forces, self.times)
         rest = angle is None
@@ -54,8 +54,8 @@ class InitialValueProblem(NamedTuple):
         return self._replace(start=start, states=memory.first_states(model, q, states))
 
     def plan(self, step: float, times: Array | None = None) -> Drive:
-        """Return the time steps, at most `step` [s] long, that meet all `times`, with their mean torques and forces.
-        By default `times` are the output times.
+        """Return time steps of at most `step` [s] that end at all `times`, with the mean torques and forces in them. By
+        default `times` are the output times.
         """
         times = self.times if times is None else times
         return self.loaded(drive(self.model, self.pressure, times, step))
@@ -68,14 +68,18 @@ class InitialValueProblem(NamedTuple):
         return plan._replace(load=mean_loads(self.model, self.forces, nodes))
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
-        """Integrate over the time steps `plan` by the midpoint rule; return the motion at `rows` output times."""
+        """Integrate over the time steps `plan` by the midpoint rule; return the motion as arrays with one row for each
+        of `rows` output times.
+        """
         rows = len(plan.pressure) if rows is None else rows
         if self.model.memory:
             return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
         return *march(self.model, plan, self.start, rows), self.states
 
     def tips(self, phi: Array) -> Array:
-        """Return the tip positions (T, 2), in space (T, 3), divided by the length of the body, from coordinates phi."""
+        """Return the tip positions at T instants, (T, 2) or in space (T, 3), divided by the length of the body, from
+        the chain's N coordinates phi (T, N).
+        """
         return np.asarray(mechanics_of(self.model).tips(phi)[:, -1] / self.model.length)
 
     def repeated(self, plan: Drive, phi: Array, factor: float) -> tuple[Array, Array]:
@@ -105,7 +109,9 @@ def posed(
 
 
 def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
-    """Return the loads (n, 2) [N m] of known forces on the links just before the first time, or None without forces."""
+    """Return the loads [N m] of known forces on the links just before the first output time, or None if there are no
+    forces.
+    """
     return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
 
 

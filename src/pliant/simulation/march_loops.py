@@ -74,7 +74,8 @@ class Drives(NamedTuple):
 
 
 def march(phi, w, steps, body, joints, work, out):
-    """Integrate the chain over all `steps`; angles phi and rates w (n,) change in place, output rows go to `out`.
+    """Integrate a chain of n links over all `steps`. Angles phi and rates w (n,) change in place, and output rows are
+    written to `out`.
 
     For a body that lengthens, all arrays are (n + S,), with strains behind the angles, and the compiled loop uses the
     step of `equations.extension`.
@@ -107,7 +108,8 @@ def march(phi, w, steps, body, joints, work, out):
 
 
 def march_with_memory(phi, w, steps, body, joints, past, work, out):
-    """Integrate a chain with hysteresis over all `steps`, as `march`; the states in `past` change in place.
+    """Integrate a chain of n links with hysteresis over all `steps`. Angles phi, rates w (n,) and the hysteresis states
+    in `past` change in place, and output rows are written to `out`.
 
     The states are output too, and the last column of the energy is the energy dissipated by hysteresis. Returns -1, the
     index k of a step that turns a link by more than 1 rad, or -2 - k if step k does not converge.
@@ -140,10 +142,8 @@ def march_with_memory(phi, w, steps, body, joints, past, work, out):
 
 
 def take_torques(h, command, drives, tau):
-    """Write to tau (n,) [N m] the mean joint torques over h [s] under constant pressure commands (C,) [Pa].
-    Pressures and slow states in `drives` advance by h.
-
-    `drives` (a `Drives`) is advanced in place.
+    """Write to tau (n,) [N m] the mean torques of n joints over the next h [s] under constant pressure commands (C,)
+    [Pa] to C chambers. Pressures and slow states in `drives` (a `Drives`) advance by h in place.
     """
     for c in range(len(command)):
         valve = drives.valve
@@ -155,10 +155,10 @@ def take_torques(h, command, drives, tau):
 
 
 def held_step(phi, w, h, command, drives, body, joints, work):
-    """Advance the chain by one step h [s] under constant commands (C,) [Pa] to the valves; return -1 if it fails, else
-    0. Angles phi and rates w (n,) change in place.
+    """Advance a chain of n links by one step h [s] under constant commands (C,) [Pa] to the valves of C chambers.
+    Angles phi and rates w (n,) change in place. Return 0, or -1 if the step fails.
 
-    phi, w (n,) and `drives` (a `Drives`) are updated in place.
+    Pressures and slow states in `drives` (a `Drives`) change in place too.
     """
     take_torques(h, command, drives, work.tau)
     step(phi, w, h, work.tau, body, joints, work)
@@ -168,8 +168,8 @@ def held_step(phi, w, h, command, drives, body, joints, work):
 
 
 def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
-    """Advance a chain with hysteresis by one step h [s] under constant commands (C,) [Pa]; return -1 if it fails, else
-    0. Angles phi, rates w and the states in `past` change in place.
+    """Advance a chain of n links with hysteresis by one step h [s] under constant commands (C,) [Pa] to the valves of C
+    chambers. Angles phi, rates w (n,) and the states in `past` change in place. Return 0, or -1 if the step fails.
 
     `chain` is (body, joints), `past` a `symbols.Past`.
     """
@@ -182,8 +182,8 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
 
 
 def hold(phi, w, held, drives, body, joints, work):
-    """Advance the chain by several steps under constant commands and force; return the index of a failed step, or -1.
-    Angles phi and rates w (n,) change in place.
+    """Advance a chain of n links by several steps under constant commands and forces. Angles phi and rates w (n,)
+    change in place. Return the index of a failed step, or -1.
 
     `held` is (h, steps, command, load, total). `load` (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
     none. Input work, loss of the dampers and loss of hysteresis [J] are added to `total` (3,). All records are plain
@@ -205,8 +205,8 @@ def hold(phi, w, held, drives, body, joints, work):
 
 
 def hold_with_memory(phi, w, held, drives, chain, past, work):
-    """Advance a chain with hysteresis by several steps under constant commands and force.
-    Angles, rates and the states in `past` change in place; the index of a failed step, or -1, is returned.
+    """Advance a chain of n links with hysteresis by several steps under constant commands and forces. Angles phi, rates
+    w (n,) and the states in `past` change in place. Return the index of a failed step, or -1.
     """
     h, steps, command, load, total = held
     actuation, valve, pressure, state = drives
@@ -229,7 +229,9 @@ def hold_with_memory(phi, w, held, drives, chain, past, work):
 
 @cache
 def of_records(kernel, body, joints, workspace, law=MemoryLaw):
-    """Return a copy of the loop `kernel` for other argument types than `Body`, `Joints`, `Workspace`, `MemoryLaw`."""
+    """Return a copy of the loop `kernel` that takes records of the given types in place of `Body`, `Joints`,
+    `Workspace` and `MemoryLaw`.
+    """
     if (body, joints, workspace) == (Body, Joints, Workspace):
         return kernel
     scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}

@@ -45,7 +45,9 @@ def march_with_memory(
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:
-    """Return the initial hysteresis states: those `given` or, if None, the equilibrium at the coordinates q0 (N,)."""
+    """Return the initial hysteresis states: those `given` or, if None, those in equilibrium at the N joint coordinates
+    q0 (N,).
+    """
     rest = state.relaxed(model, q0)
     if given is None:
         return rest

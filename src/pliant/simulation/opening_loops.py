@@ -21,11 +21,10 @@ LEAST = 1.0  # Pa, smallest absolute command
 
 def through_opening(h, time, before, p):
     """Replace pressures p (m, 4) [Pa gauge] upstream of an opening by those in the chamber behind it, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
-    The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. Only the mean
-    of the pressure before the opening is used, so that the result is exact where it is constant in each interval. The
-    chamber starts at `before` [Pa]. `time` is T [s].
+    The intervals have the lengths h (m,) [s]. Only the mean of the pressure before the opening is used, so that the
+    result is exact where it is constant in each interval. The chamber starts at `before` [Pa]. `time` is T [s].
     """
     for k in range(len(h)):
         command = p[k, 3]
@@ -36,8 +35,8 @@ def through_opening(h, time, before, p):
 
 
 def opening_interval(h, command, time, p):
-    """Return the pressure [Pa gauge] of a chamber behind an opening after h [s] at a constant command, and its mean.
-    It starts from p.
+    """Return the pressure [Pa gauge] of a chamber behind an opening after h [s] under a constant command, and its mean
+    over this time. The chamber starts at p [Pa gauge].
     """
     supply = command + ATMOSPHERE
     if supply.real < LEAST:
@@ -55,9 +54,10 @@ def opening_interval(h, command, time, p):
 
 
 def filled(s, x):
-    """Return the solution x(s) of normalised filling, x' = 1 below 0 and sqrt(1 - x^2) up to 1, and its integral.
+    """Return the solution x after the normalised time s of filling, from the initial value `x`, and its integral over
+    s. The rate x' is 1 while x < 0, and then sqrt(1 - x^2) until x = 1.
 
-    x = 2 P / U - 1.
+    x = 2 P / U - 1, with the absolute pressures P in the chamber and U before the opening.
     """
     area = 0.0 * s
     if x.real < 0.0:
@@ -74,9 +74,10 @@ def filled(s, x):
 
 
 def vented(s, x):
-    """Return the solution x(s) of normalised venting, x' = -(1 + x) / 2 above 1 and -sqrt(x) below, and its integral.
+    """Return the solution x after the normalised time s of venting, from the initial value `x`, and its integral over
+    s. The rate x' is -(1 + x) / 2 while x > 1, and then -sqrt(x) until x = 0.
 
-    x = (P - U) / U.
+    x = (P - U) / U, with the absolute pressures P in the chamber and U before the opening.
     """
     area = 0.0 * s
     if x.real > 1.0:

@@ -15,10 +15,9 @@ UNLIMITED = 1e30  # Pa/s; not infinite, whose product with a lag of 0 is NaN
 
 def past_dead_band(band, p):
     """Replace commands p (m, 4) [Pa] by those that a pressure regulator with a dead band [Pa] follows, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
-    The columns are the command at the start, middle and end of each interval, and its mean. The result is exact except
-    for intervals in which the command crosses the band.
+    The result is exact except for intervals in which the command crosses the band.
     """
     for k in range(len(p)):
         for j in range(4):
@@ -32,11 +31,11 @@ def past_dead_band(band, p):
 
 def first_order_valve(h, rise, fall, before, p):
     """Replace commanded pressures p (m, 4) [Pa] by those behind a valve with first-order lag, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
-    The columns are the values at the start, middle and end of each interval of h (m,) [s], and the mean. The pressure
-    starts at `before` [Pa]. `rise` and `fall` [s] are the time constants while the command lies above or below the
-    pressure. The result is exact for a command that is linear in each interval.
+    The intervals have the lengths h (m,) [s]. The pressure starts at `before` [Pa]. `rise` and `fall` [s] are the time
+    constants while the command lies above or below the pressure. The result is exact for a command that is linear in
+    each interval.
     """
     for k in range(len(h)):
         p[k, 0], p[k, 1], p[k, 2], p[k, 3] = first_order_interval(h[k], p[k, 0], p[k, 2], rise, fall, before)
@@ -62,7 +61,7 @@ def first_order_interval(h, u0, u1, rise, fall, p):
 
 def rate_limited_valve(h, lag, before, p):
     """Replace commanded pressures p (m, 4) [Pa] by those behind a valve with lag and limited rates, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
     `lag` is a `symbols.Lag`.
     """
@@ -122,7 +121,7 @@ def held_interval(h, command, valve, p):
 
 def second_order_valve(h, omega, zeta, before, p):
     """Replace commanded pressures p (m, 4) [Pa] by those behind a second-order valve, in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
     p'' + 2 zeta omega p' + omega^2 p = omega^2 u
 
@@ -163,10 +162,9 @@ def second_order_valve(h, omega, zeta, before, p):
 
 def settle(h, share, time, before, p):
     """Replace pressures p (m, 4) [Pa] by ones whose fraction `share` lags with the time constant `time` [s], in place.
-    The columns of p are start, middle, end and mean of m intervals.
+    The columns of p are the values at start, middle and end of m intervals, and the mean.
 
-    The columns are the values at the start, middle and end of each interval, and the mean. The lag starts in
-    equilibrium at `before`. The result is exact for a pressure that is linear in each interval.
+    The lag starts in equilibrium at `before`. The result is exact for a pressure that is linear in each interval.
     """
     slow = before
     for k in range(len(h)):
@@ -181,7 +179,7 @@ def settle(h, share, time, before, p):
 
 def law_torques(h, lengths, first, p, law, torque):
     """Write the mean torque of each time step to torque (steps,) [N m], by a polynomial law of the pressures p (m, 4)
-    [Pa]. The columns of p are start, middle, end and mean of m intervals.
+    [Pa]. The columns of p are the values at start, middle and end of m intervals, and the mean.
 
     Step k of length h[k] [s] consists of the intervals first[k] ... first[k + 1] - 1, of `lengths` (m,) [s].
     """
@@ -194,7 +192,7 @@ def law_torques(h, lengths, first, p, law, torque):
 
 def slow_torques(h, lengths, first, p, chamber, state, torque, grown):
     """Write the mean torque of each time step to torque (steps,) [N m], for a chamber with lagging pressure or wall.
-    The columns of p (m, 4) [Pa] are start, middle, end and mean of m intervals.
+    The columns of p (m, 4) [Pa] are the pressures at start, middle and end of m intervals, and the mean.
 
     The slow `state` (2,) is updated in place. grown (m + 1,) receives the fourth power of the hoop stretch between the
     intervals.

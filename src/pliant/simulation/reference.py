@@ -149,8 +149,8 @@ class StateLayout(NamedTuple):
 
 
 def layout(model: Model) -> StateLayout:
-    """Return where the states of `model` are in the solver's state vector.
-    Strains follow the angles, their rates the rates.
+    """Return the indices of the states of `model` in the SciPy solver's state vector. Strains of segments follow the
+    angles, and their rates follow the angular rates.
     """
     n, branches = model.size, len(model.memory.creep_share)
     places, end = [], 2 * n
@@ -211,9 +211,10 @@ def right_hand_side(
 
 
 def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -> tuple[Any, Array, list[float]]:
-    """Return the springs with creep included, the rates of the creep states, and the energy loss of creep [W].
+    """Return joint springs that have the same torques as springs and creep branches together, the rates of the creep
+    states, and the power [W] that creep dissipates.
 
-    Creep acts as stiffer springs with other rest angles.
+    At a given state, creep acts as stiffer springs with other rest angles.
     """
     joints, rows = chain.joints, chain.remembering
     share, tau = np.array(memory.creep_share), np.array(memory.creep_time)

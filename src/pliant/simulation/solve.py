@@ -59,7 +59,9 @@ def simulate(
     tolerance: float = 1e-4,
     check: bool = True,
 ) -> xr.Dataset:
-    """Simulate a model under pressure inputs and return its motion as a dataset. Paper: Eq. (5) [eq:eom], solver D14.
+    """Simulate a model under pressure inputs and return its motion as a dataset.
+
+    Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters
     ----------
@@ -235,7 +237,9 @@ def output_times(duration: float | None, times: Array | None, step: float | None
 
 
 def check_step(model: Model, step: float | None, method: str) -> None:
-    """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the first mode."""
+    """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the model's first
+    mode of vibration.
+    """
     if step is not None and not (np.isfinite(step) and step > 0):
         raise InputError(f"the step must be a positive time in seconds, got {step}")
     if method in METHODS:
@@ -254,7 +258,9 @@ def check_step(model: Model, step: float | None, method: str) -> None:
 
 
 def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
-    """Return energies (T,) [J] by name: kinetic, elastic, gravitational, work of the inputs, dissipated."""
+    """Return, by name, the energies (T,) [J] of a motion at T instants: kinetic, elastic, gravitational, work of the
+    inputs, dissipated.
+    """
     stored = mechanics_of(model).energy(phi, w)
     return {
         "kinetic_energy": np.asarray(stored.kinetic),

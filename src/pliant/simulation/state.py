@@ -18,7 +18,7 @@ RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e
 
 
 def relaxed(model: Model, q: Array) -> Array:
-    """Return the hysteresis states that are in equilibrium at the joint coordinates q (N,).
+    """Return the hysteresis states that are in equilibrium at the N joint coordinates q (N,).
 
     Creep is relaxed, and the other branches are unstretched.
 
@@ -89,8 +89,8 @@ def equilibrium(
 
 
 def given_way(model: Model, phi: Array, least: float = 0.0) -> str:
-    """Return a message on what fails at coordinates phi (N,), the solution of the tendons or a softened spring; '' if
-    nothing does.
+    """Return a message if the tensions of the tendons were not found or a spring lost its stiffness at the N
+    coordinates phi (N,) of the chain; '' if neither failed.
 
     Tendons fail where their iteration did not converge, a spring where its slope is at most `least` times K.
     """
@@ -119,8 +119,8 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
 
 
 def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
-    """Return undamped natural frequencies (n,) [Hz], ascending, and damping ratios (n,) of small motions about the
-    shape `q`.
+    """Return undamped natural frequencies (n,) [Hz], in ascending order, and damping ratios (n,) of the n modes of
+    small vibrations about the shape `q`.
 
     The default shape is the equilibrium without pressure.
 
@@ -154,8 +154,8 @@ def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Return the angular frequencies (n,) [rad/s] of undamped modes, mode shapes (n, n) as columns, and decay rates
-    (n,) [1/s].
+    """Return, for the n modes of a chain, the angular frequencies (n,) [rad/s] without damping, mode shapes (n, n) as
+    columns, and decay rates (n,) [1/s].
 
     M and K (n, n) are inertia and stiffness, as of `Mechanics.linear_parts`.
 
@@ -175,7 +175,8 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 
 def typical_pressure(model: Model, which: int = 0) -> float:
-    """Return the pressure [Pa] that bends the chain by half a radian, at most 0.8 of the largest that it can balance.
+    """Return the pressure [Pa] that bends the chain by half a radian. If the chain has no equilibrium there, return 0.8
+    of the largest pressure at which it has one.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
     pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
@@ -202,7 +203,9 @@ def typical_pressure(model: Model, which: int = 0) -> float:
 
 
 def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
-    """Return the pressures (C,) [Pa] of C chambers: `pressure` in one of them, by default the first, else 0."""
+    """Return the pressures (C,) [Pa] of C chambers of which only one has the given `pressure`, by default the first,
+    and the others 0.
+    """
     return np.asarray(pressure * np.eye(model.actuation.count)[which])
 
 

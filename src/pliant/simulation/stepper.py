@@ -1,4 +1,4 @@
-"""Simulation step by step for use in real time, by the step of `simulate` without allocation of memory."""
+"""Simulation step by step for use in real time. A step is computed as in `simulate`, without allocation of memory."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class Snapshot(NamedTuple):
 
 class Stepper:
     """A simulation that advances by one or more steps of fixed length at each call.
+
     Paper: Eq. (5) [eq:eom], solver D14.
 
     Parameters

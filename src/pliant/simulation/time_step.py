@@ -71,8 +71,8 @@ def shared_step(models: Iterable[Model]) -> float:
 
 
 def longest_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
-    """Return the longest time step [s], not rounded, that resolves every mode which noticeably moves the tip; or
-    infinity.
+    """Return the longest time step [s], not rounded, that resolves every mode which noticeably moves the tip. It is
+    infinite if no mode does.
     """
     return float(mode_steps(*tip_modes(model, displacement), duration).min())
 
@@ -80,8 +80,8 @@ def longest_step(model: Model, displacement: Array | None = None, duration: floa
 def mode_steps(
     omega: Array, decay: Array, moved: Array, duration: float = DURATION, tolerance: float = TOLERANCE
 ) -> Array:
-    """Return for each mode of vibration the step (N,) [s] at which its error reaches `tolerance`.
-    It is infinite for modes that hardly move the tip.
+    """Return the time step (N,) [s] at which the error of each of N modes of vibration reaches `tolerance`. It is
+    infinite for modes that hardly move the tip.
     """
     peak = np.minimum(duration, 1.0 / np.maximum(decay, 1e-300))
     error = moved * omega**3 / 12.0 * peak * np.exp(-decay * peak)  # over the square of the step
@@ -103,9 +103,8 @@ def warn_too_coarse(model: Model, step: float) -> None:
 
 
 def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, Array, Array]:
-    """Return for each mode its angular frequency [rad/s], decay rate [1/s], and tip displacement over the length.
-
-    Each is (N,).
+    """Return arrays (N,) for N modes of vibration: angular frequency [rad/s], decay rate [1/s], and tip displacement as
+    a fraction of the body's length.
 
     The displacement is the largest under the sudden pressures of `time_step`.
     """

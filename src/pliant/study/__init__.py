@@ -9,20 +9,20 @@ __all__ = ["Study", "angles_study", "camera_study", "demo_study", "load_study", 
 
 
 def demo_study() -> Path:
-    """Return the path of the study file of the fibre recordings that come with pliant."""
+    """Return the path of the bundled study file that uses recordings of a shape-sensing fibre."""
     return Path(__file__).parent / "bundled" / "demo.toml"
 
 
 def angles_study() -> Path:
-    """Return the path of the study file of the logs of angle and pressure that come with pliant."""
+    """Return the path of the bundled study file that uses logs of one angle and one pressure."""
     return Path(__file__).parent / "bundled" / "angles.toml"
 
 
 def space_study() -> Path:
-    """Return the path of the study file of the body in space that comes with pliant."""
+    """Return the path of the bundled study file that uses recordings of a body bending in space."""
     return Path(__file__).parent / "bundled" / "space.toml"
 
 
 def camera_study() -> Path:
-    """Return the path of the study file of the video that comes with pliant."""
+    """Return the path of the bundled study file that uses a video of a bending body."""
     return Path(__file__).parent / "bundled" / "camera.toml"

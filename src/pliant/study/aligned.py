@@ -32,7 +32,9 @@ class Aligned(NamedTuple):
 
 
 def rest_place(name: str, recording: xr.Dataset) -> Array:
-    """Return the mean position (S, 2) [m] of the S stations of a recording during the rest window of its alignment."""
+    """Return the mean position (S, 2) [m] of the S stations of a recording during the time at rest that its alignment
+    used.
+    """
     if "alignment" not in recording.attrs:
         raise InputError(f"recording {name} was aligned before the study, but common_rest needs positions in the "
                          "tracker's frame: use the recording before its alignment, or remove common_rest")
@@ -83,8 +85,8 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
 def on_one_clock(
     recording: xr.Dataset, entry: Recording, name: str
 ) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
-    """Return the recording with its pressure moved to the shape's clock, the estimated offset of the clocks, and
-    sentences on it for the report.
+    """Return the recording with its pressure moved to the shape's clock, the estimated offset between the two clocks,
+    and sentences on this offset for the report.
 
     The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
     """

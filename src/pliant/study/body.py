@@ -1,5 +1,5 @@
-"""Functions that build the model of a study's actuator from its table [actuator], a preset, a taper, and tendons with
-estimated azimuths.
+"""Functions that build the model of a study's actuator from its table [actuator], and estimate the azimuths of tendons
+that the table does not state.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def study_model(
     actuator: ActuatorEntry, rotation: Array | None, links: LinkPlacement | None = None, usual: int | None = None,
     sign: int = 1,
 ) -> Model:
-    """Return the model of the study's actuator, built from the table [actuator], its preset and, for dense shapes,
-    links placed on a recorded shape.
+    """Return the model of the study's actuator, built from the table [actuator] and its preset. If links were placed on
+    a recorded shape, the model has their lengths and rest angles.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def study_model(
 
 
 def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
-    """Return the `Chamber` objects that the tables of a study describe, on an actuator with `joints` joints. In space
-    each chamber lies at its azimuth, by default 90 degrees.
+    """Return the chambers that the tables of a study describe, as `Chamber` objects of an actuator with `joints`
+    joints. In space, a chamber without a stated azimuth lies at 90 degrees.
 
     A chamber at 90 degrees bends the body about +x, as a chamber of a planar body does.
     """
@@ -148,7 +148,8 @@ def measured_chain(values: dict[str, Any], links: LinkPlacement) -> Model:
 
 
 def in_base_frame(gravity: Array, rotation: Array | None, sign: int, dimension: int = 2) -> Array:
-    """Return the gravity that a study states as a vector (2,) or (3,) [m/s^2] in the base frame.
+    """Return the gravity that a study states as a vector [m/s^2] in the base frame: (2,) for a planar body, (3,) in
+    space.
 
     Three numbers are in the tracker's frame. Two numbers are in the base frame, with their x multiplied by `sign`. For
     a body in space without an alignment, three numbers are in the base frame.
@@ -180,15 +181,17 @@ def preset(name: str) -> Any:
 
 
 def slices(length: float, joints: int) -> tuple[Array, float]:
-    """Cut each joint's segment of the body into thin slices; return their midpoints (joints, SLICES) [m from base] and
-    their thickness [m].
+    """Divide the segment of each joint into thin slices of equal thickness. Return their midpoints (joints, SLICES) [m
+    from the base] and the thickness [m].
     """
     thin = length / (joints * SLICES)
     return (thin * (np.arange(joints * SLICES) + 0.5)).reshape(joints, SLICES), thin
 
 
 def checked_radius(taper: TaperTable, length: float) -> None:
-    """Raise InputError if the radii are not given for increasing positions from the base to the tip."""
+    """Raise InputError unless there is one radius for each position, and the positions increase from the base (0) to
+    the tip.
+    """
     at = np.array(taper.at)
     if at.size != len(taper.radius) or (np.diff(at) <= 0).any() or at[0] > 0 or at[-1] < length * (1 - 1e-9):
         raise InputError(
@@ -234,8 +237,8 @@ def tapered_extensions(
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
-    """Return the distance of a tendon from the body's axis at each joint (joints,), as a fraction of its distance at
-    the base.
+    """Return the distance between a tendon and the body's axis at each joint, divided by that at the base, as an array
+    (joints,).
 
     The distance is averaged over the joint's segment, and is 0 beyond the end of the tendon.
     """
@@ -318,8 +321,8 @@ def with_azimuths(
 
 
 def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
-    """Return the displacement (C, 2) [m] of the last station across the base tangent for one unit of each of C inputs,
-    by least squares.
+    """Return the displacement of the last station per unit of each of C inputs, (C, 2) [m per unit], by least squares.
+    Its two components are perpendicular to the base tangent.
     """
     inputs, moves = [], []
     for exp in experiments:

@@ -1,5 +1,5 @@
-"""Preparation of a study's dense shapes: find tip and body, align, choose the number of links, place them, and build
-the experiment (paper, Secs. II and III-A).
+"""Preparation of dense shapes, which have points all along the body: find tip and body, align, choose the number of
+links, place them, and build the experiment (Secs. II and III-A of the paper).
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def body_of_fibre(
 
 
 def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
-    """Find the cap at the fibre's tip; return the arc length [m] of the body's base, the side to which the cap bends (1
-    or -1), and a sentence on the cap.
+    """Find the cap at the fibre's tip. Return the arc length [m] along the fibre at which the body's base lies, the
+    side to which the cap bends (1 or -1), and a sentence on the cap.
 
     The base lies one body length before the cap. In space, the cap is found by the magnitude of its curvature.
     """
@@ -89,8 +89,8 @@ def before_cap(whole: xr.Dataset, fibre: Fibre) -> tuple[float, float, str]:
 
 
 def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction) -> Shape:
-    """Compute the curvature, the number of links and their placement from the recording whose shape determines the
-    chain of links.
+    """Compute the curvature of a recorded shape, choose the number of links and place them on it. Return all results as
+    a `Shape`.
     """
     order: OrderResult = select_order(
         body, max_order=max(reduction.max_order, reduction.links or 2), bound=1e-3 * reduction.bound_mm,
@@ -110,7 +110,7 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
 
 def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
     """Return the arc lengths (n + 1,) [m] of n joints and the tip. The joints lie in the middle of equal segments, or
-    where the order selection placed them.
+    where the selection of the number of links placed them.
     """
     if reduction.joint_placement == "midsegment":
         return np.asarray(order.length / n * np.append(np.arange(n) + 0.5, n))
@@ -120,8 +120,8 @@ def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
 
 
 def scaled_nodes(nodes: np.ndarray, body: xr.Dataset) -> np.ndarray:
-    """Scale the arc lengths (n + 1,) [m] of n joints and the tip to the length of this recording's body; leave them
-    unchanged if the lengths differ by 1 % or more.
+    """Return the arc lengths (n + 1,) [m] of n joints and the tip, scaled to the body length in this recording. If that
+    differs from the tip's arc length by 1 % or more, which is too much for a measurement error, return them unchanged.
     """
     if "arc_length" not in body.coords:
         return nodes

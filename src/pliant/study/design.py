@@ -14,7 +14,8 @@ from pliant.study.schema import Study
 def design_study(
     study: Study, *, highest: float | None = None, criterion: str = "E", progress: Callable[[str], None] | None = None,
 ) -> Design:
-    """Fit a study's model and rank candidate recordings by how much they would reduce its uncertainty.
+    """Fit a study's model and rank candidate recordings by how much each would reduce the uncertainty of the
+    parameters.
 
     Parameters
     ----------

@@ -20,7 +20,9 @@ OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
 
 
 def stated_case(actuator: ActuatorEntry) -> Case:
-    """Return the length, mass, diameter and gravity that the study or its preset states, as a plausibility `Case`."""
+    """Return the length, mass, diameter and gravity that the study or its preset states, as a `Case` for the
+    plausibility checks.
+    """
     body = dict(preset(actuator.preset).BODY) if actuator.preset else {}
     gravity = actuator.gravity
     return Case(
@@ -30,16 +32,16 @@ def stated_case(actuator: ActuatorEntry) -> Case:
 
 
 def body_warnings(case: Case, stations: xr.Dataset, aligned: xr.Dataset | None) -> dict[str, str]:
-    """Return warnings on contradictions between the stated body and one recording of it. Their keys are the names of
-    the checks.
+    """Return warnings about contradictions between the stated body and one recording of it, as a dict from the name of
+    the check to the warning.
     """
     return doubts(replace(case, recording=stations, aligned=aligned), "body")
 
 
 @contextmanager
 def unit_warning_first(doubted: Mapping[str, str]) -> Iterator[None]:
-    """Context manager that puts the warning about units, if there is one, before the message of an InputError raised
-    inside.
+    """Context manager: if an InputError is raised inside and there is a warning about units, put the warning before the
+    error's message.
 
     A wrong unit is often the cause of another error, such as a base that seems to move by metres.
 

@@ -246,8 +246,8 @@ def actuator(
 
 
 def weight(out: Lines, trials: Sequence[Trial], gravity: Sequence[float] | None) -> None:
-    """Write the entry for gravity; it is an open question if a body is released, since its weight may drive
-    the motion.
+    """Write the entry for gravity: the stated value; an open question if the body is released, since its weight may
+    drive the motion; otherwise a proposal as a comment.
     """
     released = any(excitation(trial) == "release" for trial in trials)
     if released or gravity is not None:

@@ -28,7 +28,9 @@ def first_aligned(trials: Sequence[Trial]) -> Trial:
 
 
 def driven(trials: Sequence[Trial]) -> list[str]:
-    """Return the names of the chambers in recordings with several chambers, without duplicates."""
+    """Return the names of the chambers in the recordings, without duplicates. A recording with a single pressure adds
+    none.
+    """
     return list(dict.fromkeys(name for trial in trials for name in trial.chambers))
 
 
@@ -108,8 +110,8 @@ def pair_entry(out: Lines, one: RecordedInput) -> None:
 
 
 def joints_up_to(end: float, length: float | None) -> list[int]:
-    """Return the numbers (from 1) of the joints from the base up to `end` [m]. The 5 joints lie in the middle of equal
-    segments.
+    """Return the numbers (from 1) of the joints between the base and `end` [m]. A generated study has 5 joints, in the
+    middle of equal segments.
 
     The segments divide `length` [m], or `end` if the length is None. A margin of 5 % is added to `end`.
     """
@@ -117,8 +119,8 @@ def joints_up_to(end: float, length: float | None) -> list[int]:
 
 
 def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, str]]:
-    """Return (name, comment) of the torque parameters of each input: gains about x and y in space, torque_1
-    in a plane.
+    """Return (name, comment) of the torque parameters of each input: in space two gains, about x and y; in a plane
+    torque_1, the torque per pressure.
     """
     if not space:
         return [(f"{name}.torque_1", "N m/Pa") for name in names]
@@ -126,8 +128,8 @@ def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, 
 
 
 def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
-    """Write the entries that say which recorded channel drives which input of the model, and whether it was measured
-    and held between updates.
+    """Write the entries that say which recorded channel drives which input of the model. Further entries say whether
+    the inputs of tendons were measured, and how the model follows inputs that the log held constant between updates.
     """
     recorded = several(trial.recording)
     if driving := [*(name for name in names if name in recorded), *(one.name for one in trial.tendon_inputs)]:
@@ -154,8 +156,8 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
-    """Return the displacement [m] of S stations across the base tangent for one unit of each of C inputs, (C, S, 1) in
-    a plane or (C, S, 2) in space.
+    """Return the displacement of S stations per unit of each of C inputs, (C, S, 1) in a plane or (C, S, 2) in space [m
+    per unit], by least squares. Its components are perpendicular to the base tangent.
     """
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
@@ -197,16 +199,16 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
 
 
 def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Return the sideways displacement of points at the heights (S,) [m] of a body that has curvature 1 from `begin` to
-    `end` [m] and is straight elsewhere.
+    """Return the small sideways displacements [m] of points at the heights (S,) [m] along the base tangent, for a body
+    with a curvature of 1/m between the heights `begin` and `end` [m] that is straight elsewhere.
     """
     bent = np.clip(height, begin, end) - begin
     return np.asarray(bent * (height - begin - 0.5 * bent))
 
 
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
-    """Return for each input the azimuth of its tendon [degrees] and the height of the tendon's end [m, along the base
-    tangent at rest].
+    """Return for the tendon of each input its azimuth [degrees] and the height of its end [m]. The height is measured
+    along the base tangent at rest.
 
     A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
     straight beyond. The end is the station with which this best explains the displacements of all stations.

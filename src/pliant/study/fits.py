@@ -93,8 +93,8 @@ def fit_outcome(
 
 
 def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
-    """Return the stages of the model selection that the study names, or the default ones; InputError for an unknown
-    name.
+    """Return the stages that a study's model selection names, or the default stages if it names none. An unknown name
+    raises InputError.
     """
     known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     if unknown := [n for n in entry.stages if n not in known]:
@@ -197,8 +197,8 @@ def warn_of_step(
 
 
 def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
-    """Return the comparison of a held-out recording with its prediction, and the fit of the recording's own pressure
-    edge times.
+    """Return the comparison of a held-out recording with its prediction. If its pressure was not measured, the times at
+    which the pressure rises and falls are fitted to the recording; the result of this fit is returned too.
     """
     _, refit = predict_held_out(exp, result, step=step)
     record = outcome_of(exp, "held_out", refit, refit.values, step)

@@ -62,7 +62,8 @@ def run_forecast(
     study: Study, name: str, experiments: Mapping[str, Experiment], results: Mapping[str, FitResult],
     failures: Failures,
 ) -> Forecast:
-    """Predict a case that was not recorded: the recording that it names as `like`, with the stated changes.
+    """Compute the forecast `name`: the motion predicted for the conditions of the recording that its entry `like`
+    names, with the stated changes of loads or pressures.
 
     An interval or band that cannot be computed is added to `failures` and left out of the forecast.
     """
@@ -119,16 +120,16 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
 ) -> np.ndarray:
-    """Return the standard deviation (T, axes) of the model's error in the last station's motion over T frames, in m, or
-    rad for angles.
+    """Return the standard deviation of the model's additional error where pressure or speed go beyond those in
+    training, for the last station over T frames: (T, axes) in m, or in rad for angles alone.
     """
     prediction = predict(result.model, case, values, step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:
-    """Return the experiment with each chamber in `highest` driven up to its pressure there [Pa], and all other chambers
-    held constant.
+    """Return the experiment with other pressures: each chamber named in `highest` rises to the pressure stated there
+    [Pa], all others stay constant.
 
     The time series of each driven chamber is that of the most driven chamber of the template, scaled so that its first
     value is 0 and its highest is 1.

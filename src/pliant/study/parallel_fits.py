@@ -55,7 +55,9 @@ class FitQueue:
             return None
 
     def missing(self) -> list[str]:
-        """Return the names of the fits that have no outcome; an empty list after an unexpected error in any fit."""
+        """Return the names of the fits that have no outcome. After an unexpected error in any fit the list is empty,
+        since no further fit is computed.
+        """
         given_up = any(map(is_bug, self.outcomes.values()))
         return [] if given_up else [name for name in self.common[0].fits if name not in self.outcomes]
 
@@ -134,7 +136,9 @@ class Helper(Thread):
         self.stopped = False
 
     def run(self) -> None:
-        """Start the process after 2 s of processor time, and pass fits to it until the queue is empty."""
+        """Start the helper process after the fits have used 2 s of processor time, so that a short study starts none.
+        Then pass fits to it until the queue is empty.
+        """
         began = process_time()
         while process_time() - began < HEAD_START:
             if self.queue.empty.wait(POLL):

@@ -55,7 +55,9 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
 
 
 def camera_mapping(study: Study, file: str) -> dict[str, Any]:
-    """Return the study's camera as a mapping entry for a file; empty for pliant's own files, which are in metres."""
+    """Return the mapping entry with the study's camera, for reading a file in pixels; empty for pliant's own files,
+    which are in metres.
+    """
     return {} if study.camera is None or file.endswith((".nc", ".nc4")) else {"camera": study.camera}
 
 
@@ -97,11 +99,11 @@ def all_aligned(study: Study) -> dict[str, Aligned]:
 
 
 def on_one_side(study: Study, recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
-    """Turn all planar recordings by half a turn if the first one bends to the negative side, and return all recordings.
-    # D4
+    """Return all recordings, turned so that the body bends to the positive side: if it bends to the negative side in
+    the first planar recording, all planar recordings are turned by 180 degrees about the base tangent.
 
     All planar recordings are turned alike. A body with several chambers is left as it was recorded, since its chambers
-    may bend it to different sides. Recordings aligned by `pliant.align` are in the base frame already.
+    may bend it to different sides. Recordings aligned by `pliant.align` are in the base frame already.  # D4
     """
     done = dict(recordings)
     planar = [n for n, a in done.items() if not {"alignment", ATTRIBUTE} & set(a.body.attrs) and "position" in a.body]

@@ -138,7 +138,9 @@ class AlignmentEntry(StudyEntry):
 
 
 class Fibre(StudyEntry):
-    """A fibre along the body; its tip is marked by a cap of constant curvature, or its base is at a known length."""
+    """A shape-sensing fibre along the body. A cap of constant curvature at its tip, or a stated length of fibre before
+    the body, determines which part of the fibre lies in the body.
+    """
 
     body_length: float  # m, along the fibre
     cap_curvature: float | None = None  # 1/m, positive if it bends as the body does under positive pressure
@@ -159,7 +161,7 @@ class Fibre(StudyEntry):
 
 
 class Reduction(StudyEntry):
-    """The approximation of a dense shape by links."""
+    """The approximation of a shape, recorded at many points along the body, by a chain of links."""
 
     recording: str | None = None  # recording whose shape determines the links; default: the first
     links: int | None = Field(None, ge=1, le=64)  # None: the lowest order within the bound

@@ -56,8 +56,8 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
 
 
 def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """Return every recording with the defaults merged in, and the names of the trials of each recording that selects
-    many trials from a file.
+    """Return every recording completed with the defaults. A recording that selects several trials from a file is
+    replaced by one recording for each trial; the names of the trials are returned too.
     """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
@@ -97,8 +97,8 @@ def trials(name: str, select: Any, path: Path) -> list[str]:
 
 
 def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
-    """Return a fit in whose lists of recordings the name of a recording with many trials is replaced by the names of
-    these trials.
+    """Return a fit whose lists name single trials: the name of a recording with several trials is replaced by the names
+    of these trials.
     """
     lists = {key: fit[key] for key in ("train", "held_out") if isinstance(fit.get(key), list)}
     return {**fit, **{

@@ -42,7 +42,7 @@ RETURNED = 0.3  # of the peak displacement: a body that ends below this has retu
 
 @dataclass(frozen=True)
 class Trial:
-    """The content of one file at first reading, with its trial alignment.
+    """The content of one file at first reading, and the alignment that was tried on it.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Trial:
 
     @property
     def has_scale(self) -> bool:
-        """Return whether the file was read without assumed scale or units."""
+        """Return whether the file could be read without an assumption about its scale or units."""
         return not self.assumed
 
     @property
@@ -139,7 +139,7 @@ class Trial:
 
     @property
     def tendon_inputs(self) -> list[RecordedInput]:
-        """Return the inputs other than pressure, which drive tendons."""
+        """Return the recorded inputs that drive tendons: all inputs except pressures."""
         return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
 
     @property
@@ -160,7 +160,9 @@ class Trial:
 
     @property
     def highest_pa(self) -> float | None:
-        """Return the measured pressure farthest from 0 or the level in the file's name [Pa]; None if unknown."""
+        """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the pressure stated in the file's
+        name, such as 60 kPa in "pulse_60kPa". Return None if neither is known.
+        """
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
         named = LEVEL.search(self.path.stem)
@@ -168,7 +170,7 @@ class Trial:
 
 
 def inspect_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Trial:
-    """Read a file as `inspect_trial` does, and take its pressure from a separate log if one is given."""
+    """Read and inspect the file of a recording, with the pressure of a separate log file if one is given."""
     trial = inspect_trial(path, mapping)
     if log is None:
         return trial
@@ -303,8 +305,8 @@ def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
 def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
-    """Return the options of `align` for a recording. The base is the station named base, else one that does not move,
-    else the first.
+    """Return arguments for `align` that suit a recording, such as the name of its base: the station named base, else
+    one that does not move, else the first.
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]

@@ -30,7 +30,9 @@ COVERED = 80.0  # %: a smaller coverage of the 95 % band is a warning
 
 
 def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
-    """Return sentences on every fit: held-out recordings against the targets, training recordings, then notes."""
+    """Return the sentences of the verdict: for each fit the errors on held-out recordings compared with the targets,
+    the training error and notes; then sentences on failures and forecasts.
+    """
     lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
     for fit in outcome.fits:
@@ -64,8 +66,8 @@ def angles_sentences(outcome: StudyOutcome) -> list[str]:
 
 
 def placement_sentences(outcome: StudyOutcome) -> list[str]:
-    """Return a sentence that compares fits with different joint placements or numbers of links; empty if
-    all are alike.
+    """Return a list with one sentence that compares fits with different joint placements or numbers of links. It is
+    empty if these do not differ.
     """
     lines: dict[tuple[str, int], str] = {}
     numbers = {fit.result.model.n for fit in outcome.fits}
@@ -85,7 +87,9 @@ def placement_sentences(outcome: StudyOutcome) -> list[str]:
 
 
 def forecast_sentence(forecast: Forecast) -> str:
-    """Return the sentence on a forecast: its numbers, with 95 % intervals from the fit's uncertainty."""
+    """Return a sentence with the predicted numbers of a forecast and their 95 % intervals, which come from the fit's
+    uncertainty.
+    """
     parts = []
     for key, value in forecast.numbers.items():
         words, unit = metric_label(key)
@@ -124,7 +128,7 @@ def unlike(m: dict[str, Any]) -> str:
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the end of a sentence on the body's measured lengthening, which says how much the model lengthens."""
+    """Return the end of a sentence on the measured lengthening of the body: by how much the model lengthens."""
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
         return "the model does not"
@@ -132,8 +136,9 @@ def by_the_model(m: dict[str, Any]) -> str:
 
 
 def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Yield (suffix, frequency, damping ratio), each measured and modelled, for large and for small swings, or for all
-    swings together.
+    """Yield (suffix, frequency, damping ratio) once for large and once for small swings, or once for all swings
+    together. The suffix names the swings, as " of large swings". Frequency and damping ratio are each a measured and a
+    modelled value.
 
     Large and small swings are separate if the recording shows both. One number for both would hide that friction or
     stiffness depends on the amplitude.
@@ -170,8 +175,8 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
-    """Return the headline of the report: its state (good, open, beware or missed), sentences and warnings on the first
-    fit.
+    """Return the headline of the report: sentences and warnings on the first fit, and its state. The state is "missed"
+    if a target is missed, "beware" if there are warnings, "good" if all targets are met, or "open" if none is stated.
     """
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]
@@ -199,8 +204,8 @@ def lost_sentence(lost: Sequence[NotComputed]) -> str:
 
 
 def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
-    """Yield a warning for each result of the first fit and of the whole study that could not be computed, and one with
-    the count for all other fits.
+    """Yield a warning for each result of the first fit and of the whole study that could not be computed. One more
+    warning states how many results of the other fits are missing.
     """
     yield from (n.sentence for n in (*outcome.failed, *outcome.fits[0].not_computed))
     if others := sum(len(f.not_computed) for f in outcome.fits[1:]):
@@ -244,8 +249,8 @@ def record_warnings(record: RecordOutcome) -> Iterator[str]:
 
 
 def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
-    """Return a sentence on the largest deviation of the model, relative to the limit beyond which the report warns of
-    it; "" if it is below half of that limit.
+    """Return a sentence on the model's largest deviation from the recordings; "" if it is small. Deviations are
+    compared relative to their warning limits, and one below half of its limit is small.
     """
     large = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
     return f" Largest deviation: {max(large)[1]}" if large else ""
@@ -285,8 +290,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
 
 
 def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
-    """Yield (size, sentence) for deviations of frequency and damping ratio. The size is the deviation divided by the
-    limit beyond which the report warns.
+    """Yield (size, sentence) for the model's deviations in frequency and damping ratio from a recording. The size is
+    the deviation divided by the limit beyond which the report warns.
 
     Large and small swings are compared separately where both are known.
     """

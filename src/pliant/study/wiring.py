@@ -25,7 +25,8 @@ MOST = 24  # wirings to try if the study lists none: all permutations of four ch
 
 
 def candidates(study: Study) -> dict[str, Drive]:
-    """Return the wirings to compare by name: those that the study lists, or all permutations of the stated one.
+    """Return a dict of the wirings to compare: those that the study lists, or all permutations of the pressures in the
+    one that its recordings state.
 
     Raises
     ------
@@ -53,7 +54,8 @@ def candidates(study: Study) -> dict[str, Drive]:
 def compare_wirings(
     study: Study, recordings: Mapping[str, xr.Dataset], model: Model, notify: Callable[[str], None],
 ) -> Wirings | None:
-    """Fit every candidate wiring to the training recordings of one fit, and rank them by likelihood.
+    """Fit the model with every candidate wiring to the training recordings of one fit, and rank the wirings by
+    likelihood.
 
     Held-out recordings are not used. All candidates have the same free parameters, so that their likelihoods can be
     compared directly: 2 ln L = -N ln(mean square residual), with N the independent residuals of the best candidate.

@@ -50,7 +50,7 @@ class Chunked(Protocol):
 
 
 def work(campaign: Chunked, chunk: int) -> Arrays:
-    """Compute one chunk of a campaign in a worker process; return its result arrays by name."""
+    """Compute one chunk of a sweep in a worker process; return its result arrays by name."""
     return campaign.work(chunk)
 
 
@@ -66,7 +66,7 @@ class Account:
     problems: list[str] = field(default_factory=list)
 
     def sentence(self) -> str:
-        """Return a one-line summary of how many chunks were computed and how many failed."""
+        """Return a one-line summary: how many chunks were computed, were already on disk, and were submitted again."""
         parts = [f"{self.chunks} chunks: {self.made} computed, {self.found} already on disk"]
         if self.restarts:
             parts.append(
@@ -247,7 +247,7 @@ class Flow:
         self.broke = ""
 
     def fill(self) -> None:
-        """Submit chunks until enough are running. Stop for good when the executor refuses one."""
+        """Submit chunks until 64, or as many as the executor states, are running. If it refuses one, submit no more."""
         while self.waiting and len(self.running) < getattr(self.pool, "in_flight", IN_FLIGHT):
             try:
                 future = self.pool.submit(work, self.campaign, self.waiting[-1])

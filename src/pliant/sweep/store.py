@@ -116,9 +116,7 @@ class Store:
         write_sealed(content, self.path(chunk))
 
     def load(self, chunk: int, first: int, last: int) -> xr.Dataset | None:
-        """Return a chunk as a dataset if its file is complete, by its checksum, and belongs to this
-        sweep; else None.
-        """
+        """Return a chunk as a dataset; None if its file is absent, fails its checksum or belongs to another sweep."""
         try:
             data = self.path(chunk).read_bytes()
             content, end = data[:-SEAL_BYTES], data[-SEAL_BYTES:]

@@ -80,7 +80,7 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
 
 
 def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
-    """Return the fitted parameters and the error of one sample of a sweep of fits; NaN if the fit fails."""
+    """Fit the recordings for one sample of a sweep. Return fitted parameters and error; NaN if the fit fails."""
     free = [p.name for p in start if p.free]
     options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
     try:
@@ -99,8 +99,8 @@ def stacked(rows: Sequence[Arrays]) -> Arrays:
 
 
 def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Refit the samples `first` to `last - 1`, each to the base fit's motion plus its residuals,
-    resampled in blocks.
+    """Compute the samples `first` to `last - 1` of a residual bootstrap. Each is a new fit to the motion that the first
+    fit predicts, plus its residuals, drawn at random in blocks of consecutive frames.
     """
     base = campaign.base
     if base is None:

@@ -21,7 +21,7 @@ FINE = 1e-3  # s, on which the sensor's lag is taken
 
 @dataclass(frozen=True)
 class AngleSensor:
-    """Sensor of one angle of the body against its base (SI units).
+    """Settings of the emulated sensor, which measures one angle of the body relative to its base (SI units).
 
     Values marked * are standard deviations over specimens.
     """

@@ -113,8 +113,8 @@ def first_frequency(stiffness: float, mass: float, cap: float, length: float) ->
 
 
 def springpot(order: float, loss: float, omega: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the stiffness fractions and relaxation times [s] (P,) of P Prony branches that approximate a springpot of
-    order `order`.
+    """Return the stiffness fractions (P,) and relaxation times (P,) [s] of P Prony branches that approximate a
+    springpot (fractional derivative) of order `order`.
 
     At `omega` [rad/s] their loss modulus is `loss` times the stiffness, or less. The springpot ``c s^order`` is the sum
     over relaxations ``s / (s + w)`` with density ``c sin(pi order)/pi w^order`` in ln w. Even steps in ln w give the

@@ -72,8 +72,8 @@ def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float6
 def body_angle(
     motion: RodMotion, p: RodParameters, at: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return arc lengths (F,) [m] of F points along the body and its tangent angles there (T, F) [rad] at T times `at`
-    [s].
+    """Return the arc lengths (F,) [m] of F points along the body, and the tangent angles (T, F) [rad] at these points
+    and at T times `at` [s].
     """
     index = np.clip(np.searchsorted(motion.time, at) - 1, 0, motion.time.size - 2)
     share = np.clip((at - motion.time[index]) / (motion.time[1] - motion.time[0]), 0.0, 1.0)[:, None]
@@ -89,9 +89,7 @@ def body_angle(
 
 
 def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc lengths (T, F) [m] that F points along the body have after it has stretched, at T times
-    `at` [s].
-    """
+    """Return the arc lengths (T, F) [m] of F points along the stretched body at T times `at` [s]."""
     s = np.linspace(0.0, p.length, FINE + 1)
     if not any(c.push for c in p.chambers):
         return np.tile(s, (at.size, 1))
@@ -103,7 +101,8 @@ def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> N
 def gauge_curvature(
     motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the true in-plane curvature (T, G) [1/m] of the fibre at T times, averaged over each of G gauges.
+    """Return the true in-plane curvature (T, G) [1/m] of the fibre at T times, averaged over the length of each of G
+    gauges.
 
     The fibre is fixed at the base and slides in its lumen. It needs the length ``(1 + offset kappa) ds`` for a length
     ``ds`` of the body, so that the fibre position of the body's tip changes.
@@ -127,8 +126,8 @@ def gauge_curvature(
 def wandering_bias(
     sensor: FibreSensor, station: NDArray[np.float64], at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return a random error (T, G) [1/m] of G gauges' curvatures at T times: smooth along the fibre, an
-    Ornstein-Uhlenbeck process in time.
+    """Return a random error (T, G) [1/m] for the curvatures that G gauges read at T times. It is smooth along the fibre
+    and an Ornstein-Uhlenbeck process in time.
     """
     waves = 24
     wave = rng.standard_normal(waves) / sensor.bias_length
@@ -168,8 +167,8 @@ def sensed_curvature(
 
 
 def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Integrate the curvatures `kappa` (2, T, G) [1/m] of T curves in two planes to the positions (T, G, 3) [m] of
-    their G points, from the origin along +x.
+    """Return the positions (T, G, 3) [m] of G points along the fibre at T times, by integration of its curvatures
+    `kappa` (2, T, G) [1/m] in two planes. The fibre starts at the origin along +x.
 
     The first curvature turns the tangent towards +y, the second towards +z. The frame does not roll about the tangent.
     """
@@ -190,8 +189,8 @@ def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.fl
 
 
 def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return the strains (T, 4, G) of a centre core and three outer cores at G gauges and T times, for the curvatures
-    `kappa` (2, T, G) [1/m] in two planes.
+    """Return the strains (T, 4, G) in the fibre's four cores (one at the centre, three around it) at T times and G
+    gauges. `kappa` (2, T, G) [1/m] holds the fibre's curvatures in two planes.
     """
     drift = sensor.strain_drift * np.cumsum(rng.standard_normal(kappa.shape[1])) / np.sqrt(kappa.shape[1])
     cores = [np.zeros(kappa.shape[1:])]
@@ -208,7 +207,9 @@ def place(position: NDArray[np.float64], sensor: FibreSensor, specimen: np.rando
 
 
 def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return a mask (T,) that is True for lost frames, in bursts of geometrically distributed length."""
+    """Return a mask (T,) of T frames that is True for lost ones. Frames are lost in bursts of geometrically distributed
+    length.
+    """
     lost = np.zeros(frames, dtype=bool)
     for first in np.flatnonzero(rng.random(frames) < sensor.drop_out):
         lost[first : first + rng.geometric(1.0 / sensor.drop_out_length)] = True
@@ -216,6 +217,8 @@ def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> N
 
 
 def time_stamps(at: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return the recorded times (T,) [s]: the true times plus latency and jitter of at most a third of a period."""
+    """Return the recorded times (T,) [s] of T frames: the true times plus a latency and a random jitter of at most a
+    third of the frame period.
+    """
     limit = np.diff(at).min() / 3.0 if at.size > 1 else np.inf
     return at + sensor.latency + np.clip(sensor.jitter * rng.standard_normal(at.size), -limit, limit)

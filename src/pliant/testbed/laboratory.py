@@ -116,8 +116,8 @@ def run_rod(
 def resolved(
     case: str | Scenario, body: str | int | RodParameters | Member, lab: Laboratory | None, output: Output = "position"
 ) -> tuple[Scenario, Member, Laboratory]:
-    """Return the scenario scaled to the body, the actuator that `body` names, and the laboratory with its
-    instruments.
+    """Return the scenario, adapted to the body if it belongs to the family; the body together with its own instruments;
+    and the laboratory `lab`, by default one with these instruments.
     """
     case = scenario(case) if isinstance(case, str) else case
     if isinstance(body, RodParameters):
@@ -244,7 +244,8 @@ def generate_file(
     truth: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> bool:
-    """Generate a recording as a netCDF file, unless the file is current; optionally also a file of the true motion.
+    """Generate a recording as a netCDF file and, optionally, the true motion as another. Files that are up to date are
+    kept.
 
     Returns
     -------
@@ -283,7 +284,8 @@ def generate_set(
     lab: Laboratory | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
-    """Generate a recording for each (scenario, actuator, seed) into `folder`, and its true motion into ``truth`` there.
+    """Generate the recording of each (scenario, actuator, seed) as a file in `folder`, and its true motion as a file in
+    the subfolder ``truth``. Return the paths of the recordings.
 
     Files that are current are kept, so that an interrupted run can be repeated. `progress` is called with the number of
     files done, their total number and the file's name.

@@ -55,8 +55,8 @@ def marker_positions(
 def observe_markers(
     motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return noisy positions (T, M, 3) [m] of M markers at T times in a laboratory frame of random pose; lost markers
-    are NaN.
+    """Return noisy positions (T, M, 3) [m] of M markers at T times `at` (T,) [s], in a laboratory frame of random pose.
+    Lost markers are NaN.
     """
     from scipy.spatial.transform import Rotation
 

@@ -26,7 +26,9 @@ SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
 
 
 class PlantFrame(NamedTuple):
-    """One reading of both sensors, at the time at which it arrives."""
+    """Sensor readings that arrive together: the body's shape from the fibre, and the chamber's pressure from the
+    transducer.
+    """
 
     time: float  # s, when the shape was taken
     shape: Array  # (S, 2) m, points of the body in the base frame; NaN where the frame is lost
@@ -116,7 +118,9 @@ class Plant:
         self.reset()
 
     def reset(self) -> None:
-        """Return to rest: zero pressure, time 0, relaxed hysteresis states, and sensor noise started again."""
+        """Return to rest: zero pressure, time 0 and relaxed hysteresis states. The sensors' random errors start again
+        from their seed.
+        """
         self._state = type(self._rest)(*(array.copy() for array in self._rest))
         self.time = 0.0
         self._held = np.zeros(2)

@@ -6,11 +6,11 @@ import numpy as np
 
 
 def regulate_on(commands, dt, sub, law, held, out):
-    """Simulate the pressure regulator of `valve_loops.regulate` over N steps of held commands and write its pressures
-    [Pa] to `out` (N,).
+    """Simulate a pressure regulator over N steps, each with a constant command, and write its pressure [Pa] after each
+    step to `out` (N,).
 
-    Each of the `commands` (N,) [Pa] is held for a step of `dt` [s], which has `sub` midpoint substeps. `held` (2,) is
-    the pressure [Pa] and its rate [Pa/s]; it is updated in place.
+    The equation is that of `valve_loops.regulate`. Each of the `commands` (N,) [Pa] is held for a step of `dt` [s],
+    which has `sub` midpoint substeps. `held` (2,) is the pressure [Pa] and its rate [Pa/s]; it is updated in place.
     """
     p = held[0]
     rate = held[1]

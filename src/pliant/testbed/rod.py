@@ -19,7 +19,8 @@ ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs 
 
 @dataclass(frozen=True)
 class ChamberParameters:
-    """One pressure chamber: the part of the body from `start` to `stop` (fractions of the length) and its gain there.
+    """One pressure chamber: the part of the body that it covers, from `start` to `stop` (fractions of the length), and
+    its factors of the bending moment (`gain`) and of the axial force (`push`).
 
     The moment per pressure is `gain` times that of `RodParameters`. With a negative gain the chamber lies on the other
     side of the inextensible layer and bends the body the other way; its lever arm grows as the body bends that way. The
@@ -139,7 +140,8 @@ class RodParameters:
 
 
 def actuator(name: str = "a") -> RodParameters:
-    """Return the parameters of a named actuator: "a", "b" or "c" with one chamber, or one with two chambers.
+    """Return the parameters of a named actuator: "a", "b" or "c" with one chamber; "two_segment", "antagonistic" or
+    "lengthening" with two.
 
     For one chamber, means and random fields are drawn from the seed that belongs to the name. "two_segment" is actuator
     "a" with a chamber in each half. "antagonistic" is straight at rest, with a chamber along each side of the
@@ -228,7 +230,7 @@ def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArr
 
 
 def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bending moment per pressure [N m/Pa] of each of C chambers at each of B bending vertices, (C, B).
+    """Return the bending moment per pressure (C, B) [N m/Pa] of each of C chambers at each of B bending vertices.
 
     A vertex represents half an element on each side. A chamber that covers only part of this length acts with the
     covered fraction.
@@ -240,8 +242,8 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
-    """Return the axial force per pressure [m2] of each of C chambers on each of E edges, (C, E), scaled by the fraction
-    of the edge that the chamber covers.
+    """Return the axial force per pressure (C, E) [m2] of each of C chambers on each of E edges. It is scaled by the
+    fraction of the edge's length that the chamber covers.
     """
     end = np.arange(p.elements + 1) / p.elements
     out = np.zeros((len(p.chambers), edges))
@@ -261,8 +263,8 @@ def covered(
 
 
 def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return heights [m] and weights of Gauss points over the cross-section's height, scaled so that the initial
-    bending stiffness is 1.
+    """Return heights [m] and weights of Gauss points over the cross-section's height. The weights are scaled so that
+    the initial bending stiffness is 1.
     """
     if p.linear:
         return np.empty(0), np.empty(0)
@@ -339,8 +341,8 @@ def build_body(p: RodParameters) -> RodBody:
 
 
 def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Return the coefficients (P, 3) that update P viscoelastic branches ``xi' = (u - xi) / time`` exactly over a time
-    step `dt` [s].
+    """Return the coefficients (P, 3) for the exact update of P viscoelastic branches over a time step `dt` [s]. A
+    branch with the input u and the state xi obeys ``xi' = (u - xi) / time``.
 
     The input `u` varies linearly from u0 to u1 over the step.
 
@@ -361,7 +363,8 @@ def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
 
 
 def slip_thresholds(vertices: int, elements: int, *, scale: float, shape: float, seed: int) -> NDArray[np.float64]:
-    """Return the curvature changes [1/m] at which slip elements yield, as Weibull quantiles drawn for each vertex.
+    """Return the curvature changes [1/m] at which the slip elements of each vertex yield, drawn at random from a
+    Weibull distribution.
 
     The draws are stratified: element j of every vertex lies in the j-th of `elements` equal parts of the distribution.
     The whole body then shows a continuous spectrum of thresholds.

@@ -1,4 +1,5 @@
-"""Forces of the virtual actuator, an implicit planar discrete elastic rod with Cartesian nodes.
+"""Forces on the nodes of the virtual actuator, a planar discrete elastic rod. Its coordinates are x and y of the nodes,
+and its time steps are implicit.
 
 The nodes ``x_0 .. x_{V-1}`` lie in the plane; ``x_0`` is clamped with the tangent +y. Edge ``e`` joins ``x_e`` and
 ``x_{e+1}`` and has the direction ``theta_e``. Vertex ``k`` bends by ``psi_k = theta_k - theta_{k-1}``, which is the
@@ -75,8 +76,8 @@ def memory_moment(k, bend, body, state, clock):
 
 
 def turning(x, k):
-    """Return the bending angle [rad] at vertex `k`, and the derivatives of the directions of its two edges by the
-    edges' x and y components.
+    """Return the bending angle [rad] at vertex `k`, and the derivatives [rad/m] of the directions of the edges before
+    and after it with respect to the x and y components of the same edge.
     """
     bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
     ax, ay = 0.0, 1.0
@@ -93,7 +94,7 @@ def curvatures(x, body, out):
 
 
 def volume(c, kappa, length, body):
-    """Return the volume [m3] of chamber `c`, less its volume in the straight unstretched shape.
+    """Return by how much the volume [m3] of chamber `c` exceeds that in the straight, unstretched shape.
 
     The gain contributes through the curvature `kappa`, the thrust through the edge lengths `length`.
     """
@@ -106,8 +107,8 @@ def volume(c, kappa, length, body):
 
 
 def pressed(k, kappa, load, body):
-    """Return the bending moment [N m] of all chambers under pressure at vertex `k`, and its derivative by the
-    curvature.
+    """Return the bending moment [N m] that the pressures of all chambers cause at vertex `k`, and its derivative [N m2]
+    with respect to the curvature.
     """
     moment = slope = 0.0
     for c in range(body.gain.shape[0]):
@@ -147,8 +148,8 @@ def add_bending(x, load, body, state, clock, band, torque, g):
 
 
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
-    """Add the force (fx, fy) on the far node and its opposite on the near node of edge `e` to `gradient`, and the
-    stiffness between both nodes to `band`.
+    """Add the contribution of edge `e` to the derivatives of the potential: (fx, fy) [N] at its far node and the
+    opposite at its near node to `gradient`, and its stiffness kxx, kxy, kyy [N/m] to `band`.
     """
     i = 2 * e
     gradient[i] += fx
@@ -169,8 +170,8 @@ def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
 
 
 def add_edges(x, body, state, clock, torque, geometric, gradient, band):
-    """Add the tension of all edges, and the forces of the couples on them, to `gradient` and `band`. `geometric` = 0
-    omits indefinite terms.
+    """Add the effect of each edge's tension, and of the couple [N m] on it, `torque`, to the derivatives of the
+    potential, `gradient` and `band`. `geometric` = 0 omits terms of `band` that may be indefinite.
     """
     for e in range(body.rest_length.size):
         dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
@@ -193,8 +194,8 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
 
 
 def add_thrust(x, load, body, geometric, gradient, band):
-    """Add the chambers' axial thrust on all edges to `gradient` and `band`. `geometric` = 0 omits terms that may be
-    indefinite.
+    """Add the effect of the chambers' axial thrust on all edges to the derivatives of the potential, `gradient` and
+    `band`. `geometric` = 0 omits terms of `band` that may be indefinite.
     """
     for e in range(body.rest_length.size):
         push = 0.0
@@ -210,8 +211,8 @@ def add_thrust(x, load, body, geometric, gradient, band):
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):
-    """Add inertia relative to the predicted positions `guess`, gravity, and the constant force on the pushed node to
-    `gradient` and `band`.
+    """Add inertia relative to the predicted positions `guess` to `gradient` and `band`, the derivatives of the
+    potential. Gravity and the load's force on the pushed node are added to `gradient`.
     """
     last = x.shape[0] - 1
     for v in range(1, last + 1):
@@ -233,8 +234,8 @@ def add_inertia(x, load, body, guess, clock, gradient, band):
 
 
 def gap_to(row, px, py):
-    """Return the distance [m] of a point from an obstacle's surface, the outward normal (x, y), and the surface's
-    curvature [1/m].
+    """Return the distance [m] of a point from an obstacle's surface, the outward normal (x, y), and the curvature [1/m]
+    of the parallel surface through the point.
     """
     if row[0] == 0.0:
         dx, dy = px - row[1], py - row[2]
@@ -244,7 +245,8 @@ def gap_to(row, px, py):
 
 
 def penalty(depth):
-    """Return contact force, slope and energy, each for a contact stiffness of 1, at a penetration `depth` [m].
+    """Return the contact force, its derivative with respect to the penetration, and the stored energy at a penetration
+    `depth` [m], all for a contact stiffness of 1.
 
     The force is quadratic up to the depth `SOFT` and linear beyond.
     """
@@ -256,8 +258,8 @@ def penalty(depth):
 
 
 def friction(row, grip, nx, ny, x, v, state, clock):
-    """Return the tangential friction force on node `v` and its slope, by regularised Coulomb friction with the normal
-    force of the last step.
+    """Return the tangential friction force [N] on node `v`, and the tangential stiffness [N/m] that it adds. It is
+    regularised Coulomb friction with the normal force of the last step.
     """
     tx, ty = -ny, nx
     vt = (x[v, 0] - (4.0 * state.x[v, 0] - state.x_before[v, 0]) / 3.0) * tx

@@ -52,7 +52,7 @@ class Command:
         return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
 
     def scaled(self, share: float) -> Command:
-        """Return a copy of the command with every pressure multiplied by `share`."""
+        """Return a copy of the command with every pressure multiplied by the factor `share`."""
         return replace(self, points=tuple((t, p * share) for t, p in self.points), mean=self.mean * share,
                        amplitude=self.amplitude * share)  # fmt: skip
 

@@ -52,16 +52,16 @@ class MotionInSpace(NamedTuple):
 
 
 def one_by_one(time: Array) -> Array:
-    """Return the pressures (T, 3) [Pa] of three chambers at T times, filled one after another: 90 kPa for 1 s, then 0
-    for 0.7 s.
+    """Return the pressures (T, 3) [Pa] of three chambers at T times. One chamber after another is filled with 90 kPa
+    for 1 s, and 0.7 s without pressure follow each time.
     """
     start = QUIET + 1.7 * np.arange(3)
     return np.where((time[:, None] >= start) & (time[:, None] < start + 1.0), 90e3, 0.0)
 
 
 def around(time: Array) -> Array:
-    """Return the pressures (T, 3) [Pa] of three chambers at T times that turn the direction of bending about the axis
-    once in 2 s, and are vented at 4.5 s.
+    """Return the pressures (T, 3) [Pa] of three chambers at T times. The direction of bending turns about the body's
+    axis once every 2 s, until all chambers are vented at 4.5 s.
     """
     phase = np.pi * (time - QUIET)[:, None] - 2 * np.pi / 3 * np.arange(3)
     rise = np.clip((time - QUIET) / 0.3, 0.0, 1.0) * (time < 4.5)
@@ -69,8 +69,8 @@ def around(time: Array) -> Array:
 
 
 def mixed(time: Array) -> Array:
-    """Return the pressures (T, 3) [Pa] of three chambers at T times, with a different frequency for each and two steps,
-    vented at 5 s.
+    """Return the pressures (T, 3) [Pa] of three chambers at T times. Each oscillates with its own frequency, two of
+    them also receive a rectangular pulse, and all are vented at 5 s.
     """
     t = np.maximum(time - QUIET, 0.0)[:, None]
     waves = 25e3 * np.sin(np.pi * np.array([0.45, 0.7, 0.31]) * t) ** 2
@@ -82,7 +82,7 @@ COMMANDS: dict[str, Callable[[Array], Array]] = {"one_by_one": one_by_one, "arou
 
 
 def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpace:
-    """Return the true motion of the body under the command of `COMMANDS` with the given name.
+    """Return the true motion of the body under the pressures of a named command: "one_by_one", "around" or "mixed".
 
     Raises
     ------
@@ -102,8 +102,8 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
 
 
 def lagged(command: Array, part: float) -> Array:
-    """Return the pressures `command` (T, C) of C chambers after a first-order lag. `part` is the time step divided by
-    the time constant.
+    """Return the pressures (T, C) of C chambers at T times, which follow `command` (T, C) with a first-order lag.
+    `part` is the time step divided by the time constant.
     """
     from scipy.signal import lfilter
 

@@ -197,7 +197,7 @@ def energies(body, obstacles, state, out):
 
 
 def march(loads, span, body, obstacles, state, clock, work, out):
-    """Simulate the rod over the time steps of `span`, and write every `stride`-th state to `out`.
+    """Simulate the rod over the time steps of `span`, and write its state after every ``span.stride`` steps to `out`.
 
     Returns the status, the index of the failed step (or the end of the span), the last Newton update [m] and the total
     number of iterations. `loads` (S, C + 3) holds the loads of every step.

@@ -54,7 +54,8 @@ def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
-    """Return a dataset of the true states at the times `at` (T,) [s] of the shape frames.
+    """Return a dataset of the rod's true states at the times `at` (T,) [s], at which the shape sensor takes its T
+    frames.
 
     `position` [m] and the obstacles' `force` [N] (time, node, axis) are in the actuator's frame: base at the origin,
     tangent +y. `curvature` [1/m] has the dimensions (time, vertex), and `energy` [J] has (record, store). `pressure`

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SupplyRegulator:
-    """A digital proportional pressure regulator with dead time, second-order lag and slew limits (SI, gauge)."""
+    """A digital proportional pressure regulator with dead time, second-order lag and slew limits (SI units, gauge
+    pressure).
+    """
 
     frequency: float = 9.0  # Hz
     damping: float = 0.75

@@ -86,7 +86,9 @@ def mass_flow(upstream, downstream, conductance, critical, temperature):
 
 
 def chamber_rate(p, opening, gas):
-    """Return the rate [Pa/s] of an absolute chamber pressure for a spool `opening` from -1 (exhaust) to 1 (fill)."""
+    """Return the rate of change [Pa/s] of a chamber's absolute pressure `p` [Pa], for a spool `opening` from -1
+    (exhaust) to 1 (fill).
+    """
     flow = 0.0
     if opening > 0.0:
         flow = mass_flow(gas.source, p, gas.fill * opening, gas.critical, gas.temperature)

@@ -71,7 +71,8 @@ def evenly_spaced(count: int, most: int = 6) -> list[int]:
 
 
 def instants(path: Array, most: int = 4) -> list[int]:
-    """Return frames that show a motion: the first measured one, the farthest from it, and some at even distances.
+    """Return the indices of a few frames that show a point's motion: the first measured frame, and those in which its
+    distance from there first reaches equally spaced fractions of the largest.
 
     Parameters
     ----------
@@ -85,8 +86,8 @@ def instants(path: Array, most: int = 4) -> list[int]:
 
 
 def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
-    """Return the names of the axes on which a figure shows positions ("mm") or angles ("deg"), the unit, and the factor
-    from SI to it.
+    """Return the axis names, the unit and the factor from SI to this unit for a figure of positions (`unit` "mm") or of
+    angles ("deg").
 
     For "mm" the axes are x, y (and z); for "deg" there is one angle.
     """
@@ -94,8 +95,8 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Return (title, chamber, marks) for each pressure chamber of a fit. `marks` maps the highest pressure [Pa] of each
-    recording to its role.
+    """Return (title, chamber, marks) for each pressure chamber of a fit. `marks` maps the pressure farthest from 0 [Pa]
+    in each recording to the role of the recording, such as training.
 
     Tendons are left out, since they have no torque law.
     """
@@ -111,8 +112,8 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
 
 
 def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
-    """Return `count` pressures [Pa] at which to draw torque laws, from 0 to 5 % beyond the highest pressure of their
-    recordings.
+    """Return `count` evenly spaced pressures [Pa] at which to draw torque laws. They cover 0 Pa and the peak pressures
+    of all recordings, with a margin of 5 %.
     """
     levels = [0.0, *(p for _, _, marks in laws for p in marks)]
     low, high = min(levels), max(levels)
@@ -120,8 +121,8 @@ def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count
 
 
 def slenderness(measured: Array, modelled: Array, body: bool) -> float:
-    """Return the ratio of height to width of a figure that shows the paths of S stations (T, S, 2), limited to 0.3 to
-    1.1.
+    """Return the ratio of height to width of a figure that shows the paths (T, S, 2) of S stations over T frames. The
+    ratio is kept between 0.3 and 1.1.
     """
     points = [measured[:, -1], modelled[:, -1]] if not body else [
         measured.reshape(-1, 2), modelled.reshape(-1, 2), np.zeros((1, 2))]

@@ -138,8 +138,8 @@ def residual_figure(record: RecordOutcome) -> Figure:
 
 
 def torque_figure(fits: Sequence[FitOutcome]) -> Figure:
-    """Draw the torque law of each fit against pressure, with filled marks at training and open marks at held-out
-    levels.
+    """Draw the torque law of each fit against pressure. Filled marks show the peak pressures of training recordings,
+    open marks those of held-out recordings.
     """
     laws = [law for f in fits for law in laws_of(f)]
     pressure = pressures_of(laws, 200)
@@ -243,7 +243,8 @@ def forecast_figure(forecast: Forecast) -> Figure:
 
 
 def columns_in_time(heights: Sequence[float], columns: int = 2, *, below: float = 0.0) -> tuple[Figure, Any]:
-    """Return a figure and its axes: rows with relative heights, a column for each coordinate, one time axis.
+    """Return a figure and its axes, which share one time axis: a row for each of the relative `heights`, and a column
+    for each coordinate.
 
     With `below`, one more panel of that relative height spans all columns at the bottom; it is ``figure.axes[-1]``.
     """
@@ -295,7 +296,9 @@ def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:
 
 
 def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
-    """Draw the inputs as modelled behind valves or motors, over the measured inputs or the nominal pressure."""
+    """Draw the modelled inputs (behind valves or motors) over the measured inputs, or over the nominal level if none
+    were measured.
+    """
     exp = record.experiment
     word, unit = input_words(record.units)
     for k, (name, trace) in enumerate(exp.traces.items()):

@@ -116,8 +116,8 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
 
 
 def sampled(time: Array, own: Array, rows: Array) -> Array:
-    """Return the W columns of `rows` at T other times `time` [s] (T, W), interpolated linearly between their finite
-    values, as float32.
+    """Return an array (T, W) of float32: the W columns of `rows`, interpolated linearly between their finite values at
+    the T new times `time` [s].
     """
     there = np.isfinite(rows)
     lines = [np.interp(time, own[t], column[t]) for column, t in zip(rows.T, there.T, strict=True)]
@@ -195,7 +195,9 @@ def arrow(values: Array) -> Any:
 
 
 def write_episodes(folder: Path, episodes: Sequence[Episode], places: Sequence[tuple[int, int]]) -> None:
-    """Write the table of episodes, with the location of the frames and the statistics of the columns of each."""
+    """Write the table of episodes. It states for each episode where its frames are stored, and the statistics of its
+    columns.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 

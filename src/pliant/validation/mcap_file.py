@@ -92,7 +92,7 @@ class RosFile:
         )  # fmt: skip
 
     def frame(self, nanoseconds: int) -> None:
-        """Write that the base frame equals the world frame, so that viewers have a frame to display."""
+        """Write a transform by which the base frame equals the world frame, so that viewers have a frame to display."""
         turn = self.message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
         move = self.message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
         header = self.message("std_msgs/msg/Header", stamp=self.header(nanoseconds).stamp, frame_id=WORLD)

@@ -241,8 +241,8 @@ def extreme_frames(length: Array) -> Array:
 
 
 def change(length: Array, frames: Array, names: tuple[str, str]) -> dict[str, float | None]:
-    """Return the change of a length (T,) [m] from its first frames to the frames with the indices `frames`, in mm and
-    in %, as a dict with the two `names`.
+    """Return the change of a length (T,) [m] over T frames, from the first frames to those with the indices `frames`,
+    in mm and in %. The two `names` are the keys of the returned dict.
     """
     rest, there = float(np.median(length[:FEWEST])), float(np.median(length[frames]))
     return dict(zip(names, (1e3 * (there - rest), 100 * (there / rest - 1)), strict=True))
@@ -283,8 +283,8 @@ def chord_angles(position: Array) -> Array:
 
 
 def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, list[float] | None]:
-    """Return the RMS and the steady error [mrad] of the modelled angles between the straight lines through the
-    stations; None for one station or angles alone.
+    """Return the RMS error and the steady error [mrad] of the modelled angles between the straight lines that join the
+    stations. Both are None if there is one station, or if only angles were recorded.
 
     `settled` (T,) marks the frames at the end of the motion.
     """

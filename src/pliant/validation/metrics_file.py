@@ -10,7 +10,7 @@ Role = Literal["train", "held_out", "forecast"]
 
 
 class MetricsEntry(BaseModel):
-    """A table of the file, which holds exactly the fields declared here."""
+    """Base class of the tables in metrics.json. A table holds exactly the fields that its class declares."""
 
     model_config = ConfigDict(extra="forbid")
 

@@ -19,8 +19,7 @@ from pliant.validation.figures import columns_in_time, drawing, legend
 
 
 def motion_figure(trajectory: xr.Dataset) -> Figure:
-    """Draw the simulated coordinates X_i, Y_i of the tip of each link i against time, with the pressure below, in the
-    style of the paper.
+    """Draw the simulated coordinates X, Y of the tips of up to six links against time, with the pressure below.
 
     Parameters
     ----------

@@ -19,7 +19,9 @@ Array = np.ndarray
 
 
 def order_figure(shape: Shape) -> Any:
-    """Draw the largest error of the rebuilt shape against time and its spread, for each number of segments."""
+    """Draw the largest error of the rebuilt shape in each frame, for each number of segments: in one panel against
+    time, in the other as a distribution over the frames.
+    """
     order = shape.order
     errors = dict(zip(order.orders, order.max_error, strict=True))
     with drawing():
@@ -44,8 +46,8 @@ def shape_figure(shape: Shape) -> Any:
 
 
 def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
-    """Return points of the measured body, the joints, and a spline through the joints, each (frames, points, 2) [m from
-    base], at a few frames.
+    """Return points of the measured body, the joints of the chain, and a spline through these joints, at a few frames.
+    Each is an array (frames, points, 2) [m] relative to the base.
 
     Only complete frames are used, since the chain was fitted to these alone. A body in space is projected onto the
     vertical plane in which it moves most.

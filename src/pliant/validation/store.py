@@ -345,7 +345,8 @@ def shape_of(groups: Groups) -> Shape | None:
 
 
 def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """Return a model selection restored from metrics.json, with what its table and its figure need.
+    """Return the model selection that metrics.json describes, as far as its table and its figure need it; None if there
+    is none.
 
     The fit results of single stages are not stored; `result` stands for each.
     """

@@ -70,7 +70,9 @@ def contact_overview(found: Any) -> Figure:
 
 
 def sweep_figure(samples: Any) -> Figure:
-    """Draw the results of a sweep: the tip against time with median and 95 % range, and a histogram of each number."""
+    """Draw the results of a sweep: the tip against time with median and 95 % range, and a histogram of each parameter
+    and each scalar result.
+    """
     good = samples.isel(sample=np.flatnonzero(~samples["failed"].values.astype(bool)))
     names = [str(n) for n, a in good.data_vars.items() if a.dims == ("sample",) and n != "failed"]
     moving = "tip" in good

@@ -26,8 +26,8 @@ Draw = Callable[[float, Array, Array | None], None]
 
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
-    """Open files for pictures or videos of the tracked shape, and yield a function that draws the points of one frame
-    over its picture and adds it to them.
+    """Create image or video files that show the tracked shape. Yield a function that draws the points of one frame over
+    the frame's picture and adds this drawing to the files.
 
     The files appear only when the block ends without an error.
     """

@@ -55,8 +55,8 @@ class Basis:
         self.rough = ROUGHNESS * count * (stiff * third).T @ third / SPANS
 
     def smooth(self, values: Array, weight: Array) -> Array:
-        """Return the quantity `values` (S, d) at S points along the body, smoothed with weights (S,); values of weight
-        0 are replaced by the spline.
+        """Return `values` (S, d), d quantities at S points along the body, smoothed by a weighted fit of splines. A
+        value whose weight (S,) is 0 has no effect on the result.
         """
         left = self.matrix.T * weight
         return np.asarray(self.matrix @ np.linalg.solve(left @ self.matrix + self.rough, left @ values))
@@ -73,8 +73,8 @@ def evenly(line: Array, count: int = POINTS) -> Array:
 
 
 def normals(line: Array) -> tuple[Array, Array]:
-    """Return the unit tangents (S, 2) and unit normals (S, 2) at S points of a line; the normal is the tangent turned
-    by 90 degrees from y to x.
+    """Return the unit tangents (S, 2) and unit normals (S, 2) at S points of a line. For a tangent along +y, the normal
+    points along +x.
     """
     tangent = np.gradient(line, axis=0)
     tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
@@ -97,16 +97,16 @@ class Sampler:
 
 
 def share(light: Array, behind: Array, body: Array) -> Array:
-    """Return the fraction of each sample (S, U), at U points across each of S points of the body, that the body covers.
-    It is 0 where body and background hardly differ.
+    """Return the fraction (S, U) of a pixel that the body covers, at U points across the body for each of S points
+    along it. It is about 1 within the body and 0 outside, or where body and background hardly differ.
     """
     contrast = body[:, None] - behind
     return np.asarray(np.clip((light - behind) / np.where(np.abs(contrast) < 0.2, np.inf, contrast), -0.2, 1.4))
 
 
 def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
-    """Return where each of S profiles (S, U) of U samples first falls below one half, from column `first` (S,) on, and
-    its slope there.
+    """Return the column at which each of S profiles (S, U) of U samples first falls below one half, from its column
+    `first` (S,) on. Return also the slope there.
 
     Returns
     -------
@@ -124,8 +124,8 @@ def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
 
 
 def edges(profile: Array, middle: int) -> tuple[Array, Array, Array]:
-    """Return the positions (S,), as column numbers, of the left and the right edge in S profiles (S, U) across the
-    body, and the smaller slope (S,) at the two edges.
+    """Return the columns (S,) of the left and of the right edge of the body in S profiles (S, U) of U samples across
+    it, and the smaller slope (S,) of the two edges.
     """
     last = profile.shape[1] - 1
     left, rise = crossing(profile[:, ::-1], np.full(len(profile), last - middle))

@@ -121,8 +121,8 @@ def moving_pixels(stack: Array, middle: Array, reel: Reel) -> tuple[Array, float
 
 
 def commonest(stack: Array, moving: Array) -> Array:
-    """Return the colour (3,) of the body in a video: the one that most changing pixels take at some time and that is
-    rare around them.
+    """Return the colour (3,) of the body in a video. Among the pixels that change, most take this colour at some time;
+    it is rare in the pixels around them, which do not change.
     """
     cv2 = opencv("tracking a video")
     crossed = _binned(stack[:, moving])

@@ -279,7 +279,8 @@ def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array,
     """Return two masks (T,) of the T frames of a video: those that repeat the previous frame, and those in which the
     body moves twice as far as in the neighbouring frames.
 
-    A step that is twice as long suggests a missing frame.
+    A step that is twice as long suggests a missing frame. Both are reported only where the body moves by `MOVES` or
+    more and keeps its direction, as two frames at a reversal are alike.
 
     Parameters
     ----------
@@ -288,9 +289,6 @@ def doubled_and_leaps(points: Array, change: Array, time: Array) -> tuple[Array,
     change : array (T,), levels
         Mean change of the picture since the previous frame, in grey levels.
     time : array (T,), s
-
-    Both are reported only where the body moves by `MOVES` or more and keeps its direction, as two frames at a reversal
-    are alike.
     """
     step = np.diff(points, axis=0, prepend=np.nan)
     apart = (step**2).sum(axis=2)

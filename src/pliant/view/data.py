@@ -28,7 +28,9 @@ GAP = -32_768
 
 
 def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
-    """Add all arrays of the page to `pack` and return their descriptions, grouped by what they show."""
+    """Add all arrays of the page to `pack`. Return their descriptions, which say where each lies in the page's data,
+    grouped by what the arrays show.
+    """
     every = thinning(outcome)
     measured: dict[str, Any] = {}
     for fit in outcome.fits:
@@ -53,7 +55,7 @@ def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
 
 
 def thinning(outcome: StudyOutcome) -> int:
-    """Return the number k such that the page shows every k-th frame of the recordings and its size stays limited."""
+    """Return k such that a page with only every k-th frame of the recordings stays below its size limit."""
     numbers = 0
     for fit in outcome.fits:
         for r in fit.records:
@@ -91,14 +93,16 @@ def grown_of(position: Array, exp: Experiment, every: int, pack: Pack) -> dict[s
 
 
 def clock(time: Array, pack: Pack) -> dict[str, Any]:
-    """Return the description of an array of times [s], stored in full precision (float64)."""
+    """Add an array of times [s] to `pack` in full precision (float64). Return its description, which says where it lies
+    in the page's data.
+    """
     note = {"at": pack.used, "shape": [time.size], "kind": "float64"}
     pack.put(np.asarray(time, dtype="<f8").tobytes())
     return note
 
 
 def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]:
-    """Return the motion that a fit predicts for a recording [mm or degrees], in the units of `measured_of`.
+    """Return the motion that a fit predicts for a recording [mm, or degrees for angles alone].
 
     It includes the band of the prediction and the autocorrelation of the last station's residual.
     """
@@ -122,7 +126,9 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
 
 
 def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
-    """Return the errors of each number of segments against time, and curvature profiles of many frames."""
+    """Return the shape error over time for each number of segments, and curvature profiles along the body in many
+    frames.
+    """
     order = shape.order
     stretch = -(-order.time.size // MOST_FRAMES)
     starts = np.arange(0, order.time.size, stretch)  # start of each interval, whose largest error is shown
@@ -139,8 +145,8 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
 
 
 def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
-    """Return the torque law of each fit (torque [mN m] against pressure [kPa]) for the page, with the highest pressures
-    of its recordings.
+    """Return for the page the torque law of each fit, torque [mN m] against pressure [kPa], with a mark at the highest
+    pressure of each of its recordings.
     """
     known = [law for f in fits for law in laws_of(f)]
     levels = sorted({p for _, _, marks in known for p in marks})
@@ -154,15 +160,15 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
 
 
 def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
-    """Return the tip of a forecast with its band [mm, or degrees for angles alone]."""
+    """Return the predicted motion of the tip in a forecast, with its band [mm, or degrees for angles alone]."""
     half, factor = forecast.half_width, float(np.degrees(1.0)) if forecast.tip.shape[1] == 1 else 1e3
     edges = None if half is None else [pack.add(factor * (forecast.tip + s * half)) for s in (-1, 1)]
     return {"time": clock(forecast.time, pack), "tip": pack.add(factor * forecast.tip), "band": edges}
 
 
 def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
-    """Return motion and pressure scaled to 0 to 1 on one time axis [s], with the pressure as logged and
-    clock-corrected.
+    """Return the body's motion and the pressure, each scaled to 0 to 1, on one time axis [s]. The pressure is given
+    twice: by the clock of its log, and by the corrected clock.
     """
     time = c.time[:: -(-c.time.size // MOST_FRAMES)]
     moved = c.clock * (1.0 + c.drift) + c.delay

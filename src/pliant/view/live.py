@@ -42,7 +42,7 @@ class Slider(NamedTuple):
 
 
 class Pull(BaseModel):
-    """The position of a hand that pulls at a point of the body."""
+    """A pull by a spring from a point of the body to the position of a hand, which is the mouse on the page."""
 
     model_config = ConfigDict(extra="forbid")
     link: int = Field(ge=0)
@@ -102,7 +102,9 @@ def step_of(model: Model) -> float:
 
 
 class Job(NamedTuple):
-    """A request that needs a new stepper: changed numbers of the model, a restart from rest, or another recording."""
+    """Requests of the page that need a new time stepper: changed parameters of the model, a restart from rest, or
+    another recording.
+    """
 
     changed: dict[str, Any]
     pressure: Array  # Pa, behind the valves when the job was created
@@ -166,7 +168,9 @@ class Live:
         self.pending |= bool(numbers or gravity or self.restarting)
 
     def job(self) -> Job:
-        """Return the stored requests as a job and clear them; of several requests for one value, the last counts."""
+        """Return the stored requests as a `Job` and mark them as done. Of several requests for one value, the last
+        counts.
+        """
         job = Job(dict(self.changed), self.stepper.pressure, self.restarting, self.next_record,
                   self.other_record)
         self.pending = self.restarting = self.other_record = False
@@ -220,7 +224,7 @@ class Live:
         self.debt = 0.0
 
     def advance(self, elapsed: float) -> None:
-        """Simulate `elapsed` seconds of wall time, multiplied by the speed."""
+        """Advance the simulation by `elapsed` [s] of wall time, multiplied by the speed that the page requests."""
         self.debt = min(self.debt + self.speed * elapsed, LATEST)
         with catch_warnings():
             simplefilter("ignore", EnergyWarning)  # a pulling hand adds energy
@@ -229,7 +233,9 @@ class Live:
                 self.advance_step()
 
     def advance_step(self) -> None:
-        """Simulate one step: first the pull of the hand, then the inputs."""
+        """Simulate one time step: apply the pull of the mouse to the joint velocities, then step the model under its
+        inputs.
+        """
         if self.record is not None:
             self.play(self.record)
         try:
@@ -241,8 +247,8 @@ class Live:
             self.restart(0.0)
 
     def play(self, exp: Experiment) -> None:
-        """Set the command to the pressure that was recorded at the simulated time; at the recording's end, start it
-        again from rest.
+        """Set the commanded pressure to the one recorded at the simulated time. At the end of the recording, start it
+        again with the body at rest.
         """
         if self.stepper.time > np.ptp(exp.time):
             self.restart(0.0)
@@ -252,8 +258,9 @@ class Live:
             self.command[:] = [float(t(now)[0]) if t else 0.0 for t in traces]
 
     def push(self) -> None:
-        """Add the impulse of the spring between hand and body over one time step h to the joint velocities: M dv = h
-        J'F.
+        """Add the impulse of the spring between hand and body over one time step h to the joint velocities v. The
+        change dv solves M dv = h J'F, with the mass matrix M, the Jacobian J of the pulled point and the spring's force
+        F.
         """
         self.force[:] = 0.0
         if self.pull is None or self.pull.link >= self.model.n:
@@ -270,7 +277,9 @@ class Live:
         self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
-        """Return the present state for drawing: positions [mm], inputs [kPa; for tendons N, mm or rad], force [N]."""
+        """Return the present state for drawing: positions of the joints [mm], inputs [kPa; for tendons N, mm or rad]
+        and the force [N] of the pull.
+        """
         m, t = self.model, self.stepper.time
         joints = mechanics_of(m).nodes(self.stepper.position)
         message, self.message = self.message, ""

@@ -158,7 +158,7 @@ def worst_record(outcome: StudyOutcome) -> str:
 
 
 def clock_title(name: str, delay: float) -> str:
-    """Return a title with the offset of a pressure's clock."""
+    """Return the title of a plot: the name of a recording, and by how much its pressure's clock is moved [ms]."""
     return f"{name}: the pressure's clock is moved by {1e3 * delay:+.1f} ms".replace("-", "\N{MINUS SIGN}")
 
 

@@ -36,8 +36,8 @@ def first_records(fits: Sequence[FitOutcome]) -> list[tuple[FitOutcome, RecordOu
 
 
 def columns(keys: Sequence[str], *, turns: bool) -> tuple[str, ...]:
-    """Return the names of the metrics for the columns of a table; with `turns`, those of recordings of angles
-    [degrees].
+    """Return the names of the metrics in the columns of a table. With `turns=True`, for recordings of angles alone,
+    metrics in mm are replaced by those in degrees.
     """
     if not turns:
         return tuple(keys)
@@ -202,8 +202,8 @@ def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
 
 
 def plausible(m: Model) -> list[tuple[str, str]]:
-    """Return (name, value) pairs: the first natural mode, and thickness and modulus of a solid silicone rod with the
-    body's mass, length and EI.
+    """Return (name, value) pairs by which to judge the model: its first natural mode, and the thickness and modulus
+    that a solid silicone rod of the same mass, length and EI would have.
     """
     area = m.mass / m.length / RUBBER
     modulus = float(np.mean(bending_stiffness(m))) * 4.0 * np.pi / area**2  # I = A^2 / (4 pi) of a disc
@@ -240,7 +240,9 @@ def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
 
 
 def order_rows(shape: Shape) -> list[dict[str, Any]]:
-    """Return the rows of the table that compares numbers of segments: the shape error and the cost of each, as text."""
+    """Return the rows of the table that compares numbers of segments, as text: for each number the shape error, and the
+    number of operations to evaluate the dynamics once.
+    """
     order = shape.order
     return [
         {
@@ -254,7 +256,9 @@ def order_rows(shape: Shape) -> list[dict[str, Any]]:
 
 
 def link_rows(shape: Shape) -> list[list[str]]:
-    """Return for each link the texts of its number, length, rest angle, length variation and tip distance."""
+    """Return for each link, as text: its number, length [mm], rest angle [degrees], range of its measured length [%],
+    and the RMS distance [mm] of its measured tip from that of the chain with constant lengths.
+    """
     links = shape.links
     columns = (1e3 * links.link_length, np.degrees(links.rest_bend), 100 * links.length_variation,
                1e3 * np.sqrt((links.residual**2).mean(axis=0)))

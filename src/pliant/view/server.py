@@ -27,7 +27,9 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 
 def running(content: PageContent) -> Live | WatchedLoop:
-    """Return the body whose motion the page shows: a simulated model, or a control loop in another process."""
+    """Return the source of the motion that the page shows: a model that is simulated, or the log of a control loop that
+    runs in another process.
+    """
     return Live(content) if content.log is None else WatchedLoop(content.log, content.model, content.touch)
 
 
@@ -66,8 +68,8 @@ def highest(content: PageContent) -> float:
 
 
 def ranges(content: PageContent, count: int) -> dict[str, list[Any]]:
-    """Return the unit and the range of the slider of each input: pressures from 0 up, displacements and angles both
-    ways.
+    """Return the unit, the lowest and the highest value of each input's slider. Pressures and tensions begin at 0;
+    displacements and angles of tendons have both signs.
     """
     model = content.model
     known = [shown_in(unit) for unit in model.actuation.units]
@@ -80,7 +82,9 @@ def ranges(content: PageContent, count: int) -> dict[str, list[Any]]:
 
 
 def application(content: PageContent, token: str, host: str) -> Any:
-    """Return an ASGI application that serves the page and its WebSocket; any other address is not found."""
+    """Return an ASGI application that serves the page and its WebSocket. Any other address is answered with 404, not
+    found.
+    """
     try:
         from starlette.applications import Starlette
         from starlette.responses import HTMLResponse, PlainTextResponse

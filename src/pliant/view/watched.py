@@ -63,7 +63,9 @@ class WatchedLoop:
         self.pending = False  # no model is ever built
 
     def named(self, what: str) -> list[int]:
-        """Return the numbers of the log's columns with the pressures or the commands, one for each chamber."""
+        """Return the indices of the log's columns with the pressures or the commands, as `what` says, one for each
+        chamber.
+        """
         return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
 
     def receive(self, request: PageRequest) -> None:

@@ -22,7 +22,7 @@ SCATTER = 0.25  # of the steps between other readings that reverse direction: tw
 
 
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
-    """Yield the name and the measured values (P,) [Pa], without NaN, of each recorded pressure."""
+    """Yield the name and the P measured values (P,) [Pa], without NaN, of each recorded pressure."""
     if case.recording is None or "pressure" not in case.recording:
         return
     recording = case.recording
@@ -38,8 +38,8 @@ def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
-    """Return three numbers [Pa] of a measured pressure (P,): its initial value, and its smallest and largest magnitude
-    without outliers.
+    """Return three numbers [Pa] of a pressure (P,) [Pa] of P samples: its initial value, and its smallest and largest
+    magnitude without outliers.
     """
     low, high = np.percentile(np.abs(values), [1, 99])
     passes_zero = np.prod(np.percentile(values, [1, 99])) < 0
@@ -47,8 +47,8 @@ def ends(values: NDArray) -> tuple[float, float, float]:
 
 
 def whole_counts(values: NDArray) -> bool:
-    """Return whether all values (P,) [Pa] of a pressure are whole multiples of a step that itself is a small whole
-    number of a unit of pressure, such as 1 mbar.
+    """Return whether all values of a pressure (P,) [Pa] of P samples are whole multiples of one step, as raw counts of
+    a converter are. The step must be a small whole number of a unit of pressure, such as 1 mbar.
     """
     levels = np.unique(np.round(values, 6))
     if len(levels) < FEWEST_LEVELS:

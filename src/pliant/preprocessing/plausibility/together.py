@@ -59,8 +59,8 @@ def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
-    """Return the highest pressure [Pa] of a recording, and the last station's displacement [m] when it ends. Return
-    None where it is held too briefly.
+    """Return the highest pressure [Pa] of a recording, and the distance [m] of the last station from its initial
+    position when that pressure ends. Return None where the pressure is held too briefly.
     """
     if "position" not in recording or "pressure" not in recording or recording["pressure"].ndim != 1:
         return None

@@ -52,7 +52,9 @@ def main(folder: Path = FOLDER) -> None:
 
 
 def camera() -> dict[str, Any]:
-    """Return the ``[camera]`` table of a mapping for this film, with pixels rounded to a hundredth."""
+    """Return the bundled film's ``[camera]`` table for the mapping that describes how to read the film, with pixels
+    rounded to a hundredth.
+    """
     table = VIEW.table()
     table["plane"]["pixels"] = np.round(table["plane"]["pixels"], 2).tolist()
     return {**table, "exposure_ms": 1e3 * SHUTTER.exposure, "readout_ms": 0.0}

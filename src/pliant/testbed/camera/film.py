@@ -53,8 +53,8 @@ class Filmed:
     length: float
 
     def centreline(self) -> NDArray[np.float64]:
-        """Return the true centrelines (T, N, 2) [m] of the body at T times with N points each, base at the origin with
-        its tangent along +y.
+        """Return the body's true centrelines (T, N, 2) [m], with N points from base to tip at T times. The base is at
+        the origin, its tangent along +y.
         """
         inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
         return np.asarray(self.truth["position"].to_numpy()[:, inside])
@@ -71,7 +71,7 @@ def film(
     shutter: Shutter | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Filmed:
-    """Film a scenario of the virtual actuator and return the true motion.
+    """Film a scenario of the virtual actuator as an MP4 file. Return the pressure log and the true motion.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def film(
 def film_motion(
     shape: Shape, duration: float, path: Path, scene: Scene, progress: Callable[[float], None] | None = None
 ) -> NDArray[np.float64]:
-    """Film a moving centreline given as a function of time.
+    """Film a moving centreline, given as a function of time, as an MP4 file. Return the times of its frames.
 
     Parameters
     ----------

@@ -56,7 +56,9 @@ class Look:
 
 
 def board(view: View, look: Look, rng: np.random.Generator) -> Array:
-    """Return the background picture (H, W, 3), float32: board, clutter and base block, before light and blur."""
+    """Return the background picture (H, W, 3) of H x W pixels, float32, before light and blur: board, clutter and base
+    block.
+    """
     cv2 = opencv("a virtual camera")
     width, height = view.size
     picture = np.empty((height, width, 3), np.float32)
@@ -78,15 +80,17 @@ def board(view: View, look: Look, rng: np.random.Generator) -> Array:
 
 
 def lighting(view: View, look: Look) -> Array:
-    """Return the relative brightness (H, W, 1) of each pixel, made of a linear slope and a bright spot."""
+    """Return the relative brightness (H, W, 1) of each pixel in a picture of H x W pixels: a linear slope with a bright
+    spot.
+    """
     y, x = np.mgrid[: view.size[1], : view.size[0]].astype(np.float32) / np.float32(view.size[0])
     spot = np.exp(-((x - 0.35) ** 2 + (y - 0.3) ** 2) / 0.05)
     return np.asarray(1.0 - look.light * (x - 0.35 * spot), np.float32)[..., None]
 
 
 def layers(view: View, look: Look, shape: NDArray[np.float64]) -> list[Layer]:
-    """Return the filled outlines [pixels] of a body whose centreline is `shape` (N, 2) [m], base first, in the order in
-    which they are drawn.
+    """Return the filled outlines [pixels] of a body in the order in which they are drawn. `shape` (N, 2) [m] holds N
+    points of its centreline, base first.
     """
     from scipy.interpolate import CubicSpline
 
@@ -129,8 +133,8 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
     side, unit = 1.35 * half, np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
     def square(corner: Array, cells: int) -> Array:
-        """Return the outline [pixels] of a square with sides of `cells` cells, at the position `corner` in the grid of
-        cells of a marker.
+        """Return the outline [pixels] of a square in a marker's grid. Its sides are `cells` grid cells long, and its
+        first corner lies at the grid position `corner`.
         """
         place = (unit * cells + corner) / CELLS - 0.5
         return view.pixels(line(s) + side * (place * [-1.0, 1.0]) @ frame)
@@ -173,8 +177,8 @@ def over(picture: Array, shapes: list[Layer]) -> Array:
 
 
 def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int, int, int, int]:
-    """Return the box of pixels (x0, y0, x1, y1), ends exclusive, that encloses the outlines with a `margin`, limited to
-    a picture of the given `size`.
+    """Return the box of pixels (x0, y0, x1, y1), ends exclusive, that encloses the outlines with a `margin` [pixels].
+    It is limited to a picture of the given `size`.
     """
     points = np.concatenate([outline for outlines, _ in shapes for outline in outlines])
     low = np.clip(np.floor(points.min(axis=0)).astype(int) - 1 - margin, 0, np.array(size) - 1)
@@ -183,8 +187,8 @@ def bounds(shapes: list[Layer], size: tuple[int, int], margin: int) -> tuple[int
 
 
 def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array, Array]:
-    """Return two float32 arrays for a box of pixels: colour multiplied by coverage (h, w, 3), and the coverage (h, w)
-    of each pixel by the filled outlines.
+    """Return colour (h, w, 3) and coverage (h, w), float32, of filled outlines in a box of h x w pixels. Coverage is
+    the covered fraction of a pixel; colour is multiplied by it.
     """
     x0, y0, x1, y1 = box
     colour, cover = np.zeros((y1 - y0, x1 - x0, 3), np.float32), np.zeros((y1 - y0, x1 - x0), np.float32)
@@ -201,8 +205,8 @@ def painted(shapes: list[Layer], box: tuple[int, int, int, int]) -> tuple[Array,
 
 
 def coverage(outlines: list[Array], box: tuple[int, int, int, int]) -> Array:
-    """Return the fraction of each pixel of a box (h, w) that lies inside the outlines, which must not overlap, as
-    float32.
+    """Return the fraction (h, w), float32, of each pixel that lies inside the outlines, in a box of h x w pixels. The
+    outlines must not overlap.
 
     It is computed by Green's theorem, summed along the rows over pieces of a quarter of a pixel.
     """

@@ -70,7 +70,7 @@ class Scene:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.shutter.defocus))
 
     def frame(self, shapes: NDArray[np.float64], time: float) -> Array:
-        """Return the picture (H, W, 3), uint8, of one exposure.
+        """Return the picture (H, W, 3), uint8, of one exposure with H x W pixels.
 
         `shapes` (M, N, 2) [m] are the body's centrelines at M moments of the exposure, which begins at `time` [s].
         """
@@ -107,8 +107,8 @@ def levels(picture: Array) -> Array:
 
 
 def moments(view: View, ends: NDArray[np.float64]) -> int:
-    """Return at how many moments of an exposure to draw the body, from its centrelines (2, N, 2) [m] at the start and
-    end of the exposure.
+    """Return the number of moments of an exposure at which to draw the body. `ends` (2, N, 2) [m] holds N points of its
+    centreline at the start and at the end of the exposure.
     """
     moved = float(np.abs(np.diff(view.pixels(ends), axis=0)).max())
     return min(MOST_STEPS, 1 + int(np.ceil(moved / BLUR_STEP)))

@@ -63,8 +63,8 @@ class View:
         return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
 
     def table(self) -> dict[str, Any]:
-        """Return the table ``[camera]`` of a mapping: four points in the plane in pixels and mm, and the lens if it
-        distorts.
+        """Return this camera's ``[camera]`` table for a mapping that describes how to read a film: four points of the
+        plane in pixels and mm, and the lens if it distorts.
         """
         corners = self.pixels(1e-3 * np.array(CORNERS_MM))
         table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
