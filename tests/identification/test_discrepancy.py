@@ -19,7 +19,7 @@ from pliant.identification.discrepancy import (
 )
 from pliant.identification.prediction import predict
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Extension, Model, Valve
+from pliant.model import Chamber, Extension, Model, Space, Valve, chain_model
 from pliant.simulation import equilibrium
 
 LAW = (3e-7, 3e-12)
@@ -71,6 +71,19 @@ def test_a_body_that_lengthens_rests_where_angles_and_strain_put_it(body: Model,
         x = -(sides * np.sin(turns)).sum() - tip.across * np.cos(turns[-1])
         y = stretch * body.first_joint[1] + (sides * np.cos(turns)).sum() - tip.across * np.sin(turns[-1])
         assert row[-1] == pytest.approx([x, y], abs=1e-8)
+
+
+def test_a_body_in_space_that_bends_in_one_plane_lacks_what_the_planar_body_lacks(traced: Any) -> None:
+    same = {"length": 0.12, "mass": 0.04, "links": 3, "stiffness": 0.9, "damping": 4e-3, "torque": LAW}
+    plane = chain_model(**same, gravity=(0.5, -9.81))
+    space = chain_model(**same, gravity=(0.0, 0.5, -9.81), space=Space())
+    grid, levels = np.array([0.0, 3e4, 1e5, 2e5]), np.array([0.0, 6e4, 1.4e5])
+    flat = rest_places(plane, traced(plane, "held", 2e5), grid, levels)
+    solid = rest_places(space, traced(space, "held", 2e5), grid, levels)
+    assert np.abs(flat[0] - flat[1]).max() > 1e-3
+    for a, b in zip(flat, solid, strict=True):
+        assert b[..., 1:] == pytest.approx(a, abs=1e-9)
+        assert b[..., 0] == pytest.approx(np.zeros(a.shape[:-1]), abs=1e-12)
 
 
 def test_a_band_is_as_it_was_where_the_level_was_taught_and_grows_beyond(body: Model, traced: Any) -> None:

@@ -97,9 +97,9 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """Return two arrays of equilibrium positions (G, S, 2) [m] of S stations at the first G pressures of `grid`: exact
-    ones, and ones interpolated between the equilibria at the pressures `levels`. For a recording of angles only they
-    hold angles (G, S, 1) [rad].
+    """Return two arrays of equilibrium positions (G, S, d) [m] of S stations in d dimensions at the first G pressures of
+    `grid`: exact ones, and ones interpolated between the equilibria at the pressures `levels`. For a recording of angles
+    only they hold angles (G, S, 1) [rad].
 
     Joint angles and strains are interpolated, or extrapolated, from the two nearest training `levels`. Both arrays end
     at the first pressure without an equilibrium.
@@ -120,9 +120,8 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
     shown = model.with_(stations=tuple(points[name] for name in exp.stations))
 
     def places(q: list[Array]) -> Array:
-        turned, strains = np.split(np.array(q), [model.n], axis=1)
-        phi = model.base_angle + np.cumsum(turned + model.rest_angle, axis=1)
-        at, angle = mechanics_of(shown).stations(np.hstack([phi, strains]))
+        chain = mechanics_of(shown)
+        at, angle = chain.stations(chain.coordinates(np.array(q)))
         base = model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
         return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
 

@@ -245,10 +245,11 @@ class SpatialChain(Mechanics):
         return from_back(position, 2), from_back(np.arctan2(np.hypot(z[:, 0], z[:, 1]), z[:, 2]), 1)
 
     def position_jacobian(self, x: Array, point: Station) -> Array:
-        work, place, J = self.posed(x), np.zeros(3, dtype=x.dtype), np.zeros((3, self.size), dtype=x.dtype)
+        work, moments = self.posed(x), x.shape[:-1]
+        place, J = np.zeros((3, *moments), dtype=x.dtype), np.zeros((3, self.size, *moments), dtype=x.dtype)
         spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
         spatial_points.point_slope(point.link, point.along, place, self.body, work, J)
-        return J
+        return from_back(J, 2)
 
     def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
         points = self.model.points
@@ -264,9 +265,7 @@ class SpatialChain(Mechanics):
         return np.stack([inner[..., 2] / work.stretch, -inner[..., 1], inner[..., 0]], axis=-1)
 
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
-        tip = Station("", self.n - 1, float(self.length[-1]))
-        slopes = [self.position_jacobian(a + 1j * TINY * b, tip) for a, b in zip(x, v, strict=True)]
-        rows = np.reshape(slopes, (len(x), 3, self.size))
+        rows = self.position_jacobian(x + 1j * TINY * v, Station("", self.n - 1, float(self.length[-1])))
         return rows.real, rows.imag / TINY
 
     # forces and energies
