@@ -97,9 +97,9 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
-    """Return two arrays of equilibrium positions (G, S, d) [m] of S stations in d dimensions at the first G pressures of
-    `grid`: exact ones, and ones interpolated between the equilibria at the pressures `levels`. For a recording of angles
-    only they hold angles (G, S, 1) [rad].
+    """Return two arrays of equilibrium positions (G, S, d) [m] of S stations at the first G pressures of `grid`, in d
+    dimensions: exact ones, and ones interpolated between the equilibria at the pressures `levels`. For a recording of
+    angles only they hold angles (G, S, 1) [rad].
 
     Joint angles and strains are interpolated, or extrapolated, from the two nearest training `levels`. Both arrays end
     at the first pressure without an equilibrium.
