@@ -73,7 +73,7 @@ def tips(q, actuator):
 
 
 def body_velocities(q, dq, actuator):
-    """Return skew angular velocity matrices (n, 2, 2) [rad/s], tip velocities (n, 2) [m/s], in link frames. Eq. (4)."""
+    """Return angular velocities, skew (n, 2, 2) [rad/s], and tip velocities (n, 2) [m/s] in link frames. Eq. (4)."""
     Omega, v, Omegas, vs = np.zeros((2, 2)), np.zeros(2), [], []
     for q_i, dq_i, theta0_i, l_i in zip(q, dq, actuator.theta0, actuator.l, strict=True):
         T = link_transform(q_i, theta0_i, l_i)
@@ -87,7 +87,7 @@ def body_velocities(q, dq, actuator):
 
 
 def jacobians(q, actuator, point=None):
-    """Return the Jacobians of the angular velocity of n links, J_w (n, n), and of a point on each, J_v (n, 2, n) [m].
+    """Return Jacobians J_w (n, n), J_v (n, 2, n) [m]: angular velocity of each link, velocity of a point on it, per dq.
 
     J_v_i[:, m] = R^iT S (x_i - p^{m-1}) for m <= i: the lever from joint m to the point x_i, turned by 90 degrees. x_i
     is `point` (n,) [m] from joint i; None: centre of mass. At the tips J_v dq is upsilon, J_w dq is omega of Eq. (4).

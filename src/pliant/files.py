@@ -126,7 +126,9 @@ def on_disk(path: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Context manager that locks a folder, if the system supports it, so that two processes do not mix their files."""
+    """Context manager that locks a folder, so that two processes do not mix their files. It needs a system with file
+    locks and does nothing on others.
+    """
     if fcntl is None:
         yield
         return

@@ -10,7 +10,8 @@ Options = TypeVar("Options", bound=Mapping[str, object])
 
 
 def with_defaults(function: Callable[..., Any], given: Options, defaults: Options) -> Options:
-    """Return the keyword options `given`, completed by `defaults`; raise TypeError for an option without a default.
+    """Return the keyword options `given`, and `defaults` for the others; raise TypeError for an option not in
+    `defaults`.
 
     Raises
     ------

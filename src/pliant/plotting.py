@@ -55,7 +55,7 @@ SMALL = {"font.size": 6.5, "axes.titlesize": 6.5, "axes.labelsize": 6.5, "legend
 
 @contextmanager
 def page(width: float) -> Iterator[None]:
-    """Context manager within which all figures are drawn with this width [inches]."""
+    """Context manager within which all figures are drawn `width` inches wide."""
     token = WIDTH.set(width)
     try:
         yield

@@ -167,7 +167,7 @@ def test_first_frequencies_are_those_of_the_modes(awkward, paper):
     ({"device": "tpu"}, "device must be 'cpu' or 'gpu'"),
     ({"step": 0.1}, "too long"),
     ({"step": -1.0}, "positive"),
-    ({"initial_angle": np.zeros(3)}, "initial states"),
+    ({"initial_angle": np.zeros(3)}, "initial angles and rates must have the shape"),
     ({"failures": "hide"}, "'raise' or 'mark'"),
 ])
 def test_refusals(paper, change, sentence):

@@ -134,10 +134,10 @@ def test_a_parameter_of_a_batch_is_that_of_a_fit(paper, name):
 def test_samples_that_do_not_fit_together(paper):
     n = paper.n
     for given, said in (
-        ({f"stiffness_{n + 1}": np.ones(2)}, f"'stiffness_{n + 1}' of shape"),
+        ({f"stiffness_{n + 1}": np.ones(2)}, f"unknown batch parameter 'stiffness_{n + 1}'"),
         ({"stiffness_0": np.ones(2)}, "stiffness_0"),
         ({"torque_0": np.ones(2)}, "torque_0"),
-        ({"stiffness": np.ones((2, n + 1))}, "is not valid"),
+        ({"stiffness": np.ones((2, n + 1))}, rf"for a property of each link, got shape \(2, {n + 1}\)"),
         ({"damping": np.array([1.0, np.inf, np.nan])}, "damping must be finite: in 2 of 3 samples"),
         ({"damping": np.array([0.1, -0.1])}, "must not be negative"),
         ({"stiffness": np.array([1.0, 0.0])}, "positive"),
@@ -204,8 +204,10 @@ def test_samples_start_at_rest_or_where_they_are_told(paper):
     q = np.arange(2.0 * n).reshape(2, n) / 10
     told = initial_state(samples, Schedule(samples, two, TIMES, 1e-3), q, None)
     np.testing.assert_allclose(told[0], np.cumsum(q, axis=1).T)
-    for wrong in (np.zeros(n + 1), np.zeros((3, n)), np.full(n, np.nan)):
-        with pytest.raises(InputError, match=rf"initial states must be {n} finite numbers, or \(2, {n}\)"):
+    shape = rf"must have the shape \({n},\) or \(2, {n}\), got shape \("
+    finite = f"must be finite, but {n} of {n} are not"
+    for wrong, words in ((np.zeros(n + 1), shape), (np.zeros((3, n)), shape), (np.full(n, np.nan), finite)):
+        with pytest.raises(InputError, match=f"initial angles and rates {words}"):
             initial_state(samples, Schedule(samples, two, TIMES, 1e-3), wrong, None)
 
 
@@ -405,7 +407,7 @@ def test_bodies_alone_fail_at_their_time_and_start_where_told(paper):
     assert np.isnan(found["failed_at"][0])
     assert 5.05 < float(found["failed_at"][1]) < 5.08
     n = body.n
-    message = rf"initial states must be {n} finite numbers, or \(2, {n}\), got shape \(1,\)"
+    message = rf"initial angles and rates must have the shape \({n},\) or \(2, {n}\), got shape \(1,\)"
     with pytest.raises(InputError, match=message):
         simulate_batch([body] * 2, strong, times=TIMES, initial_angle=np.zeros(1))
     q = np.stack([np.full(n, 0.01), np.full(n, 0.02)])

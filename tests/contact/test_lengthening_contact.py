@@ -79,7 +79,7 @@ def test_a_straight_body_that_lengthens_shows_the_force_along_itself(arm):
     assert push.arc_length == pytest.approx(0.01 + 2 * 0.2 / 3 + 0.03, abs=5e-4)
     fixed = arm.with_(extensions=())
     assert locate(fixed, x[:3], torque[:3], 1e-10 * np.eye(3), rigid=True).hidden == ("tangential",)
-    with pytest.raises(InputError, match="needs 3 angles and 2 strains, 5 torques, their covariance"):
+    with pytest.raises(InputError, match="needs 3 angles and 2 strains, 5 torques and their covariance"):
         locate(arm, x[:3], torque[:3], np.eye(3))
 
 
@@ -89,7 +89,7 @@ def test_the_shape_at_rest_shows_a_force_at_the_tip(arm):
     rest = root(lambda x: 1e-3 * own.acceleration(x, np.zeros(5), pressure, force, own.length), np.zeros(5), tol=1e-13)
     found = static_residual(arm, rest.x[None], pressure[None])
     np.testing.assert_allclose(found[0], torques_of(arm, rest.x, 2, arm.link_length[2], force), atol=1e-9)
-    with pytest.raises(InputError, match=r"hold 3 joint angles and 2 strains, \(T, 5\), got \(1, 3\)"):
+    with pytest.raises(InputError, match=r"hold 3 joint angles and 2 strains, \(T, 5\), got shape \(1, 3\)"):
         static_residual(arm, np.zeros((1, 3)), np.zeros((1, 2)))
 
 

@@ -69,5 +69,5 @@ def test_export(rng, tmp_path):
     assert table.shape == (chart.probability.size, 3)
     with pytest.raises(InputError, match=r"\.nc, \.csv or \.png"):
         save_map(chart, tmp_path / "chart.xyz")
-    with pytest.raises(InputError, match="at least one recording of contacts"):
+    with pytest.raises(InputError, match="a map needs the contacts of at least one recording"):
         map_contacts([])

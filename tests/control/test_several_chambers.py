@@ -150,7 +150,7 @@ def test_what_outputs_leave_free_is_not_pressed():
         alone = 6e4 * np.eye(2)[side]
         found = steady_inputs(body, ("tip_x",), tip_at(body, alone)[:1], highest, np.array([5e4, 5e4]))
         np.testing.assert_allclose(found.pressure, alone, atol=30.0)
-    with pytest.raises(InputError, match=r"tip_x 0\.15 .* out of reach .* reaches is tip_x 0\.0\d+, under 0, 150 kPa"):
+    with pytest.raises(InputError, match=r"tip_x 0\.15 .* out of reach .* reaches, tip_x 0\.0\d+, under 0, 150 kPa"):
         steady_inputs(body, ("tip_x",), np.array([0.15]), highest, np.zeros(2))
 
 
@@ -488,7 +488,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
 
     with pytest.raises(InputError, match="'pid' needs one chamber and a fixed length: use lqr or mpc"):
         ready(feedback="pid")
-    with pytest.raises(InputError, match=r"several chambers \(low, high\), for a body that lengthens or for one"):
+    with pytest.raises(InputError, match=r"several chambers \(low, high\), so its task must name outputs"):
         ready(displacement=np.zeros(1), outputs=())
     with pytest.raises(InputError, match=r"valves name chamber 'mid', the model has low, high"):
         ready(supply={"mid": SupplyValve(9.0, 6.0, 0.7)})

@@ -17,6 +17,8 @@ from pliant.control import (
     shaper,
     valve_response,
 )
+from pliant.control.design import check_reference
+from pliant.control.plan import SetPoint
 from pliant.errors import InputError
 from pliant.linear import linearise
 from pliant.mechanics import mechanics_of
@@ -147,5 +149,29 @@ def test_a_valve_is_found_from_its_gauge():
         assert abs(getattr(found.valve, name) - value) < max(5 * found.standard_error[name], 1e-3 * value)
     with pytest.raises(InputError, match="as many edges"):
         identify_valve([ValveRun(edges, levels[:2], time, time)])
+    with pytest.raises(InputError, match="pressure of a run for a valve must be finite"):
+        identify_valve([ValveRun(edges, levels, time, np.full(time.size, np.nan))])
+    with pytest.raises(InputError, match="at least one level of a run for a valve must be > 0 Pa"):
+        identify_valve([ValveRun(edges, 0.0 * levels, time, time)])
+    with pytest.raises(InputError, match="edge_time of a run for a valve must increase"):
+        identify_valve([ValveRun(edges[::-1], levels, time, time)])
     with pytest.raises(InputError, match="at least one run"):
         identify_valve([])
+
+
+@pytest.mark.parametrize(("time", "far", "ramp", "said"), [
+    ([0.0, 1.0], [0.01], 0.0, r"got displacements of shape \(1,\) and times of shape \(2,\)"),
+    ([1.0, 1.0], [0.01, 0.02], 0.0, "the times of a set-point must increase"),
+    ([0.0], [np.nan], 0.0, "the displacements of a set-point must be finite"),
+    ([0.0], [0.01], -1.0, "the ramp of a set-point must be >= 0 s, got -1"),
+])
+def test_what_is_no_set_point_is_refused(time, far, ramp, said):
+    with pytest.raises(InputError, match=said):
+        SetPoint(np.array(time), np.array(far), ramp)
+
+
+def test_what_is_no_reference_is_refused():
+    with pytest.raises(InputError, match=r"must have the shape \(K, 2\), .* got shape \(3, 1\)"):
+        check_reference(np.zeros((3, 1)), 2)
+    with pytest.raises(InputError, match="the reference must be finite, but 1 of its 2 numbers are not"):
+        check_reference(np.array([[0.0, np.inf]]), 2)

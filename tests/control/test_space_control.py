@@ -237,7 +237,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     wanted = read_task(tmp_path / "t.toml")
     assert wanted.task.outputs == ("tip_x", "tip_z")
     assert np.allclose(wanted.task.displacement, [[3e-3, -4e-3]])
-    with pytest.raises(InputError, match=r"limits inputs by highest_kpa, and 'r' of .* takes a displacement"):
+    with pytest.raises(InputError, match=r"limits inputs by highest_kpa, but 'r' of .* takes a displacement"):
         run_task(pulled(), None, wanted, tmp_path)
 
 

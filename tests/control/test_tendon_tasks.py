@@ -83,7 +83,7 @@ def test_limits_that_are_not_the_models_are_refused(tmp_path):
         check_units(mixed, wanted)
     path = task_file(tmp_path)
     path.write_text(path.read_text() + "[receiver]\nprivate_link = true\n")
-    with pytest.raises(InputError, match="a receiver sets pressures, and the task limits highest_n"):
+    with pytest.raises(InputError, match="a receiver limits pressures, but the task gives highest_n"):
         receiver_of(path, print)
 
 
@@ -102,7 +102,7 @@ def test_what_the_loop_says_has_the_unit_of_the_input():
     dog.reset()
     dog.frozen(0, 0, 251)
     assert dog.fault.startswith("frozen tension: 251 consecutive readings")
-    with pytest.raises(InputError, match="unit is one of Pa, N, m, rad"):
+    with pytest.raises(InputError, match="unit must be one of Pa, N, m, rad"):
         Bounds(1.0, unit="kg")
     _, tensions = streams(0, 0, 3, "N")
     assert tensions.accept(sample("pressure", [2.0], 1, "N"), 1) == pytest.approx([2.0])

@@ -137,7 +137,7 @@ def test_where_the_laws_mean_nothing_they_are_refused() -> None:
              "space": Space()}  # fmt: skip
     with pytest.raises(InputError, match="is in space, where segments have no hysteresis"):
         Model(**space, extensions=(Extension(9.0),), memory=AXIAL)
-    with pytest.raises(InputError, match="for a body in a plane"):
+    with pytest.raises(InputError, match="has a nonlinear spring, which a model in space does not support"):
         Model(**space, extensions=(Extension(9.0, stiffening=-1.0),))
     with pytest.raises(InputError, match="stiffening_bound must be from 0 to below 1"):
         Extension(9.0, stiffening_bound=1.0)

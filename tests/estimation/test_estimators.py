@@ -137,7 +137,7 @@ def test_a_body_elsewhere_is_told(name, body, moved):
 @pytest.mark.parametrize("name", ["observer", "differences"])
 def test_rows_that_are_no_link_angles_are_refused(name, body):
     made = estimators()[name].make(Setting(body, PERIOD, 0))
-    with pytest.raises(InputError, match="use the filter, which accepts any"):
+    with pytest.raises(InputError, match="use KalmanFilter, which accepts any"):
         made.push_frame(0.0, np.array([[1.0, 2.0, 0.05, 0.0]]), np.zeros(1), np.ones(1))
 
 

@@ -172,7 +172,7 @@ def test_rows_are_those_of_links():
     rows = joint_rows(BODY)
     assert needs_joint_rows(BODY, rows, "x") is rows
     for wrong in (rows[:1], rows + 1.0, rows[::-1]):
-        with pytest.raises(InputError, match=f"x needs the angle of each of 2 links .* got {len(wrong)} other"):
+        with pytest.raises(InputError, match=f"x needs 2 rows, each for the angle .* got {len(wrong)} rows of other"):
             needs_joint_rows(BODY, wrong, "x")
     both = rows_of(BODY, (Station("a", 1, 0.05, 0.01),), angle=True)
     assert both.tolist() == [[1, 1, 0.05, 0.01], [2, 1, 0.05, 0.01], [0, 1, 0, 0]]
@@ -433,8 +433,12 @@ def test_frames_are_counted_as_what_became_of_them():
     assert live.counts.last_ratio == pytest.approx(0.0, abs=1e-9)
     live.push_pressure(0.0, 1e4)  # too late, and no frame
     assert live.counts.too_late == 1
-    for wrong in ({"step": 0.0}, {"latency": -1e-3}, {"buffer": -1e-3}):
-        with pytest.raises(InputError, match="step must be > 0"):
+    for wrong, message in (
+        ({"step": 0.0}, "step must be > 0 s"),
+        ({"latency": -1e-3}, "latency and buffer must be >= 0 s, got latency = -0"),
+        ({"buffer": -1e-3}, "latency and buffer must be >= 0 s, got latency = 0.0 and buffer = -0"),
+    ):
+        with pytest.raises(InputError, match=message):
             KalmanFilter(ARM, Noise(), **wrong)
     for rows, values in ((tip_rows(), seen[:1]), (tip_rows()[:, :3], seen)):
         with pytest.raises(InputError, match=r"a frame needs rows \(m, 4\)"):
@@ -573,7 +577,7 @@ def test_a_release_is_told_by_tenths_of_the_pull():
     np.testing.assert_allclose(release_of(moved, start=20, frames=8).begin, 0.81)
     for count, good in ((20, True), (19, False)):
         short = np.where(np.arange(count) < 15, 1.0, 0.0)
-        with pytest.raises(InputError, match="still held" if good else "and 20 frames"):
+        with pytest.raises(InputError, match="still held" if good else "at least 20 frames, got 19"):
             release_of(pulled(short))
 
 

@@ -78,6 +78,7 @@ def test_what_cannot_be_an_experiment_is_refused() -> None:
         ({"name": "a.b"}, "without a dot"), ({"name": ""}, "without a dot"),
         ({"level": 0.0}, "needs its nominal level"), ({"level": float("nan")}, "needs its nominal level"),
         ({"excitation": "trace"}, "set excitation to 'trace' if, and only if"),
+        ({"held": good.position[0]}, "held is for a release only, not for a pulse"),
         ({"position": good.position[:-1]}, "positions must be"),
         ({"position": good.position * 0}, "never moves"),
         ({"position": good.position * np.where(T < 0.1, 1, np.nan)[:, None, None]}, "seen in fewer than 10 frames"),

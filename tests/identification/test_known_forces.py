@@ -189,8 +189,8 @@ def test_the_impulse_of_a_force_is_exact_between_and_beyond_its_times() -> None:
 
 @pytest.mark.parametrize(("force", "sentence"), [
     (PointForce(np.zeros(2), np.zeros((1, 2)), "tip"), "needs one row .fx, fy. for each time"),
-    (PointForce(np.zeros(1), np.full((1, 2), np.nan), "tip"), "must be finite, and the times must not decrease"),
-    (PointForce(np.array([1.0, 0.0]), np.zeros((2, 2)), "tip"), "must not decrease"),
+    (PointForce(np.zeros(1), np.full((1, 2), np.nan), "tip"), "a known force and its times must be finite"),
+    (PointForce(np.array([1.0, 0.0]), np.zeros((2, 2)), "tip"), "the times of a known force must not decrease"),
     (PointForce(np.zeros(1), np.ones((1, 2)), "nose"), "acts at 'nose', but the model's points are knot, tip"),
     (PointForce(np.zeros(1), np.ones((1, 2)), Station("x", 2, 0.0)), "acts on link 3, but the model has links 1 to 2"),
 ])

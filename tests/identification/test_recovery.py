@@ -210,7 +210,7 @@ def test_a_body_pulled_aside_begins_in_the_pose_that_was_measured(truth: Model, 
     found = fit([exp], truth.with_(stiffness=1.2, damping=4e-3), ["stiffness", "damping"], step=1e-3, starts=1)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     assert found.values["r.release"] == pytest.approx(0.2071, abs=5e-4)
-    with pytest.raises(InputError, match="held must be"):
+    with pytest.raises(InputError, match=r"held must be \(station, axis\) = \(2, 2\), got \(1, 2\)"):
         replace(exp, held=exp.position[0, :1])
 
 

@@ -195,7 +195,7 @@ def test_standard_errors_come_from_the_bootstrap_where_asked(clean: tuple[Model,
     for p, q in zip(again.parameters, found.parameters, strict=True):
         assert 0.4 < p.std / q.std < 2.0
         assert p.value == q.value
-    with pytest.raises(InputError, match="needs a fit with free parameters and 20 replicates, got 3"):
+    with pytest.raises(InputError, match="needs at least 20 replicates, got 3"):
         bootstrapped([shaken], found, replicates=3)
 
 

@@ -148,10 +148,13 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
     [
         ({"lever": 0.0}, "^tendon 'tendon': lever must be positive"),
         ({"driven_by": "hand"}, "must be tension, displacement, angle, got 'hand'"),
-        ({"driven_by": "displacement"}, r"driven by its displacement, it needs a line_stiffness"),
-        ({"driven_by": "angle", "line_stiffness": 1e3}, "set a pulley radius .* otherwise"),
-        ({"pulley": 0.01}, "set a pulley radius .* otherwise"),
-        ({"driven_by": "displacement", "line_stiffness": 1e3, "pulley": 0.01}, "set a pulley radius .* otherwise"),
+        ({"driven_by": "displacement"}, "driven_by = 'displacement' needs a line_stiffness"),
+        ({"driven_by": "angle", "line_stiffness": 1e3}, "'angle' needs the radius of the pulley .* set pulley"),
+        ({"pulley": 0.01}, "driven_by = 'tension' has no pulley: leave pulley out"),
+        (
+            {"driven_by": "displacement", "line_stiffness": 1e3, "pulley": 0.01},
+            "driven_by = 'displacement' has no pulley: leave pulley out",
+        ),
         ({"swell_share": 0.1}, "only a pressure chamber has them"),
         ({"inflation_limit": 1e5}, "only a pressure chamber has them"),
         ({"axial_gain": [0.0, 1.0]}, "only a pressure chamber has them"),
@@ -221,7 +224,7 @@ def test_a_chamber_keeps_its_numbers_to_itself():
     [
         ({"swell_share": 1.01}, "^model swell_share"),
         ({"swell_share": 1.01, "name": "near"}, "^chamber 'near': swell_share"),
-        ({"law": "saturating"}, r"^model torque of the law 'saturating' must be its numbers lever, level, got 1"),
+        ({"law": "saturating"}, r"^model torque of the law 'saturating' must hold the numbers lever, level, got 1"),
         ({"law": "saturating", "torque": [1e-6, 999.0]}, r"level of .* must lie within 1000 \.\.\. 1e\+08 Pa, got 999"),
         ({"law": "saturating", "torque": [1e-6, 1.01e8]}, "level of the law 'saturating' must lie within"),
         ({"law": "saturating", "torque": [-1e-9, 1e5]}, "lever of the law"),

@@ -40,7 +40,7 @@ def test_a_law_is_kept_in_files_and_checked(law, tmp_path):
     model = with_law(law)
     assert pliant.load_model(pliant.save_model(model, tmp_path / "m.json")) == model
     assert law.name in str(model)
-    with pytest.raises(InputError, match=f"must be its numbers {', '.join(law.parameters)}, got 17"):
+    with pytest.raises(InputError, match=f"must hold the numbers {', '.join(law.parameters)}, got 17"):
         BODY.with_(law=law.name, torque=np.ones(17))
     with pytest.raises(InputError, match=r"law must be one of polynomial, .*, got 'none such'"):
         BODY.with_(law="none such")

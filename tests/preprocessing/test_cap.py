@@ -107,11 +107,11 @@ def test_disagreeing_frames_are_refused(rng):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"cap_curvature": 0.0}, "cap_curvature not zero"),
+        ({"cap_curvature": 0.0}, "cap_curvature must not be 0"),
         ({"cap_length": 1e-3}, "at least twice as long"),
         ({"cap_length": 0.2}, "too short"),
         ({"cap_length": np.nan}, "must be finite"),
-        ({"spacing": 0.0}, "spacing positive"),
+        ({"spacing": 0.0}, "spacing of the curvature samples must be above 0 m"),
     ],
 )
 def test_bad_caps(options, message):

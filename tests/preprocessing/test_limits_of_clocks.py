@@ -296,7 +296,7 @@ def test_a_clock_is_moved_and_says_so():
     assert "clock of the pressure moved by +250.00 ms and its rate by +1000 ppm" in moved.attrs["history"]
     assert "rate" not in shift_pressure(ds, 0.25).attrs["history"].split("moved")[1]
     for wrong in ((np.nan, 0.0), (0.0, np.inf)):
-        with pytest.raises(InputError, match="a finite delay"):
+        with pytest.raises(InputError, match=r"delay_s \(in seconds\) and drift must be finite"):
             shift_pressure(ds, *wrong)
     with pytest.raises(InputError, match="lacks one of them"):
         sync(ds.drop_vars("position"))

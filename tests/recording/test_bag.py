@@ -140,7 +140,7 @@ def test_points_of_a_cloud_are_read_at_their_offsets_and_in_their_order_of_bytes
 
 
 @pytest.mark.parametrize(("kind", "places", "row_step", "words"), [
-    (7, {"x": 0, "y": 4}, None, "without x, y and z"),
+    (7, {"x": 0, "y": 4}, None, "no x, y and z"),
     (5, {"x": 0, "y": 4, "z": 8}, None, "as floating-point numbers"),
     (7, {"x": 0, "y": 4, "z": 8}, 400, "fewer bytes than its points need"),
     (7, {"x": 0, "y": 4, "z": 38}, None, "fewer bytes than its points need"),

@@ -41,7 +41,8 @@ def npz(folder, **entries):
 
 def test_a_station_number_does_not_announce_stations(tmp_path):
     path = put(tmp_path, TABLE.replace("_1", "_99999999"))
-    with pytest.raises(InputError, match=r"x_99999999 follows x_0, and column x_1 is missing$"):
+    missing = r"x_99999999 follows x_0, but column x_1 is missing: add it, or number the stations without gaps$"
+    with pytest.raises(InputError, match=missing):
         read(path)
 
 

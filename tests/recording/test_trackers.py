@@ -231,7 +231,7 @@ def test_a_board_in_a_picture_gives_the_plane(tmp_path: Path, kind: str) -> None
     ({"camera": {"rate_hz": 60.0}}, "camera needs one of pixels_per_mm, scale, plane or board, got none"),
     ({"camera": {**CAMERA, "scale": {"points": [[0, 0], [1, 1]], "distance_mm": 1}}}, "got pixels_per_mm, scale"),
     ({"camera": CAMERA, "stations": ["foot"]}, "no point 'foot': choose stations among base, mid, tip"),
-    ({"camera": CAMERA, "length_unit": "mm"}, "not both"),
+    ({"camera": CAMERA, "length_unit": "mm"}, r"has both \[camera\] and length_unit"),
     ({"camera": {**CAMERA, "axes": ["+x", "-x"]}}, "once each"),
 ])
 def test_what_no_file_tells_is_asked_for(tmp_path: Path, mapping: dict[str, Any] | None, said: str) -> None:

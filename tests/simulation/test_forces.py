@@ -83,3 +83,5 @@ def test_what_is_no_force_is_refused(body):
         simulate(body, Pulse(0.0), duration=0.1, forces=[PointForce([0.0, 1.0], [[0.0, 0.1]], "tip")])
     with pytest.raises(InputError, match="a known force and its times must be finite"):
         simulate(body, Pulse(0.0), duration=0.1, forces=[held(force=np.array([np.nan, 0.0]))])
+    with pytest.raises(InputError, match="the times of a known force must not decrease"):
+        simulate(body, Pulse(0.0), duration=0.1, forces=[PointForce([1.0, 0.0], [[0.0, 0.1], [0.0, 0.1]], "tip")])

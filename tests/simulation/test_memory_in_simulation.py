@@ -175,6 +175,8 @@ def test_a_start_goes_on_where_another_run_ended(paper):
     assert rest.joint_angle.values[-1] == pytest.approx(whole.joint_angle.values[-1], abs=1e-9)
     with pytest.raises(InputError, match=r"\(5, 5\)"):
         simulate(model, step(1e5), duration=0.1, initial_memory=np.zeros((5, 2)))
+    with pytest.raises(InputError, match=r"initial_memory must be finite, but \d+ of its \d+ angles are not"):
+        simulate(model, step(1e5), duration=0.1, initial_memory=np.nan * at.memory_state.values)
 
 
 def test_a_file_keeps_it_and_older_files_have_none(paper, tmp_path):

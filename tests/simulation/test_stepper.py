@@ -127,7 +127,7 @@ def test_a_snapshot_goes_on_as_if_nothing_had_been(awkward, memory):
     other = Stepper(model, 1e-3)
     other.restore(saved)
     assert np.array_equal([other.step(p)[0].copy() for p in HELD], first)
-    with pytest.raises(InputError, match="this snapshot is of a model with 3 coordinates"):
+    with pytest.raises(InputError, match=r"does not fit the model: .* \(3 in the snapshot, 3 in the model\)"):
         Stepper(model.with_(memory=Memory((0.1, 0.1, 0.1), (1.0, 2.0, 3.0))), 1e-3).restore(saved)
 
 

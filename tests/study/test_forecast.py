@@ -64,7 +64,8 @@ def test_a_forecast_is_by_the_fit_that_it_names():
     made = run_forecasts(Study.model_construct(forecasts=entries, step=5e-3), {"r": like}, results, failures)
     full, half = (f.tip[-1, 0] - f.tip[0, 0] for f in made)
     assert half == pytest.approx(0.5 * full, rel=0.02)
-    assert [(f.fit, f.reason) for f in failures] == [("gone", "its fit gone could not be computed")]
+    reason = "the forecast uses fit gone, which could not be computed: correct this fit first"
+    assert [(f.fit, f.reason) for f in failures] == [("gone", reason)]
 
 
 def test_the_band_of_a_forecast_grows_beyond_the_taught_levels():

@@ -139,11 +139,13 @@ def many(**entries: Any) -> dict[str, Any]:
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "like nothing": (changed("fits", other={"like": "lin"}), "fit other is like fit 'lin', not one of linear"),
-    "like a list": (changed("fits", other={"like": ["linear"]}), "fit other is like fit ['linear']"),
-    "like itself": (changed("fits", "linear", like="linear"), "fit linear is like itself"),
+    "like nothing": (
+        changed("fits", other={"like": "lin"}), "of fit other names fit 'lin', which is not one of linear",
+    ),
+    "like a list": (changed("fits", other={"like": ["linear"]}), "of fit other names fit ['linear']"),
+    "like itself": (changed("fits", "linear", like="linear"), "fit linear refers to itself by"),
     "in a circle": (
-        changed("fits", a={"like": "b"}, b={"like": "a"}), "fit a is like itself: a -> b -> a",
+        changed("fits", a={"like": "b"}, b={"like": "a"}), "fit a refers to itself by `like`, a -> b -> a",
     ),
     "without what is not there": (
         changed("fits", "linear", without=["mass"]), "without = ['mass'], which must be a list of some of its",
@@ -157,7 +159,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a typo in the defaults": (changed("recordings", defaults={"fil": "a"}), "'recordings.low.fil' is not a known"),
     "a typo in the trials": (many(hold="measured"), "'recordings.many_1.hold' is not a known entry"),
     "an unknown trial": (
-        {**many(), "fits": {"f": {"train": ["many_3"], "parameters": {}}}}, "uses recording 'many_3', not one of low",
+        {**many(), "fits": {"f": {"train": ["many_3"], "parameters": {}}}},
+        "uses recording 'many_3', which is not one of low",
     ),
     "trained on and held out": (
         {**many(), "fits": {"f": {"train": ["many"], "held_out": ["many_2"], "parameters": {}}}}, "holds out 'many_2'",

@@ -40,5 +40,5 @@ def test_a_record_whose_motion_needs_a_shorter_step_is_named(swing, step, warned
     assert (error > 0.01 * BODY.length) == warned
     assert len(lines) == warned
     if warned:
-        assert lines[0].startswith("warning: fit first: the tip of record swing may be wrong by")
+        assert lines[0].startswith("warning: fit first: the simulated tip of record swing may be wrong by")
         assert "the step of 5 ms is too long for its motion; set step =" in lines[0]

@@ -80,13 +80,17 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown known of a forecast": (
         changed("forecasts", heavy={"like": "low", "known": {"load": 0.1}}), "forecast heavy: unknown parameter 'load'",
     ),
-    "forecast like nothing": (changed("forecasts", heavy={"like": "lo"}), "is like recording 'lo', not one of low"),
+    "forecast like nothing": (
+        changed("forecasts", heavy={"like": "lo"}), "names recording 'lo', which is not one of low",
+    ),
     "forecast of no fit": (
         changed("forecasts", heavy={"like": "low", "fit": "lin"}), "uses fit 'lin', which is not one of ",
     ),
-    "train on what is not listed": (changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo', not one"),
+    "train on what is not listed": (
+        changed("fits", "linear", train=["lo"]), "fit linear uses recording 'lo', which is not one",
+    ),
     "hold out what is not listed": (
-        changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x', not one",
+        changed("fits", "linear", held_out=["x"]), "fit linear uses recording 'x', which is not one",
     ),
     "trained and held out": (changed("fits", "linear", held_out=["low"]), "trains on and holds out 'low'"),
     "trains on nothing": (changed("fits", "linear", train=[]), "trains on no recording"),

@@ -19,7 +19,7 @@ def test_chain_meets_the_measured_shape(shape):
 
 
 def test_a_shape_and_a_chain_of_other_frames_are_refused(shape):
-    with pytest.raises(InputError, match="38 complete frames, but links for 39"):
+    with pytest.raises(InputError, match="38 complete frames, but its links were computed from 39"):
         chain_through(replace(shape, position=shape.position[:-1]))
 
 

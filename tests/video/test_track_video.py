@@ -123,7 +123,8 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(tmp_path: Path) -> Non
         track_video(path, camera_of(), Tracking("dots", colour="#00ff00"))
     with pytest.raises(InputError, match="0 ArUco or AprilTag markers"):
         track_video(path, camera_of(), Tracking("aruco"))
-    for wrong, said in (({"method": "flow"}, "method must be one of"), ({"colour": "#123456"}, "needs colour as"),
+    for wrong, said in (({"method": "flow"}, "method must be one of"), ({"colour": "#123456"}, "takes no colour"),
+                        ({"method": "dots"}, "needs the colour of the dots"),
                         ({"stations": 2}, "stations must be between")):  # fmt: skip
         with pytest.raises(InputError, match=said):
             Tracking(**wrong)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from pliant.batch.gpu import check_gpu, run_gpu
 from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
-from pliant.batch.samples import Samples, gather
+from pliant.batch.samples import Samples, gather, initial_values
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
 from pliant.cores import cores
@@ -180,7 +180,8 @@ def check_steps(samples: Samples, step: float) -> None:
         worst = float(first.max())
         raise InputError(
             f"a step of {step * 1e3:.3g} ms is too long for {long.size} of {samples.size} samples: the first mode of "
-            f"one rings at {worst:.3g} Hz; use a step of {1e3 / (STEPS_PER_PERIOD * worst):.3g} ms or less"
+            f"sample {first.argmax()} rings at {worst:.3g} Hz; use a step of "
+            f"{1e3 / (STEPS_PER_PERIOD * worst):.3g} ms or less"
         )
 
 
@@ -188,18 +189,12 @@ def initial_state(samples: Samples, schedule: Schedule, angle: Array | None, rat
     """Return the initial absolute angles [rad] and rates [rad/s] of the n links of N samples as one array (2, n, N)."""
     n, size = samples.template.n, samples.size
 
-    def given(value: Array) -> Array:
-        a = np.asarray(value, dtype=float)
-        if a.shape not in ((n,), (size, n)) or not np.isfinite(a).all():
-            raise InputError(f"initial states must be {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
-        return np.broadcast_to(a, (size, n)).T
-
     if angle is None:
         before = np.array([schedule.initial(i) for i in range(1 if schedule.alike else size)])
         q = samples.rest(np.broadcast_to(before, (size,)))
     else:
-        q = given(angle)
-    dq = np.zeros((n, size)) if rate is None else given(rate)
+        q = initial_values(angle, size, n).T
+    dq = np.zeros((n, size)) if rate is None else initial_values(rate, size, n).T
     return np.stack([samples.absolute(q), np.cumsum(dq, axis=0)])
 
 
@@ -213,9 +208,9 @@ def labelled(
     bad = np.flatnonzero(np.isfinite(failed_at))
     if bad.size and failures == "raise":
         raise SimulationError(
-            f"{bad.size} of {failed_at.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: a link turns "
-            "by more than a radian within a step, a softening spring loses its stiffness, or the tensions of its "
-            "tendons do not converge; use a shorter step, a smaller pressure, or failures='mark'"
+            f"{bad.size} of {failed_at.size} samples fail, sample {bad[0]} at {failed_at[bad[0]]:.6g} s: either "
+            "a link turns by more than a radian within a step, or a softening spring loses its stiffness, or the "
+            "tensions of tendons do not converge; use a shorter step, a smaller pressure, or failures='mark'"
         )
     for a in results.values():
         a[bad] = np.nan

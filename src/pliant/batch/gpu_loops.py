@@ -44,7 +44,9 @@ def device(function: Callable[..., Any]) -> Any:
 
 
 def straight_line(kernel: Any, links: int) -> Any:
-    """Return a loop-free version of a compiled loop for a chain of `links` links, as a Python function."""
+    """Return a Python function that computes the same as the loop `kernel` for a chain of `links` links, but with every
+    pass of the loop written out as lines of its own.
+    """
     made = trace.recording(kernel, links)
 
     def line(row: int) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.batch.samples import initial_values
 from pliant.compiler.simd import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
@@ -145,8 +146,8 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
         kind_of(name)
         if all(apply(model, {name: v}) == model for v in (value, 0.9 * value or 1e-9)):
             raise InputError(
-                f"the parameter {name!r} has no effect on this model, whose chambers are {model.actuation.listing}: "
-                "check its name"
+                f"the batch parameter {name!r} has no effect on this model, whose chambers are "
+                f"{model.actuation.listing}: correct the name of the parameter"
             )
 
 
@@ -162,12 +163,7 @@ def run_alone(
     n = model.size
 
     def start(name: str, i: int) -> Array | None:
-        if how[name] is None:
-            return None
-        a = np.asarray(how[name], dtype=float)
-        if a.shape not in ((n,), (size, n)) or not np.isfinite(a).all():
-            raise InputError(f"initial states must be {n} finite numbers, or ({size}, {n}), got shape {a.shape}")
-        return np.broadcast_to(a, (size, n))[i]
+        return None if how[name] is None else initial_values(how[name], size, n)[i]
 
     def one(i: int) -> tuple[Made, float]:
         model, plan = models[i], drive(models[i], pressures[i], times, step)

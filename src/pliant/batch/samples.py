@@ -188,14 +188,28 @@ def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Ar
         values["joint_gain"] = values["joint_gain"] * (given / values["joint_gain"].mean(axis=0))
     elif name in VALVE:
         valves[VALVE[name]] = given
-    elif name in values and (given.ndim < 2 or given.T.shape == values[name].shape):
+    elif name in values:
+        if given.ndim > 1 and given.T.shape != values[name].shape:
+            raise InputError(
+                f"batch parameter {name!r} must be an array (samples,), or (samples, links) for a property of each "
+                f"link, got shape {given.shape}"
+            )
         values[name] = np.broadcast_to(given.T, values[name].shape).copy()
     else:
         known = [*values, "stiffness_<i>", "damping_<i>", "torque_<k>", "mass", "gain", *VALVE]
-        raise InputError(
-            f"batch parameter {name!r} of shape {given.shape} is not valid: use an array (samples,), or "
-            f"(samples, links) for a property of each link; known are {', '.join(known)}"
-        )
+        raise InputError(f"unknown batch parameter {name!r}: use one of {', '.join(known)}")
+
+
+def initial_values(value: Array, size: int, n: int) -> Array:
+    """Return initial angles or rates as an array (size, n) of `size` samples with n coordinates each. A row (n,) counts
+    for all samples. Raise InputError for another shape, or for numbers that are not finite.
+    """
+    a = np.asarray(value, dtype=float)
+    if a.shape not in ((n,), (size, n)):
+        raise InputError(f"initial angles and rates must have the shape ({n},) or ({size}, {n}), got shape {a.shape}")
+    if bad := int((~np.isfinite(a)).sum()):
+        raise InputError(f"initial angles and rates must be finite, but {bad} of {a.size} are not: correct them")
+    return np.broadcast_to(a, (size, n))
 
 
 def check_extremes(samples: Samples) -> None:

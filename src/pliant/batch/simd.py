@@ -105,7 +105,7 @@ class Groups:
             torque = self.run(group, kept, scratch, torque)
 
     def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
-        """Simulate one group of samples and store its results; return the array of torques for reuse."""
+        """Simulate one group of samples and store its results. Return its array of torques, so that others reuse it."""
         own, members = self.members(group)
         h, torque, keep = self.schedule.group(members, torque)
         *fixed, joints, place, moving = (a[group] for a in self.constants)

@@ -69,8 +69,8 @@ class Floor:
 
 
 def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, float]:
-    """Return the times [ns] that plain C takes for one time step, for one evaluation of the accelerations, and for one
-    with their Jacobian.
+    """Return the times [ns] that plain C takes for one time step, for one evaluation of the joint accelerations, and
+    for one evaluation of the joint accelerations and their Jacobian.
 
     The result is empty if there is no C compiler or the model does not have five links.
     """

@@ -13,7 +13,7 @@ from pliant.equations.motion import acceleration, acceleration_jacobian
 
 @cache
 def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
-    """Return a loop of this module compiled by Numba, with the fastest version of the kernel that it calls for this
+    """Return a loop of this module compiled by Numba, which calls the version of `kernel` that is fastest for this
     number of links.
     """
     from numba import njit

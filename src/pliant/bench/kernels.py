@@ -1,4 +1,4 @@
-"""Timing of the compiled simulation code: one time step, one evaluation of the accelerations, one with Jacobian."""
+"""Timing of the compiled simulation code: of a time step, and of the joint accelerations without and with Jacobian."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ STEP = 1e-3  # s
 
 
 def kernels(links: int = 5) -> dict[str, float]:
-    """Return the times [ns] of one implicit time step, one evaluation of the accelerations and one with their Jacobian.
-    Where plain C can be measured, its times and the ratios to them are added.
+    """Return the times [ns] of one implicit time step, of one evaluation of the joint accelerations, and of one
+    evaluation of the joint accelerations and their Jacobian. If there is a C compiler, also return the times of plain C
+    and the ratios to these.
     """
     model = chen2018.model(links=links)
     n, parts = links, mechanics_of(model).parts()

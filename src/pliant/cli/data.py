@@ -48,7 +48,7 @@ def data(
             except InputError as error:
                 if names or any(f.address for f in data_set(name).files.values()):
                     raise
-                say(f"left out: {error}", error=True)  # data sets that can only be downloaded by hand
+                say(f"not downloaded: {error}", error=True)  # data sets that can only be downloaded by hand
     say(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
 
 

@@ -58,7 +58,7 @@ def order(
     if as_json:
         say(json_format.dumps(result.to_dict(), indent=2))
         if result.frames_left_out:
-            say(f"{result.frames_left_out} frame(s) with missing stations left out", error=True)
+            say(f"{result.frames_left_out} frame(s) with missing stations were left out", error=True)
         return
     _print_table(result)
 

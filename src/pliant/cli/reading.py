@@ -23,7 +23,9 @@ def load_mapping(path: Path | None) -> dict[str, Any] | None:
 
 
 def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
-    """Read a recording. `mapping` is an optional TOML file that states the columns and units of its file."""
+    """Read the recording in the file `path`. `mapping` is an optional TOML file that states the columns and units of
+    that file.
+    """
     from pliant.sensing import read_shape
 
     with busy(f"reading {path.name}"):

@@ -49,7 +49,7 @@ def shape(
     cap = cap_curvature is not None and cap_length is not None
     if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
         if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
-            raise InputError("the body of a fibre needs its cap or its start: give --cap-curvature, --cap-length and "
+            raise InputError("to locate the body along the fibre, give either --cap-curvature, --cap-length and "
                              "--body-length together, or --start and --body-length")  # fmt: skip
         fibre = Fibre(
             body_length=body_length, cap_curvature=cap_curvature, cap_length=cap_length, gauge_length=gauge_length,

@@ -86,7 +86,8 @@ def simulate(
 def with_load(model: Model, grams: float) -> Model:
     """Return the model with an additional mass [g] at its tip."""
     if not (math.isfinite(grams) and model.tip_mass + 1e-3 * grams >= 0):
-        raise InputError(f"--load-g must be a mass in grams, and the tip mass with it not below 0, got {grams}")
+        raise InputError(f"--load-g must be a mass in grams of at least {0.0 - 1e3 * model.tip_mass:.4g}, so that the "
+                         f"tip mass does not become negative, got {grams}")  # fmt: skip
     return model.with_(tip_mass=model.tip_mass + 1e-3 * grams) if grams else model
 
 
@@ -110,7 +111,9 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
 
 
 def own_levels(model: Model) -> list[float]:
-    """Return a default pressure [Pa] for each chamber: the first bends the model by up to 0.5 rad, all others are 0."""
+    """Return a default pressure [Pa] for each chamber: for the first chamber one that bends the model by up to 0.5 rad,
+    for all others 0.
+    """
     from pliant.simulation.state import first_alone, typical_pressure
 
     level = typical_pressure(model)

@@ -62,7 +62,9 @@ class ExampleCommand(TyperCommand):
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Show the text `what` and the elapsed time on a terminal, if the block inside takes more than one second."""
+    """Context manager: show the text `what` and the elapsed time on a terminal, if the code inside takes more than one
+    second.
+    """
     if QUIET.get() or not sys.stderr.isatty():
         yield
         return

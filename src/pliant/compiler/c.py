@@ -164,8 +164,8 @@ class CWriter(Expressions):
         self.block(frame, statements)
         for name, value in before.items():
             if not isinstance(value, Real) and frame.names[name] is not value and isinstance(value, np.ndarray):
-                raise InputError(f"C export: the array {name} is chosen by a condition at run time, which the C writer "
-                                 "cannot translate: choose each element instead")
+                raise InputError(f"C export: a condition at run time selects the whole array {name}, which the C "
+                                 "writer cannot translate: select each of its elements by the condition")
         self.indent -= 1
         frame.depth -= 1
 

@@ -274,9 +274,7 @@ class Expressions:
         self.locals = {name: None for name in self.locals if read[name]}
 
     def body(self, kind: str) -> str:
-        """Return the C code written so far, preceded by the declarations of its local variables of
-        the C type `kind`.
-        """
+        """Return the C code written so far. Declarations of its local variables, whose C type is `kind`, come first."""
         self.unread()
         names = sorted(self.locals)
         rows = [f"    {kind} {', '.join(f'{n} = 0' for n in names[i : i + 8])};" for i in range(0, len(names), 8)]

@@ -39,8 +39,8 @@ def has_array(kind: Any) -> bool:
 
 
 def kept(function: Any, **options: Any) -> Any:
-    """Return `function` compiled by Numba, with the machine code loaded from the cache on disk, or compiled at the
-    first call.
+    """Return `function` compiled by Numba. Its machine code is loaded from the cache on disk if it is there, else
+    compiled at the first call.
 
     Numba's options are nopython, and fastmath off.
 

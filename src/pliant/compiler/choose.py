@@ -126,7 +126,7 @@ def straight(
 
 
 def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
-    """Return the part of a compiled kernel's name that states its chain: the numbers of links, extensible segments,
+    """Return the part of a compiled kernel's name that describes the chain: its numbers of links, extensible segments,
     angles per joint and tendons, and whether the segments have nonlinear springs or hysteresis.
     """
     behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)

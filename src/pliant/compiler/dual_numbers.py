@@ -62,9 +62,7 @@ make_attribute_wrapper(Dual, "slopes", "slopes")
 
 
 def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
-    """Return the LLVM values of a dual number: its value and its derivatives, or None instead of the derivatives of a
-    float.
-    """
+    """Return two LLVM values: the value of a dual number and its derivatives. For a float, the second is None."""
     if kind == dual:
         return builder.extract_value(value, 0), builder.extract_value(value, 1)
     return context.cast(builder, value, kind, types.float64), None

@@ -1,4 +1,5 @@
-"""Kernels compiled for dual numbers, a value with `WIDTH` derivatives, so that they compute exact derivatives.
+"""Compilation of kernels for dual numbers, so that they compute exact derivatives. A dual number is a value with up to
+`WIDTH` derivatives.
 
 Numba is given a scalar type `dual`, a float with a `vector` of derivatives. It has the four operations by the rules of
 differentiation, mixes with floats, and has sine, cosine, exponentials, roots and powers. Comparisons use the values,

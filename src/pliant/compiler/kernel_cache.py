@@ -148,7 +148,8 @@ class KernelCache(FunctionCache):
         return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the stored machine code for a signature, or None, without the slow initialisation of Numba's compiler.
+        """Return the machine code stored for a signature, or None if none is stored. The slow initialisation of Numba's
+        compiler is avoided.
 
         Loading needs only the runtime for reference counts. The compiler is initialised when something must be
         compiled.
@@ -173,7 +174,9 @@ class KernelCache(FunctionCache):
 
 
 def fields(kind: Any) -> Any:
-    """Return the field names of a Numba record type, in their order, followed by those of the record types in it."""
+    """Return the field names of a Numba record type: first its own, then one tuple for each of its fields, which holds
+    the field names inside that field.
+    """
     parts: Any = kind if isinstance(kind, types.BaseTuple) else ()
     inside = tuple(map(fields, parts))
     return (*getattr(kind, "fields", ()), *inside)

@@ -55,7 +55,7 @@ class LlvmWriter:
             self.builder.store(self.cast(self.values[mark.row], kind), pointer)
 
     def number(self, what: str, operands: tuple[Any, ...]) -> Value:
-        """Return the LLVM value of one recorded operation, or of one number of the arguments."""
+        """Return the LLVM value of one recorded operation, or of one number among the kernel's arguments."""
         if not operands:
             return self.given(what)
         if what in ("cos", "sin"):

@@ -54,7 +54,9 @@ class Wide(types.Type):
         return Conversion.safe if isinstance(other, NUMBERS) else None
 
     def unify(self, _context: Any, other: Any) -> Any:
-        """Tell Numba that a variable, which is a float on one path and of this type on another, has this type."""
+        """Tell Numba that a variable has this type if it is a float on one branch of the code and of this type on
+        another.
+        """
         return self if isinstance(other, NUMBERS) else None
 
 
@@ -154,7 +156,7 @@ def _np_cos(x):
 
 @intrinsic
 def within(_context: Any, x: Any, limit: Any) -> Any:
-    """Return an integer whose bit k is 1 if element k of the SIMD vector |x| is at most `limit`,
+    """Return an integer whose bit k is 1 if the absolute value of element k of the SIMD vector x is at most `limit`,
     else 0 (also for NaN).
     """
 

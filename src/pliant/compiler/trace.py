@@ -1,5 +1,5 @@
-"""Recording of a kernel's operations: it is run once on symbols for n links, which gives straight-line code without
-loops.
+"""Recording of a kernel's arithmetic operations as straight-line code without loops. The kernel is run once on symbols,
+for a chain of n links.
 
 The recording has no loops over links, its intermediate results are local variables instead of array elements, and
 operations without effect on the result are dropped. The compiler sees no memory that might be shared, which halves the

@@ -20,7 +20,8 @@ ALLOCATORS = {"zeros", "empty"}
 
 
 def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = None) -> Any:
-    """Return a copy of `kernel` in which it and every pliant function that it calls are replaced by ``wrap(function)``.
+    """Return a copy of `kernel`, wrapped by `wrap`. It calls wrapped copies of the pliant functions in place of the
+    originals.
 
     `names` replaces globals by name, e.g. ``{"np": shim}`` to run a kernel on symbols.
     """
@@ -79,7 +80,8 @@ def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> di
 
 @cache
 def makes_arrays(kernel: FunctionType) -> bool:
-    """Return whether a kernel's code allocates an array or writes to a slice, which Numba may do by a copy.
+    """Return whether a kernel's code allocates an array or writes to a slice, for which Numba may allocate a temporary
+    copy.
 
     Reading a slice does not count, because no kernel returns an array.
     """

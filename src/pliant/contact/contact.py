@@ -225,8 +225,8 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
 
 
 class ContactEvent(NamedTuple):
-    """One contact: the index of its first frame, of the frame of its alarm and of the frame after its last one. Also
-    the joint torques [N m] before the contact, which are subtracted from those during it.
+    """One contact, with three frame indices: its first frame, the frame of its alarm, and the frame after its last one.
+    It also holds the joint torques [N m] before the contact, which are subtracted from those during the contact.
     """
 
     onset: int
@@ -265,8 +265,8 @@ def episodes(
 
 
 def last_zero(sums: Array, k: int) -> int:
-    """Return the index of the frame after the last zero of a cumulative sum over the frames up to frame k. Return 0
-    where the sum is never zero.
+    """Return the index of the first frame after a cumulative sum was last zero, at or before frame k. Return 0 if it
+    was never zero.
     """
     at = np.flatnonzero(sums[: k + 1] <= 0)
     return int(at[-1]) + 1 if at.size else 0

@@ -24,8 +24,8 @@ MANY = 40  # number of peaks from which the tail is the upper quartile, else the
 
 @dataclass(frozen=True)
 class Sudden:
-    """Test for forces that begin suddenly: the level that its likelihood ratio rarely exceeds without contact, and the
-    alarm threshold.
+    """Test for forces that begin suddenly: the values that its likelihood ratio rarely exceeds without contact, by
+    speed of motion, and the alarm threshold.
 
     Attributes
     ----------
@@ -115,8 +115,8 @@ class FreeMotion:
         return np.clip(frames / frames_of(LATER, self.period), 1.0, max(most, 1.0))
 
     def statistic(self, left: Array, features: Array) -> Array:
-        """Return Page's cumulative sum (T,) over T frames for the torques `left` (T, n) [N m] of n joints. It adds
-        their squares, normalised by the covariance without contact.
+        """Return Page's cumulative sum (T,) over T frames for the torques `left` (T, n) [N m] of n joints. The sum adds
+        the squares of the torques, normalised by the covariance without contact.
         """
         gain = normalised(left, self.covariance) / self.scale(features) - self.slack
         return cumulative(gain, CAP * self.threshold)
@@ -141,8 +141,8 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
 
 
 def activity(features: Array, n: int, period: float) -> Array:
-    """Return for each of T frames the largest mean square joint rate (T,) [rad^2/s^2] that the model predicts for this
-    frame and those shortly before it.
+    """Return for each of T frames the largest mean square joint rate (T,) [rad^2/s^2] that the model predicts for the
+    short time up to this frame.
     """
     power, hold = np.mean(features[:, -n:] ** 2, axis=1), frames_of(HOLD, period)
     padded = np.concatenate([np.full(hold - 1, power[0]), power])
@@ -183,7 +183,9 @@ def cumulative(gain: Array, cap: float = np.inf) -> Array:
 
 
 def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: list[Array], rate: float) -> Sudden:
-    """Return the test for sudden forces, with a threshold that is crossed `rate` times per hour without contact."""
+    """Return the test for sudden forces, fitted to likelihood ratios without contact. Its alarm threshold is the one
+    that they exceed `rate` times per hour.
+    """
     ratio, case = np.concatenate(ratios), answer.case(np.concatenate(motions))
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
     enough = 2 * frames_of(BLOCK, answer.period)
@@ -250,8 +252,8 @@ def fit_free_motion(
 
 
 def changes(left: list[Array], active: list[Array], growth: float, period: float) -> tuple[float, Array]:
-    """Fit the residual torques of n joints as a fraction of those half a second earlier plus a random change. Return
-    the fraction, and the covariance (n, n) [N^2 m^2] of the change.
+    """Fit a model of the residual torques of n joints: a fraction of their values half a second earlier plus a random
+    change. Return the fraction, and the covariance (n, n) [N^2 m^2] of the change.
     """
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])

@@ -75,7 +75,7 @@ def windows_of(period: float) -> list[int]:
 
 def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
     """Return the response of the filter's innovations to a step of the joint torques, for each mean square joint rate
-    in `MOTIONS`. The rate only affects the noise of the filter; the body is in equilibrium.
+    in `MOTIONS`. The body is linearised at rest: only the filter's assumed noise depends on the joint rate.
     """
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]

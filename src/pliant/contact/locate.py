@@ -105,11 +105,14 @@ def locate(
     """
     n, size = model.n, model.size
     shapes = [np.shape(a) for a in (angle, torque, covariance)]
-    if shapes != [(size,), (size,), (size, size)] or not friction > 0:
+    if shapes != [(size,), (size,), (size, size)]:
         strains = f" and {size - n} strains" if size > n else ""
         raise InputError(
-            f"locate needs {n} angles{strains}, {size} torques, their covariance ({size}, {size}), and friction above 0"
+            f"locate needs {n} angles{strains}, {size} torques and their covariance ({size}, {size}), got shapes "
+            f"{shapes[0]}, {shapes[1]} and {shapes[2]}"
         )
+    if not friction > 0:
+        raise InputError(f"locate needs a coefficient of friction above 0, got {friction}")
     try:
         whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:

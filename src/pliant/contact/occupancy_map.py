@@ -23,7 +23,8 @@ DEPTH = 2.0e-3  # m behind a touched surface that count as solid
 
 @dataclass(frozen=True)
 class ProbingContacts:
-    """Evidence of one recording for an occupancy map: where the body moved freely, and the surface points it touched.
+    """Evidence of one recording for an occupancy map: centrelines of the moving body, and surface points that it
+    touched.
 
     Attributes
     ----------
@@ -45,7 +46,8 @@ class ProbingContacts:
 
 
 def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: float = 0.02) -> ProbingContacts:
-    """Return the touched surface points, their normals and the swept curves from a result of `find_contact`.
+    """Return the touched surface points, their normals, and the body's centreline in every frame, from a result of
+    `find_contact`.
 
     Parameters
     ----------
@@ -141,10 +143,10 @@ def map_contacts(
         chart.attrs["stiffness"]                                   # N/m
         save_map(chart, "chart.nc"), save_map(chart, "chart.csv")
     """
-    if not pokes or not cell > 0:
-        raise InputError(
-            f"a map needs at least one recording of contacts and a cell above 0, got {len(pokes)} and {cell} m"
-        )
+    if not pokes:
+        raise InputError("a map needs the contacts of at least one recording, got none: pass results of find_contact")
+    if not cell > 0:
+        raise InputError(f"the cell of a map must be larger than 0 m, got {cell} m")
     probed = [p if isinstance(p, ProbingContacts) else probing_contacts_of(p, half_width=half_width) for p in pokes]
     x, y = axes(probed, cell, margin + half_width)
     odds = np.zeros((y.size, x.size))
@@ -208,8 +210,9 @@ def refined_curves(curve: Array, cell: float) -> Array:
 
 
 def touch_log_odds(contacts: ProbingContacts, x: Array, y: Array) -> Array:
-    """Return the log-odds of occupancy, one number per map cell (y, x), from touched surface points. They are raised
-    behind each point. The less certain its position, the wider and lower they are.
+    """Return the log-odds of occupancy, one number per map cell (y, x), from touched surface points. They are positive
+    behind each point and 0 far from all points. The less certain a point's position, the wider and lower the raised
+    region.
 
     Touches of one recording share the model's errors and are not independent, so that a cell gets the strongest one.
     """

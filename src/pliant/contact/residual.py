@@ -41,11 +41,15 @@ def momentum_residual(
     Source: De Luca and Mattone (2003); hysteresis of the joints counts as external here
     """
     T, n = np.shape(angle)
-    if np.shape(rate) != (T, n) or np.shape(pressure)[:1] != (T,) or np.shape(time) != (T,) or not bandwidth > 0:
+    if np.shape(rate) != (T, n):
+        raise InputError(f"the rates must have the shape {(T, n)} of the angles, got {np.shape(rate)}")
+    if np.shape(pressure)[:1] != (T,) or np.shape(time) != (T,):
         raise InputError(
-            f"the observer needs angles and rates of one shape, got {np.shape(angle)} and {np.shape(rate)}, {T} times, "
-            "pressures at these times and a bandwidth above 0"
+            f"the observer needs a time and a pressure for each of {T} rows of angles, got the shapes {np.shape(time)} "
+            f"and {np.shape(pressure)}"
         )
+    if not bandwidth > 0:
+        raise InputError(f"the bandwidth of the observer must be above 0 1/s, got {bandwidth}")
     body, joints, _ = mechanics_of(fixed_length(model)).parts()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
@@ -84,7 +88,7 @@ def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
     """
     if np.shape(angle)[1:] != (model.size,):
         counted = mechanics_of(model).counted
-        raise InputError(f"shapes at rest must hold {counted}, (T, {model.size}), got {np.shape(angle)}")
+        raise InputError(f"each shape at rest must hold {counted}, (T, {model.size}), got shape {np.shape(angle)}")
     tau = joint_torques_over(model.actuation, pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]

@@ -180,11 +180,7 @@ def design_outputs(
         time.
     """
     wanted = np.asarray(wanted, dtype=float)
-    if wanted.ndim != 2 or wanted.shape[1] != len(outputs) or not len(wanted) or not np.isfinite(wanted).all():
-        raise InputError(
-            f"the reference must be finite numbers of shape (K, {len(outputs)}): a row for each of K periods and a "
-            f"column for each output, got shape {wanted.shape}"
-        )
+    check_reference(wanted, len(outputs))
     check_followed(model)
     tuning, highest = tuning or Tuning(), limits.each(model.actuation.count)
     weight = output_weights(model, outputs)
@@ -212,6 +208,17 @@ def design_outputs(
     if path:
         look_ahead(made)
     return made
+
+
+def check_reference(wanted: Array, outputs: int) -> None:
+    """Raise InputError unless a reference is finite and has the shape (K, outputs), with one row for each period."""
+    if wanted.ndim != 2 or wanted.shape[1] != outputs or not len(wanted):
+        raise InputError(
+            f"the reference must have the shape (K, {outputs}), with a row for each of K periods and a column for each "
+            f"output, got shape {wanted.shape}"
+        )
+    if bad := int((~np.isfinite(wanted)).sum()):
+        raise InputError(f"the reference must be finite, but {bad} of its {wanted.size} numbers are not: correct them")
 
 
 def design_lqr(
@@ -285,8 +292,8 @@ def between(rows: Array, knots: Array, values: list[Array]) -> Array:
 
 
 def look_ahead(design: LqrDesign) -> None:
-    """Compute, for each period, how the commands anticipate the later reference. Write the addition to the steady
-    pressures to `design.lead`, and the gradient of the cost with respect to the state to `design.ahead`.
+    """Compute, for each period, how the commands anticipate the later reference. `design.lead` receives the pressures
+    to be added to the steady ones, and `design.ahead` the gradient of the cost with respect to the state.
 
     s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`.
     """

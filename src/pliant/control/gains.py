@@ -63,9 +63,9 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     r = int(np.sum(size > DRIVEN * size[0])) if size[0] > 0 else 0
     if r == 0:
         raise InputError(
-            f"at rest under {rest.pressure.max() * 1e-3:.4g} kPa a small pressure does not move the tip or another "
-            "output of the task, as with a torque law without linear term: fit the model with the linear term "
-            "torque_1, or choose other outputs"
+            f"at rest under {rest.pressure.max() * 1e-3:.4g} kPa a small pressure does not move the tip or any other "
+            "output of the task, which happens if the torque law has no linear term: fit the model with the linear "
+            "term torque_1, or choose other outputs"
         )
     basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)
@@ -90,7 +90,7 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
 def with_integrals(
     A: Array, B: Array, Q: Array, tip: Array, period: float, worth: float
 ) -> tuple[Array, Array, Array]:
-    """Return the system matrices A, B and the weight Q extended by the integrals of r outputs as last states.
+    """Return the system matrices A, B and the weight Q after r states are appended: the time integrals of r outputs.
 
     `tip` (r, N) are the outputs as rows of the state, and `worth` is the weight of the integrals.
     """

@@ -6,8 +6,8 @@ from pliant.equations.linearised import step_jacobian
 
 
 def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
-    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives with respect to N
-    command parameters to `slopes` (K, r, N).
+    """Write a valve's r states at the ends of K periods to `values` (K, r), and their derivatives with respect to the
+    commands at the N node times of a plan to `slopes` (K, r, N).
 
     Each period begins under the previous command and ends under the next one: `sent` (K + 1,) holds the commands in
     order, and `by_node` (K + 1, N) their derivatives. `pieces` are (A, B), of shapes (2, 2, r, r) and (2, 2, r): the
@@ -42,7 +42,8 @@ def valve_ahead(sent, by_node, pieces, state, scratch, values, slopes):
 
 def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
     """Integrate the motion of N coordinates over K steps of `h` [s]. Write positions to `places` (K, N), rates to
-    `rates` (K, N) and the Jacobian of each step to `jacobians`.
+    `rates` (K, N), and to `jacobians` the derivatives of the state after each step
+    with respect to the state before it and the torques.
 
     `x` and `v` (N,) are updated in place. `torque` (K, N + R) [N m] is held over each step, with tendon commands last.
     The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, work,

@@ -99,16 +99,16 @@ class Lqr:
 
     @property
     def target(self) -> float | Array:
-        """Present target. If one chamber moves the tip along its path, this is the displacement of the tip [m].
-        Otherwise it is the change from rest of each of m outputs (m,), such as a tip coordinate [m] or an angle [rad].
+        """Present target. For a controller of the tip displacement by one chamber, this is that displacement [m].
+        For a controller of m outputs it is their change from rest (m,), such as of a tip coordinate [m] or angle [rad].
         """
         along = self.design.along
         return self.design.wanted[self.period].copy() if along is None else float(along[0][self.period])
 
     @property
     def error(self) -> float | Array:
-        """Control error at the last step, actual value minus target. If one chamber moves the tip along its path, this
-        is the error of the tip along the path [m]. Otherwise it is the error of each of m outputs (m,) [m or rad].
+        """Control error at the last step, actual value minus target. For a controller of the tip displacement by one
+        chamber, this is one error [m]. For a controller of m outputs it is the error of each (m,) [m or rad].
         """
         along = self.design.along
         return self._off.copy() if along is None else float(along[1][self.period] @ self._off)

@@ -37,11 +37,17 @@ class SetPoint:
 
     def __init__(self, time: Array, displacement: Array, ramp: float = 0.03) -> None:
         self.time, self.level = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
-        good = self.time.ndim == 1 and self.time.shape == self.level.shape and self.time.size > 0
-        if not good or np.any(np.diff(self.time) <= 0) or not np.isfinite(self.level).all() or ramp < 0:
+        if self.time.ndim != 1 or self.time.shape != self.level.shape or self.time.size == 0:
             raise InputError(
-                "a set-point needs increasing times (s), the same number of finite displacements (m), and a ramp >= 0 s"
+                "a set-point needs one displacement (m) for each time (s), got displacements of shape "
+                f"{self.level.shape} and times of shape {self.time.shape}"
             )
+        if np.any(np.diff(self.time) <= 0):
+            raise InputError("the times of a set-point must increase: sort them, and state each time once")
+        if not np.isfinite(self.level).all():
+            raise InputError(f"the displacements of a set-point must be finite (m), got {self.level}")
+        if ramp < 0:
+            raise InputError(f"the ramp of a set-point must be >= 0 s, got {ramp:g}")
         self.ramp = ramp
 
     def __call__(self, time: float) -> float:
@@ -123,8 +129,8 @@ class Plan:
 
     @property
     def several(self) -> bool:
-        """Whether the task controls named outputs, such as tip coordinates. If not, one chamber moves the tip along its
-        path.
+        """Whether the task controls named outputs, such as tip coordinates. If not, it controls the tip
+        displacement by one chamber.
 
         It is True for several inputs, for a body that lengthens and for one in space.
         """
@@ -152,10 +158,11 @@ class Plan:
         if not self.several:
             return levels[:, None] if self.family else levels
         if not task.outputs or levels.ndim != 2 or levels.shape[1] != len(task.outputs):
-            names = self.body.actuation.listing
+            several = f"has several chambers ({self.body.actuation.listing})" if self.body.actuation.count > 1 else None
+            why = several or ("is in space" if self.body.space else "lengthens")
             raise InputError(
-                f"a task for several chambers ({names}), for a body that lengthens or for one in space must name its "
-                "outputs and give a value of each (tip_x_mm, tip_y_mm, tip_z_mm, angle_deg in a task file)"
+                f"model {self.body.name!r} {why}, so its task must name outputs and give a value of each (tip_x_mm, "
+                "tip_y_mm, tip_z_mm, angle_deg in a task file)"
             )
         return levels
 
@@ -179,8 +186,8 @@ class Plan:
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
 
     def planned(self) -> Trajectory | None:
-        """Return a planned trajectory of the tip within the limits, or None if the task needs none. The tip moves to
-        the task's set-points as fast as possible, or along its path.
+        """Return a planned trajectory of the tip within the limits, or None if the task needs none. If the task states
+        a path, the tip follows it. Otherwise it moves as fast as possible to each set-point.
         """
         task = self.task
         if self.several or not task.planned or self.follows == "levels":

@@ -196,10 +196,9 @@ def calibration(
         return body, LinkAngles(body, arc_length)
     if not rides:
         raise InputError(
-            f"model {model.name!r} lengthens, and a dense curve does not show which points belong to which link: use a "
-            "plant whose points are material points (rides = True), or a Pipeline of the stations, a KalmanFilter, and "
-            "an Lqr or Mpc "
-            "with design_outputs"
+            f"model {model.name!r} lengthens, so it needs a plant that measures material points of the body "
+            "(rides = True), but this one measures points on a curve: use markers, or build a Pipeline of the "
+            "stations, a KalmanFilter, and an Lqr or Mpc with design_outputs"
         )
     if seeing.fixed_length:
         raise InputError(

@@ -308,9 +308,9 @@ def limit_aware(
         if found.settles:
             return tuned, replace(found, wanted_effort=task.tuning.effort)
     within = range_of(limits, setting.body.actuation.units[0])
-    tried = f"with any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "as it is tuned"
+    tried = f"any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "its present tuning"
     raise InputError(
-        f"the loop does not settle within {within} {tried}: simulated on its own "
-        f"model it ends {found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow "
-        "faster changes of the command, command smaller steps, or fit a model with more damping"
+        f"the loop does not settle in a simulation of its own model, with commands of {within} and {tried}: it ends "
+        f"{found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow faster changes "
+        "of the command, command smaller steps, or fit a model with more damping"
     )

@@ -136,8 +136,8 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
     raise InputError(
-        f"a change of {said} (m, rad) from rest is out of reach of the chambers: the nearest that the model reaches is "
-        f"{best}, under {written(model, rest.pressure)}"
+        f"a change of {said} (m, rad) from rest is out of reach of the chambers: choose one near the closest that the "
+        f"model reaches, {best}, under {written(model, rest.pressure)}"
     )
 
 

@@ -93,8 +93,13 @@ class Planner:
         self, model: Model, family: Equilibria, limits: Limits, period: float, *, latency: float = 0.0,
         valve: SupplyValve | None = None, share: float = 0.9, slack: float = 1.25,
     ) -> None:
-        if not (0.0 < share <= 1.0 and slack >= 1.0):
-            raise InputError(f"a planned trajectory needs 0 < share <= 1 and slack >= 1, got {share} and {slack}")
+        if not 0.0 < share <= 1.0:
+            raise InputError(
+                f"share, the fraction of the highest pressure for a trajectory, must be above 0 and at most 1, got "
+                f"{share}"
+            )
+        if not slack >= 1.0:
+            raise InputError(f"slack, the duration of a step over the shortest one, must be at least 1, got {slack}")
         self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
         self.period, self.latency, self.slack = period, latency, slack
         self.valve = valve or supply_of(model.valve)

@@ -74,8 +74,8 @@ def check_followed(model: Model) -> None:
     for chamber in model.chambers:
         if name := next((n for n in ("settle_share", "dead_band", "opening_time") if getattr(chamber.valve, n)), ""):
             raise InputError(
-                f"controllers do not support a valve with {name}, as chamber {chamber.name!r} of model {model.name!r} "
-                f"has: give the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
+                f"chamber {chamber.name!r} of model {model.name!r} has a valve with {name}, which controllers do not "
+                f"support: give the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
             )
 
 
@@ -202,16 +202,18 @@ def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Arr
 def _checked(run: ValveRun) -> ValveRun:
     made = ValveRun(*(np.asarray(part, dtype=float) for part in (run.edge_time, run.level, run.time, run.pressure)))
     sizes = made.edge_time.size, made.level.size, made.time.size, made.pressure.size
-    whole = made.edge_time.size > 0 and sizes[0] == sizes[1] and sizes[2] == sizes[3] > 0
-    if not whole or not all(np.isfinite(part).all() for part in (made.edge_time, made.level, made.time, made.pressure)):
+    if not (sizes[0] == sizes[1] > 0 and sizes[2] == sizes[3] > 0):
         raise InputError(
-            "a run for a valve needs as many edges (s) as levels (Pa), and as many readings as times, all finite; got "
+            "a run for a valve needs as many edges (s) as levels (Pa), and as many readings as times; got "
             f"{sizes[0]} edges, {sizes[1]} levels, {sizes[2]} times, {sizes[3]} readings"
         )
-    if not made.level.max() > 0 or np.any(np.diff(made.edge_time) <= 0):
-        raise InputError(
-            "the times of the edges of a run for a valve must increase, and at least one level must be > 0 Pa"
-        )
+    for name in ("edge_time", "level", "time", "pressure"):
+        if not np.isfinite(getattr(made, name)).all():
+            raise InputError(f"{name} of a run for a valve must be finite: remove or correct the other values")
+    if not made.level.max() > 0:
+        raise InputError("at least one level of a run for a valve must be > 0 Pa, but none is: command a pressure step")
+    if np.any(np.diff(made.edge_time) <= 0):
+        raise InputError("edge_time of a run for a valve must increase: sort the steps of the command by time")
     return made
 
 

@@ -22,7 +22,7 @@ LEAST_LINKS = 4
 
 def step_articulated(phi, w, h, torque, body, joints, work):
     """Advance link angles phi (n,) [rad] and rates w (n,) [rad/s] in place by one step h [s], in O(n) operations. The
-    result equals that of `motion.step`.
+    result equals that of `motion.step`, which uses the full inertia matrix.
 
     `torque` (n,) [N m] is the mean actuation torque of each joint over the step. Chains of fewer than 4 links are
     passed to `motion.step`, because the rows of `work.A` and `work.S`, which hold the intermediate results, are too

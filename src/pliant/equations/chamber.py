@@ -137,8 +137,8 @@ def inflated_interval(h, p, y, chamber):
 
 
 def inflated(h, p, y, chamber):
-    """Return y, the hoop stretch of the wall to the fourth power, after h [s] at constant pressure p [Pa], from its
-    value `y` at the start.
+    """Return the hoop stretch of the wall to the fourth power after h [s] at constant pressure p [Pa], from its value y
+    at the start.
 
     An exponential Euler step with the slope of `wall_rate`: exact for a neo-Hookean wall, of second order in h for a
     Gent wall.

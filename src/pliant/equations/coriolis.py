@@ -29,8 +29,8 @@ def coriolis_from_hessian(J, H, m, J_tip, H_tip, m_tip, dq, C):
 
 
 def inertia_derivative(J, H, m, tip, at):
-    """Return dM_ab/dq_r [kg m^2/rad], one derivative of the inertia matrix by a joint angle, for indices `at` = (a, b,
-    r).
+    """Return the derivative dM_ab/dq_r [kg m^2/rad] of an entry of the inertia matrix with respect to a joint angle.
+    `at` holds the indices (a, b, r).
 
     `tip` is (J_tip, H_tip, m_tip): Jacobian, Hessian and mass [kg] of the cap at the tip.
 

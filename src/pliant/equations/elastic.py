@@ -11,8 +11,8 @@ TWO_THIRDS = 2.0 / 3.0
 
 
 def spring_torque(i, joints, q, bend):
-    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i. Both q and `bend` [rad]
-    are the joint angle from the rest shape, but hysteresis shifts the zero of q.
+    """Return the torque K q + K2 bend^2 + K3 bend^3 [N m] of the nonlinear spring of joint i. `bend` [rad] is the joint
+    angle from the rest shape. q [rad] is the same angle, but measured from a zero that hysteresis shifts.
 
     q and `bend` are scalars or arrays; without hysteresis they are equal. The number of terms beyond K q is `TERMS`.
     With K2 = K s and K3 = K a the torque is K q (1 + s q + a q^2), which softens (s < 0) and then stiffens (a > 0) with
@@ -49,8 +49,9 @@ def spring_slope(i, joints, bend):
 
 
 def spring_slope_between(i, joints, bend, change):
-    """Return the derivative [N m/rad], by the joint angle `bend` [rad], of the spring torque that an implicit time step
-    uses: torque + slope * `change` / 2, where torque and slope are those at `bend`.
+    """Return the derivative [N m/rad] of a joint's linearised spring torque with respect to the joint angle `bend`
+    [rad]. The linearised torque, which an implicit time step uses, is torque + slope * `change` / 2, with the spring's
+    torque and slope at `bend`.
 
     `bend` [rad] is the angle at which the step evaluates the spring, `change` [rad] twice the further turn of the joint
     to the angle that the step finds.
@@ -70,8 +71,8 @@ def spring_slope_between(i, joints, bend, change):
 
 
 def spring_energy(i, joints, q, bend):
-    """Return the elastic energy [J] of the nonlinear spring of joint i. Both q and `bend` [rad] are the joint angle
-    from the rest shape, but hysteresis shifts the zero of q.
+    """Return the elastic energy [J] of the nonlinear spring of joint i. `bend` [rad] is the joint angle from the rest
+    shape. q [rad] is the same angle, but measured from a zero that hysteresis shifts.
 
     K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4, with q, bend and r as in `spring_torque`.
     """

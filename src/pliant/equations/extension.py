@@ -158,8 +158,8 @@ def acceleration(x, v, torque, body, joints, work, a):
 
 
 def axial_forces(x, v, joints, torque, ahead, f):
-    """Write the net force of actuation, spring and damper along each of S strains, times the segment's length [N m], to
-    f (n + S,), behind the n entries of the link angles.
+    """Write the net axial force of actuation, spring and damper in each of S segments, times the segment's length [N
+    m], to the last S entries of f (n + S,).
 
     The law of the springs is that of the joints, with the strain in the place of the angle: EA e (1 + s e + a e^2) with
     bounded softening, see `elastic.spring_torque`. `ahead` [s] extrapolates x along the rates v.

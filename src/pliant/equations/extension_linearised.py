@@ -18,7 +18,7 @@ from pliant.numerics.ldl import ldl_solve
 
 def step_jacobian(x, v, h, torque, body, joints, work, J):
     """Advance coordinates x (N,) and rates v (N,) in place by one step h [s]. Write the derivatives of the new x and v
-    (columns) by the old x, the old v and the torques (rows) to J (3N, 2N).
+    (columns) with respect to the old x, the old v and the torques (rows) to J (3N, 2N).
 
     `extension.step` makes the same step without derivatives. N = n + S, for n link angles and S strains.
 
@@ -65,8 +65,8 @@ def step_jacobian(x, v, h, torque, body, joints, work, J):
 
 
 def other_rates(h, body, work, row):
-    """Subtract from `row` (N,), part of a row of the step's Jacobian, the change of the impulse [N m s] of the inertial
-    forces over the step when the rates v change by work.t (N,).
+    """Subtract a change of the impulse [N m s] of the inertial forces over a time step from `row` (N,), a part of a row
+    of the step's Jacobian. It is the change that follows when the rates v change by work.t (N,).
 
     work.t is overwritten.
 
@@ -85,8 +85,8 @@ def other_rates(h, body, work, row):
 
 
 def moved_middles(v, h, body, work, J):
-    """Write the derivatives of the step's residuals by the mid-step coordinates to the first N rows of its Jacobian J
-    (3N, 2N).
+    """Write the derivatives of the residuals of a time step's equations with respect to the mid-step coordinates to the
+    first N rows of the step's Jacobian J (3N, 2N).
 
     The rows hold the right-hand sides of both solves of `step_jacobian`.
 
@@ -113,7 +113,8 @@ def moved_middles(v, h, body, work, J):
 
 
 def met(k, h, a, body, work):
-    """Return the change of the velocity of link k over a step of h [s], across the link and along the link.
+    """Return the change of the velocity of link k's tip relative to the link's start over a step of h [s], divided by
+    the link's unstretched length [1/s]: the component across the link and that along it.
 
     This is h times the acceleration at constant rates `work.v`, plus the part of the change a (N,) of the rates.
     """
@@ -132,8 +133,8 @@ def met(k, h, a, body, work):
 
 
 def own_directions(h, a, body, work, J, o):
-    """Add to the step's Jacobian J the change of each link's own directions. The step projects the force on a link on
-    these directions, which turn and stretch with the link.
+    """Add the effect of the changing directions of the links to the step's Jacobian J. The step projects the force on
+    each link onto the directions across and along this link, which turn and stretch with it.
 
     The force is b - h h_k g, projected on the link's own directions n_k and e_k.
 
@@ -161,8 +162,8 @@ def own_directions(h, a, body, work, J, o):
 
 
 def other_links(row, h, a, body, work):
-    """Write the derivatives of the velocity changes of all links in a time step, by coordinate number `row`, to work.ax
-    and work.ay (n + 1,).
+    """Write the derivatives of each link's velocity change in a time step with respect to the coordinate number `row`,
+    as x and y components, to work.ax and work.ay (n + 1,).
 
     The velocity change of link k is that of `met`.
     """

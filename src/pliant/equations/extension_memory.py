@@ -122,8 +122,9 @@ def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
 
 
 def axial_agreement(v, h, axial, past, work, calm):
-    """Return the largest mismatch, over all segments, between the hysteresis force that a time step assumed and that
-    after the step, divided by EA (a strain). Replace the assumed strain changes by those of the step.
+    """Return the largest error, over all segments, of the hysteresis force that a time step assumed, divided by EA (a
+    strain): its difference from the force at the segments' actual strain changes. Correct the assumed changes for the
+    next iteration.
 
     `memory.agreement` is the function for the joints.
     """

@@ -13,7 +13,7 @@ from pliant.numerics.ldl import ldl_solve
 
 def step_jacobian(phi, w, h, torque, body, joints, work, J):
     """Advance link angles phi (n,) and rates w (n,) in place by one step h [s]. Write the derivatives of the new phi
-    and w (columns) by the old phi, the old w and the joint torques (rows) to J (3n, 2n).
+    and w (columns) with respect to the old phi, the old w and the joint torques (rows) to J (3n, 2n).
 
     `motion.step` makes the same step without derivatives.
 
@@ -57,8 +57,8 @@ def step_jacobian(phi, w, h, torque, body, joints, work, J):
 
 
 def turned_directions(w, h, body, work, J):
-    """Write the derivatives of the step's residuals by the mid-step link angles to the first n rows of its Jacobian J
-    (3n, 2n).
+    """Write the derivatives of the residuals of a time step's equations with respect to the mid-step link angles to the
+    first n rows of the step's Jacobian J (3n, 2n).
 
     The rows hold the right-hand sides of both solves of `step_jacobian`.
 
@@ -89,7 +89,8 @@ def turned_directions(w, h, body, work, J):
 
 
 def tridiagonal_terms(phi, w, h, joints, work, J):
-    """Add the derivatives of joint springs, dampers and torques to the residuals' derivatives in the step's Jacobian J.
+    """Add the terms of joint springs, dampers and torques to the step's Jacobian J (3N, 2N), which at this stage holds
+    the derivatives of the residuals of the step's equations.
 
     They belong to both right-hand sides of `step_jacobian`.
 

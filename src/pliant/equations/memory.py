@@ -23,8 +23,8 @@ AGREE = 1e-12  # rad, tolerance between the r that the step used and the r of th
 
 
 def creep_lines(q, h, state, memory, slope, offset):
-    """Write the creep torque of each joint, divided by the joint's stiffness K, as a linear function of its mid-step
-    angle, for a step of h [s]: `slope` (n,) and `offset` (n,) [rad].
+    """Write the slope (n,) and the offset (n,) [rad] of each joint's creep torque, divided by the joint's stiffness K,
+    as a linear function of the joint's mid-step angle, for a step of h [s].
 
     r = slope q_m + offset in the mid-step angle q_m. The implicit midpoint rule gives
 
@@ -59,8 +59,8 @@ def friction_line(e, q, dq, share, limit):
 
 
 def friction_lines(q, dq, state, memory, slope, offset):
-    """Add slip elements and Bouc-Wen to `slope` (n,) and `offset` (n,) [rad]: the hysteresis torque of each joint,
-    divided by its stiffness K, as a linear function of its mid-step angle.
+    """Add the contributions of slip elements and Bouc-Wen to the slope (n,) and the offset (n,) [rad] of each joint's
+    hysteresis torque, divided by the joint's stiffness K, as a linear function of its mid-step angle.
 
     `creep_lines` writes slope and offset before.
 
@@ -109,8 +109,8 @@ def boucwen_decay(z, dq, memory):
 
 
 def decay_along(goal, turn, memory):
-    """Return the relative decay of a Bouc-Wen state in a time step. `goal` [rad] >= 0 is its absolute value in mid-step
-    if it did not decay; `turn` [rad] is the joint's turn in the direction of the state.
+    """Return the relative decay of a Bouc-Wen state in a time step. `goal` [rad] >= 0 is the absolute value that the
+    state would have in mid-step without decay. `turn` [rad] is the joint's turn in the direction of the state.
 
     `goal` = |z_m| (1 + x) and `turn` is the part of dq along z_m, with z_m and x as in `boucwen_decay`.
     """
@@ -301,8 +301,8 @@ def hold_start(phi, w, h, joints, held):
 
 
 def agreement(w, h, past, work, calm):
-    """Return the largest mismatch, over all joints, between the hysteresis torque that a time step assumed and that
-    after the step, divided by K [rad]. Replace the assumed joint turns by those of the step.
+    """Return the largest error, over all joints, of the hysteresis torque that a time step assumed, divided by K [rad]:
+    its difference from the torque at the joints' actual turns. Correct the assumed turns for the next iteration.
 
     `update_turn` replaces the turns. The result is NaN where the step failed.
     """
@@ -318,9 +318,9 @@ def agreement(w, h, past, work, calm):
 
 
 def update_turn(i, turn, law, past, calm):
-    """Write the turn of joint i in a time step to held.dq[i], and return how much its hysteresis torque, divided by K
-    [rad], differs from the step's assumption. If it differs and `calm` is true, write the mean of this and the assumed
-    turn.
+    """Write the turn of joint i in a time step to held.dq[i]. Return the difference between the joint's hysteresis
+    torque at this turn and the torque that the step assumed, divided by K [rad]. If they differ and `calm` is true,
+    write the mean of the given and the assumed turn instead.
 
     The difference is that between the step's assumption and the `law` at this turn. For a segment, the turn is the
     change of its strain.
@@ -334,8 +334,8 @@ def update_turn(i, turn, law, past, calm):
 
 
 def apart_by(i, turn, memory, state, held):
-    """Return the hysteresis torque of joint i that a time step assumed, less that at the joint's actual `turn` [rad] in
-    the step, both divided by the stiffness K [rad].
+    """Return the difference between two hysteresis torques of joint i, divided by the stiffness K [rad]: the torque
+    that a time step assumed minus that at the joint's actual `turn` [rad] in the step.
     """
     P = len(memory.creep_share)
     S = len(memory.slip_share)

@@ -58,8 +58,8 @@ def position(axis, link, along, across, links):
 
 
 def point_slope(axis, place, chain, links, row):
-    """Write the derivatives of a point's x or y position [m] by n link angles and S strains to `row` (n + S,); `place`
-    is (link, along, across).
+    """Write the derivatives of a point's x or y position [m] with respect to n link angles and S strains to `row` (n +
+    S,). `place` holds the index of the point's link and the distances [m] along and across this link.
 
     The position is that of `position`.
     """

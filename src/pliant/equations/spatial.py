@@ -81,8 +81,8 @@ def pose_links(x, body, work):
 
 
 def swing(k, a, b, work):
-    """Write the rotation of link k after its joint swings by the rotation vector (a, b, 0) [rad], and the axes of a and
-    b, to `work`.
+    """Write the rotation of link k after its joint swings by the rotation vector (a, b, 0) [rad] to `work`. Also write
+    the axes about which the link turns when a or b changes.
 
     k counts from 0. `work.P` holds the frame of the joint before the swing.
     """
@@ -264,8 +264,8 @@ def inertial_forces(x, v, body, work, f):
 
 
 def swing_rates(k, x, v, work):
-    """Add the swing of joint k to the angular velocity and acceleration in `work`, which are summed over the joints
-    from base to tip.
+    """Add the contribution of the swing of joint k to the angular velocity and the angular acceleration in `work`. Both
+    are summed over the joints from base to tip.
 
     In the frame of the joint, at constant rates (da, db) of the swing, the derivative of J_l dv/dt by time is
     kappa (d3 b + c3 db, -(d3 a + c3 da), d2), with kappa = a db - b da and d_j the rate of c_j.

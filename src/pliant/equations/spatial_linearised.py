@@ -12,7 +12,8 @@ TINY = 1e-20  # imaginary step: its square vanishes beside 1
 
 def step_jacobian(x, v, h, torque, body, joints, work, slopes):
     """Advance coordinates x (N,) and rates v (N,) in place by one step h [s]. Write the derivatives of the new x and v
-    (columns) by the old x, the old v, the torques and the inputs of R tendons (rows) to slopes.J (3N + R, 2N).
+    (columns) with respect to the old x, the old v, the torques and the inputs of R tendons (rows) to slopes.J (3N + R,
+    2N).
 
     `spatial.step` makes the same step without derivatives.
 

@@ -86,8 +86,8 @@ def ratio_of(i, joints):
 
 
 def write_lines(h, joints, past):
-    """Write the hysteresis torque of each of m joint coordinates, divided by its stiffness K, to held.line (m, 3) as a
-    linear function of the mid-step coordinates.
+    """Write the hysteresis torque of each of m joint coordinates, divided by its stiffness K, as a linear function of
+    the mid-step coordinates to held.line (m, 3): an offset [rad] and two slopes.
 
     held.dq (m,) [rad] is the assumed motion over the step of h [s].
 
@@ -192,8 +192,8 @@ def step_with_memory(x, v, h, torque, body, joints, past, work):
 
 
 def disagreement(v, h, joints, past, work, calm):
-    """Return the largest mismatch, over all joints, between the hysteresis torque that a time step assumed and that
-    after the step, divided by K [rad]. Replace the assumed motion by that of the step.
+    """Return the largest error, over all joints, of the hysteresis torque that a time step assumed, divided by K [rad]:
+    its difference from the torque at the joints' actual motion. Correct the assumed motion for the next iteration.
 
     Where an element slips, the change of its direction from the guess counts too. Writes the motion of the step to
     held.dq, or its mean with the previous one if `calm` and not yet converged. The result is NaN where the step failed.
@@ -221,8 +221,8 @@ def disagreement(v, h, joints, past, work, calm):
 
 
 def gap(i, k, da, db, ratio, h, past):
-    """Return the mismatch between the hysteresis torque of one joint that a time step assumed and that after the step,
-    divided by K [rad]. The joint's coordinates i and k move by da and db [rad].
+    """Return the error of the hysteresis torque that a time step assumed for one joint, divided by K [rad]: its
+    difference from the torque when the joint's coordinates i and k move by da and db [rad].
 
     `disagreement` takes the largest of these.
 

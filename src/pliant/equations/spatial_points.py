@@ -23,8 +23,8 @@ def point_position(link, aside, across, along, work, p):
 
 
 def point_slope(link, along, p, body, work, J):
-    """Write the derivatives J (3, N) of a point's position by the N coordinates. The point is at p (3,) [m], `along`
-    [m] on its link.
+    """Write the derivatives of a point's position with respect to the N coordinates to J (3, N). The point's position
+    is p (3,) [m], and its distance along its link is `along` [m].
 
     The column of an angle is s x (p - r), that of a strain the sum of a_ks l_k z_k over all links before the point.
     """

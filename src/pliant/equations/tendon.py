@@ -71,8 +71,9 @@ def swing_angle(k, x):
 
 
 def slip(r, x, v, body, work):
-    """Write the direction in which tendon r slips at each of n joints to work.run[r]: 1 towards the base, -1 towards
-    the tip. Write the derivative [s/m] of the exponent of capstan friction by the slip speed to work.ease[r].
+    """Write the slip direction of tendon r at each of n joints to work.run[r], from -1 (towards the tip) to 1 (towards
+    the base). Write the derivative [s/m] of the exponent of capstan friction with respect to the slip speed to
+    work.ease[r].
 
     run = w / sqrt(w^2 + w_0^2), and ease is mu theta times d(run)/dw. Here w [m/s] is the rate at which the length from
     the middle of a joint's arc to the end of the tendon shortens, at rates v (N,), and w_0 is the slip rate. Without
@@ -174,8 +175,8 @@ def forces_at_rest(x, torque, body, joints, work, forces):
 
 
 def start_tensions(x, torque, body, work):
-    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,). Set work.slope (R,),
-    which holds the tension slopes of the last iteration, to -1: there is no iteration yet.
+    """Write the signed forces [N] of all R tendons at the start of a step to work.start (R,). Set work.slope (R,), the
+    tension slopes of the last iteration, to -1 to mark that no iteration was made.
 
     No tendon has the slope -1: the first comparison of slopes finds a change.
     """

@@ -34,8 +34,8 @@ def body_velocities(q, dq, theta0, l, omega, v):
 
 
 def body_jacobian(q, theta0, l, c, J):
-    """Write the Jacobians J (n, 2, n) [m/rad] by the joint angles of the point at distance c_i [m] along each link i,
-    in the link's frame.
+    """Write the Jacobians J (n, 2, n) [m/rad] that map the joint rates to the velocity of one point on each of n links,
+    in the link's own frame. The point of link i lies at the distance c_i [m] along the link.
 
     v_i = J_i dq and J_i = R_i^T J_{i-1} - l_i e_x 1_{m<=i}, with c_i in place of l_i in the last step. The angular
     velocity is omega_i = sum_{m<=i} dq_m.
@@ -61,8 +61,8 @@ def body_jacobian(q, theta0, l, c, J):
 
 
 def body_hessian(q, theta0, l, c, H):
-    """Write the Hessians H (n, 2, n, n) [m/rad^2] by the joint angles of the point at distance c_i [m] along each link
-    i, in the link's frame.
+    """Write the Hessians H (n, 2, n, n) [m/rad^2] of one point on each of n links: the derivatives with respect to the
+    joint angles of its Jacobian in the link's frame. The point of link i lies at the distance c_i [m] along the link.
 
     H[i, :, m, k] = dJ_i[:, m] / dq_k
 

@@ -121,8 +121,10 @@ class KalmanFilter:
         self, model: Model, noise: Noise | None = None, *, step: float = 5e-3, latency: float = 0.0,
         buffer: float = 0.2, pressure: float | Array = 0.0, time: float = 0.0,
     ) -> None:
-        if not (step > 0 and latency >= 0 and buffer >= 0):
-            raise InputError(f"step must be > 0, latency and buffer >= 0 s: got {step}, {latency}, {buffer}")
+        if not step > 0:
+            raise InputError(f"step must be > 0 s, got {step}")
+        if not (latency >= 0 and buffer >= 0):
+            raise InputError(f"latency and buffer must be >= 0 s, got latency = {latency} and buffer = {buffer}")
         self.model, self.noise = model, noise or default_noise(model)
         self.step, self.latency, self.buffer = step, latency, buffer
         self.counts, self.fault = Counts(), ""

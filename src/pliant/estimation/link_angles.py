@@ -39,7 +39,7 @@ class LinkAngles:
         if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > ends[0] + 1e-3 or s[-1] < ends[-1] - 2e-3:
             raise InputError(
                 f"the points must lie along the body at increasing arc lengths that cover {ends[0] * 1e3:.4g} to "
-                f"{ends[-1] * 1e3:.4g} mm, got {s.size} from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
+                f"{ends[-1] * 1e3:.4g} mm, got {s.size} points from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
             )
         if not (np.isfinite(noise) and noise > 0):
             raise InputError(f"the noise of an angle must be positive, in rad, got {noise}")
@@ -101,8 +101,9 @@ def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
     """
     if rows.shape != (model.n, 4) or not np.array_equal(rows[:, :2], joint_rows(model)[:, :2]):
         raise InputError(
-            f"{who} needs the angle of each of {model.n} links relative to the one before, as LinkAngles.frame returns "
-            f"them, got {len(rows)} other rows: use the filter, which accepts any"
+            f"{who} needs {model.n} rows, each for the angle of a link relative to the one before, as "
+            f"LinkAngles.frame returns them, but got {len(rows)} rows of other quantities: use KalmanFilter, which "
+            "accepts any"
         )
     return rows
 

@@ -45,7 +45,7 @@ class LinkTips:
         if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > tips[0] or s[-1] < tips[-1] - 2e-3:
             raise InputError(
                 f"the points must lie along the body at increasing arc lengths that cover {tips[0] * 1e3:.4g} to "
-                f"{tips[-1] * 1e3:.4g} mm, got {s.size} from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
+                f"{tips[-1] * 1e3:.4g} mm, got {s.size} points from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
             )
         self._left = np.clip(np.searchsorted(s, tips, side="right") - 1, 0, s.size - 2)
         self._share = ((tips - s[self._left]) / (s[self._left + 1] - s[self._left]))[:, None]
@@ -77,7 +77,7 @@ class LinkTips:
 
 def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Model, LinkTips]:
     """Return the model with the rest shape measured in `frames` of the body at rest, and a `LinkTips` that computes the
-    link tips from its markers. The noise of the tips is the one measured in these frames.
+    link tips from the body's markers. The noise of the tips is the one measured in these frames.
 
     Rest angles (in space rest rotations) follow from `frames` (T, S, d) [m] at rest. Lengths, stiffness, damping and
     torque law stay. Lost frames (NaN) are ignored.
@@ -102,8 +102,8 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
 
 
 def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the planar model with new rest angles, at which its n links end at `tips` (n, 2) [m] when bent by `bend`
-    (n + S,). `bend` holds n joint angles [rad] and the strains of S segments.
+    """Return the planar model with new rest angles. With these its n link tips are at `tips` (n, 2) [m] when the joint
+    angles [rad] and the strains of S segments are `bend` (n + S,).
     """
     joint = (1.0 + model.stretch_share[0] @ bend[model.n :]) * model.first_joint
     across = np.diff(tips, axis=0, prepend=joint[None])
@@ -112,8 +112,8 @@ def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
 
 
 def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the spatial model with new rest rotations, at which its n links end at `tips` (n, 3) [m] when bent by
-    `bend` (N,), its N joint coordinates. Each rest rotation changes as little as possible.
+    """Return the spatial model with new rest rotations. With these its n link tips are at `tips` (n, 3) [m] when its N
+    joint coordinates are `bend` (N,). Each rest rotation changes as little as possible.
 
     The tips (n, 3) [m] do not show twist.
     """

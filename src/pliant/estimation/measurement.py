@@ -83,7 +83,10 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
     """
     wide = row_width(model)
     if rows.shape != (values.size, wide) or variance.shape != values.shape:
-        raise InputError(f"a frame needs rows (m, {wide}), m values and m variances, got {rows.shape}, {values.shape}")
+        raise InputError(
+            f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
+            f"and variances {variance.shape}"
+        )
     turns = np.flatnonzero(rows[:, 0] >= TURN_X)
     if not turns.size:
         return
@@ -225,8 +228,8 @@ def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:
-    """Return the filter's measurement from a dense body curve: the angle between each link and the one before.
-    Incomplete frames are NaN.
+    """Return the filter's measurement from a recorded curve of many points along the body: the angle between each link
+    and the one before. Incomplete frames are NaN.
 
     The curvature of a sensor fibre has independent errors from point to point. Angles between neighbouring links
     therefore have independent errors too, whereas the tips, which are sums of them, have not.

@@ -69,12 +69,14 @@ class Noise:
         for name, value in levels.items():
             if not (np.isfinite(value) and value >= 0) or (value == 0 and (name in positive or "[" in name)):
                 sign = "positive" if name in positive or "[" in name else "not negative"
-                raise InputError(f"noise {name} must be finite and {sign} (a standard deviation, SI), got {value}")
+                raise InputError(
+                    f"noise {name} must be finite and {sign} (a standard deviation in SI units), got {value}"
+                )
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
         """Return the spectral densities of the process noise: of each joint's torque, of each chamber's torque due to
-        its pressure noise, and of the random walk of each disturbance torque. The last number returned is the relative
-        growth of this random walk with motion [s^2/rad^2].
+        its pressure noise, and of the random walk of each disturbance torque. The last number [s^2/rad^2], times the
+        mean square joint rate, is the relative increase of the random walk's density.
         """
         common = np.array([(float(c.lever_at(0.0)) * self.pressure) ** 2 for c in model.chambers])
         size = scales(model) ** 2

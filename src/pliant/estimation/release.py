@@ -63,10 +63,11 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
         release_of(found).begin                                    # s
     """
     parts = [name for name in ("disturbance", "disturbance_x", "disturbance_y") if name in found]
-    if not parts or found.sizes["time"] < start + 2 * frames:
+    if not parts:
+        raise InputError("release_of needs disturbance torques: pass a result of `estimate` with noise.random_walk > 0")
+    if found.sizes["time"] < start + 2 * frames:
         raise InputError(
-            f"release_of needs disturbance torques (noise.random_walk > 0) and {start + 2 * frames} frames: pass a "
-            "result of `estimate` with both"
+            f"release_of needs at least {start + 2 * frames} frames, got {found.sizes['time']}: record for longer"
         )
     time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
     held = np.median(torque[start : start + frames], axis=0)

@@ -66,7 +66,7 @@ class ObserverState(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """Number and length of the adaptive observer's time steps between two frames, and its innovation limit."""
+    """Number and length of the adaptive observer's time steps between frames, and the limit of its innovations."""
 
     parts: int  # steps in a period
     h: float  # s, length of one
@@ -99,7 +99,9 @@ class FilterState(NamedTuple):
 
 
 class FilterModel(NamedTuple):
-    """Model constants that the Kalman filter's compiled loops need: gains, inertia, springs, hysteresis."""
+    """Model constants for the Kalman filter's compiled loops: torque gains of the chambers, inertia, springs,
+    hysteresis.
+    """
 
     gain: np.ndarray  # (C, n) factor on the torque of each chamber at each joint; (C, N + R) with tendons
     body: Body | ExtensibleBody | SpatialBody
@@ -109,7 +111,9 @@ class FilterModel(NamedTuple):
 
 
 class FilterNoise(NamedTuple):
-    """Spectral densities of the Kalman filter's process noise, from joints, chambers and disturbance torques."""
+    """Spectral densities of the Kalman filter's process noise: of the joints' torques, the chambers' torques, and the
+    random walk of the disturbance torques.
+    """
 
     own: np.ndarray  # (n,) (N m)^2 s, of the torque of each joint
     common: np.ndarray  # (C,) (N m)^2 s, of the torque of each chamber, from the noise of its pressure

@@ -48,7 +48,7 @@ void @P@_linearise(const @P@_state *s, const @P@_parameters *p, @KIND@ A[@TWICE@
 
 class Code(NamedTuple):
     """Exported C header and C source of a model as text, the prefix of the names in them, and the length of the queue
-    of commands that wait for the dead time.
+    that delays commands by the dead time.
     """
 
     header: str
@@ -217,8 +217,8 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
     """Write a model's C source to `path` and its C header next to it, and return both paths."""
     if not re.fullmatch(r"[\w .+-]+", path.name, re.ASCII):
         raise InputError(
-            f"the C source includes its header by file name: use only letters, digits, ., -, + and _, got "
-            f"{shown(path.name)}"
+            f"the file name {shown(path.name)} holds a character that cannot stand in an #include line of C: use only "
+            "letters, digits, spaces, ., -, + and _"
         )
     made = code(model, provenance, **{**options, "prefix": options["prefix"] or path.stem})
     header = path.with_suffix(".h")

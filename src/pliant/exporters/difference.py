@@ -1,4 +1,4 @@
-"""Difference between the tip motions of two models under a reference input."""
+"""Distance between the tips of an original model and of its exported version under the same reference input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ class Difference(NamedTuple):
     unit: str = "Pa"  # unit of the pulse
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the difference between the tip motions as a dict, whose keys name the units."""
+        """Return the largest and the RMS distance between the tips of the original and the exported model as a dict
+        whose keys name the units. It also holds the reference input in words and the peak displacement of the original
+        tip.
+        """
         return {
             "input": self.input, "tip_travel_mm": 1e3 * self.travel, "largest_tip_difference_mm": 1e3 * self.largest,
             "rms_tip_difference_mm": 1e3 * self.rms,
@@ -45,7 +48,9 @@ class Difference(NamedTuple):
 
 
 def difference(one: Model, other: Model) -> Difference:
-    """Simulate two models under a reference pulse of pressure, and return the distance between their tips."""
+    """Simulate two models under the same reference input, and return the distance between their tips. The input is a
+    pressure pulse. Models without actuation are released from a bent shape instead.
+    """
     level = typical_pressure(one)
     start = None if level else np.full(one.size, 0.1)
 
@@ -58,8 +63,8 @@ def difference(one: Model, other: Model) -> Difference:
 
 
 def of_tips(level: float, one: np.ndarray, other: np.ndarray) -> Difference:
-    """Return the difference between two tip paths with T time steps, (T, 2) or (T, 3) [m], under a pressure pulse of
-    height `level` [Pa].
+    """Return the distance between the tips of two models as a `Difference`, from their tip paths (T, 2) or (T, 3) [m]
+    over T time steps under a pressure pulse of height `level` [Pa].
     """
     apart = np.linalg.norm(one - other, axis=1)
     travel = np.linalg.norm(one - one[0], axis=1).max()

@@ -28,14 +28,12 @@ class Feature(NamedTuple):
 
 
 def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function that, called with a model, returns (`name`,) if ``has(model)`` is true, else ()."""
+    """Return a function that takes a model and returns (`name`,) if ``has(model)`` is true, else ()."""
     return lambda model: (name,) if has(model) else ()
 
 
 def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function that, called with a model, returns the names ``name 1`` ... ``name k`` for k =
-    ``count(model)``.
-    """
+    """Return a function that takes a model and returns the names ``name 1`` ... ``name k`` for k = ``count(model)``."""
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
@@ -52,19 +50,19 @@ def curved(chamber: Chamber) -> bool:
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with ``change(chamber)`` in place of each chamber."""
+    """Return a function that takes a model and returns a copy with ``change(chamber)`` in place of each chamber."""
     return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
 
 def of_valve(**changes: float) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with the field values `changes` set in each chamber's
-    valve.
+    """Return a function that takes a model and returns a copy in which the valve of each chamber has the field values
+    `changes`.
     """
     return of_chambers(lambda c: replace(c, valve=replace(c.valve, **changes)))
 
 
 def of_memory(**changes: Any) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with the field values `changes` set in its hysteresis."""
+    """Return a function that takes a model and returns a copy whose hysteresis parameters have the values `changes`."""
     return lambda model: model.with_(memory=replace(model.memory, **changes))
 
 
@@ -131,13 +129,13 @@ def no_plane(model: Model) -> Model:
 
 
 def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
-    """Return a function that, called with a model, returns it with ``change(tendon)`` in place of each tendon."""
+    """Return a function that takes a model and returns a copy with ``change(tendon)`` in place of each tendon."""
     return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
 
 
 def both_taut(tendon: Tendon) -> Tendon:
-    """Return a pair of tendons under pretension as one linear spring of twice a tendon's stiffness. This is exact while
-    both are taut.
+    """Return a pair of tendons as one linear spring without pretension, other tendons unchanged. With pretension the
+    spring has twice a tendon's stiffness, which is exact while both tendons are taut.
     """
     if not tendon.pair:
         return tendon
@@ -153,8 +151,8 @@ def no_tendons(model: Model) -> Model:
 
 
 def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function that, called with a model, returns `name` for each of its chambers for which ``has(chamber)``
-    is true.
+    """Return a function that takes a model and returns a tuple with one `name` for each chamber for which
+    ``has(chamber)`` is true.
 
     If the model has several chambers, the chamber's name is appended.
     """
@@ -355,7 +353,8 @@ AXIAL = frozenset({"curved_segments", "axial_memory"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
-    """Return the keys of all features that `model` has and the export target, which supports `can`, does not support.
+    """Return the keys of all features of `model` that an export target does not support. `can` holds the keys of the
+    features that it supports.
 
     Raises
     ------
@@ -364,8 +363,8 @@ def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
     """
     if strange := tuple(unknown(model)):
         raise InputError(
-            f"{', '.join(strange)}: unknown to the exporters, so that an export would lose this field: add it to a "
-            "feature of pliant.exporters.features, or leave it at its default"
+            f"{', '.join(strange)}: unknown to the exporters, which would lose it: add this field to a feature of "
+            "pliant.exporters.features, or leave it at its default"
         )
     return tuple(key for key, feature in FEATURES.items() if key not in can and feature.names(model))
 

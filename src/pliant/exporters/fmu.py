@@ -142,7 +142,7 @@ def functions_of(wrapper: str, number: str) -> list[str]:
 
 
 def compiled(text: str, folder: Path, number: str) -> tuple[bytes | None, str]:
-    """Compile the FMU's C source; return the binary and "", or None and the reason why there is none."""
+    """Compile the FMU's C source. Return the binary and "", or None and the reason if it could not be compiled."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None or sys.platform not in ("linux", "darwin"):
         return None, "no C compiler was found: the FMU holds only its sources and no binary"

@@ -162,8 +162,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
 
     def observations(self, angle: Array) -> Array:
-        """Return the observations (N, 2 n + 4 + C) of N chains with n links and C chambers, at their absolute link
-        angles (N, n) [rad].
+        """Return the observations (N, 2 n + 4 + C) of N chains at their absolute link angles (N, n) [rad]: n joint
+        angles, their changes in one period, tip (2), target (2) and C commands. Lengths are divided by the body's
+        length, commands by the highest pressure.
         """
         m, fibre = self.model, self._fibre
         seen = fibre.see(angle, self.np_random) if fibre else angle

@@ -137,8 +137,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
         return mechanics_of(self._own).coordinates(self._d.qpos[self._m.jnt_qposadr[self._joints]])
 
     def observation(self, angle: Array) -> Array:
-        """Return the observation (2 n + 8 + C,) of the actuator with n links and C chambers, at its absolute link
-        angles (n,) [rad].
+        """Return the observation (2 n + 8 + C,) at the absolute link angles (n,) [rad]: n joint angles, their changes
+        in one period, tip (2), puck (2), the puck's motion in one period (2), target (2) and C commands. Lengths are
+        divided by the body's length, commands by the highest pressure.
         """
         m, fibre, L = self.model, self._fibre, self.model.length
         seen = fibre.see(angle[None], self.np_random)[0] if fibre else angle

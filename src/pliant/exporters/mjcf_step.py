@@ -62,7 +62,8 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
 
 
 def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
-    """Return a function that returns whether MuJoCo's integrator is stable for the chain at a given time step [s].
+    """Return a function that takes a time step [s] and returns whether MuJoCo's integrator is stable for the chain at
+    this step.
 
     MuJoCo's Euler and implicit methods evaluate dampers at the end of the step and springs at its beginning: (M + h D)
     q_2 - (2 M + h D - h^2 K) q_1 + M q_0 = 0, which is stable while 4 M + 2 h D - h^2 K is positive definite. Dampers

@@ -25,7 +25,9 @@ SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in P
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin of an exported model for its file: parameters, command, omitted features and standard errors."""
+    """Origin of an exported model, which is written into the exported file: parameters, command, omitted features and
+    standard errors.
+    """
 
     model: Model  # the model before features were omitted
     target: str
@@ -70,8 +72,8 @@ class Provenance:
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
-        """Return sentences that name the omitted features and the resulting difference of motion, followed by the notes
-        of the export target.
+        """Return sentences that name the omitted features and how far the tip deviates from that of the original model
+        because of the omissions. The notes of the export target follow.
         """
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]

@@ -66,8 +66,9 @@ def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | i
         except (InputError, SimulationError) as error:
             failed += 1
             if failed == TRIES:
-                raise InputError(f"{TRIES} consecutive draws gave no valid model (the last: {error}): the fit is too "
-                                 "uncertain to draw models from it") from None  # fmt: skip
+                raise InputError(f"{TRIES} consecutive draws gave no valid model (the last: {error}), because the "
+                                 "parameters are too uncertain: reduce their standard errors, by a fit to more "
+                                 "recordings or with fewer free parameters") from None  # fmt: skip
     return found
 
 
@@ -89,12 +90,15 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
     for name, value in values.items():
         kind = kind_of(name)
         if not kind.lower <= value <= kind.upper:
-            raise InputError(f"{name} = {value:.4g} is out of its bounds {kind.lower:.4g} to {kind.upper:.4g}")
+            raise InputError(f"parameter {name}: the value {value:.4g} drawn at random from the fit's covariance is "
+                             f"out of its bounds {kind.lower:.4g} to {kind.upper:.4g}")  # fmt: skip
     return apply(model, values)
 
 
 def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
-    """Return the fitted parameters of the actuator and their covariance, without parameters of single recordings."""
+    """Return the fitted parameters of the actuator and their covariance. Parameters that belong to a single recording
+    are left out.
+    """
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
     if content.get("covariance") is None:
         raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
@@ -107,7 +111,9 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
 
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
-    """Return the fitted parameters of the actuator and their covariance, from the tables of a saved fit."""
+    """Return the fitted parameters of the actuator and their covariance, from the tables of parameters and covariances
+    in a saved fit. Parameters that belong to a single recording are left out.
+    """
     chambers = {c.name for c in model.chambers}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
@@ -138,13 +144,17 @@ def first_fit(path: Path) -> dict[str, Any]:
 
 
 def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:
-    """Return the standard errors of the model's fields relative to the field's size, as {field: fraction}."""
+    """Return the standard errors of the model's fields as {field: fraction}, each relative to the mean absolute value
+    of the field.
+    """
     found = {}
     for name, error in errors.items():
         if name not in FIELDS:
             raise InputError(f"{name!r} is not a field that can be randomised: use {', '.join(FIELDS)}, or give a fit")
         size = float(np.mean(np.abs(getattr(model, name))))
-        if not (np.isfinite(error) and error >= 0 and size > 0):
-            raise InputError(f"the standard error of {name} must be finite and >= 0, and {name} must not be zero")
+        if not (np.isfinite(error) and error >= 0):
+            raise InputError(f"the standard error of {name} must be finite and >= 0, got {error}")
+        if not size > 0:
+            raise InputError(f"{name} of the model is 0 and cannot be randomised by a factor: leave {name} out")
         found[name] = error / size
     return found

@@ -68,7 +68,8 @@ class Exporter:
 
 @dataclass(frozen=True, repr=False)
 class Exported(Shown):
-    """Result of an export: the written files, the omitted features and the resulting difference of motion.
+    """Result of an export: the written files, the omitted features, and how far the tip deviates from that of the
+    original model because of the omissions.
 
     Attributes
     ----------
@@ -88,7 +89,9 @@ class Exported(Shown):
     notes: tuple[str, ...]
 
     def card(self) -> Card:
-        """Return a printable summary of an export: the files, the omitted features and the difference of motion."""
+        """Return a printable summary of an export: the files, the omitted features, and how far the tip deviates from
+        that of the original model because of the omissions.
+        """
         left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else ["nothing was left out"]
         apart = [str(self.difference)] if self.difference else []
         return Card(f"Exported to {self.target}: {', '.join(map(str, self.files))}", [*left, *apart, *self.notes])

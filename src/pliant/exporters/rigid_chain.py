@@ -121,8 +121,8 @@ def rigid_chain(model: Model) -> RigidChain:
 
 
 def lengthening(model: Model, chain: RigidChain) -> RigidChain:
-    """Return the chain with slides on its extensible links, and one at the end of an extensible base. The slides carry
-    a link's mass, except for the part of it at the joint.
+    """Return the chain with slides on its extensible links, and one at the end of an extensible base. Most of an
+    extensible link's mass is moved to its slides. The rest stays at its joint.
     """
     share, links = model.stretch_share, []
     for i, link in enumerate(chain.links):
@@ -205,8 +205,8 @@ def hinges_of(model: Model) -> list[Hinge]:
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
-    """Return the hinge that turns by the joint coordinate with the index `row`, about the axis 0, 1 or 2 (x, y or z),
-    with a linear spring.
+    """Return a hinge with a linear spring, whose angle is the joint coordinate with the index `row`. It turns about the
+    axis 0, 1 or 2 (x, y or z).
     """
     K, D = float(chain.joints.K[row]), float(chain.joints.D[row])
     return Hinge(chain.joint_names[row], np.eye(3)[axis], row, link, np.array([K]), K, D)
@@ -244,8 +244,8 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return the distance [m] between the tips of model and hinge chain when the joints of each bend by half a radian
-    in sum, halfway between the hinges' axes.
+    """Return the distance [m] between the tips of a model and of its chain of hinges at equal joint coordinates. The
+    body bends by half a radian in total, in the direction halfway between the hinges' axes.
 
     The joint coordinates are equal: torques bend the springs of both by the same angles.
     """

@@ -145,8 +145,8 @@ def operating_point(model: Model, linear: LinearModel, states: list[str]) -> tup
 
 
 def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
-    """Return the equilibrium value and the unit of a state that belongs to an input: its pressure, its pressure's rate
-    or a past command.
+    """Return the equilibrium value and the unit of a state that describes the supply of an input: the pressure, the
+    rate of the pressure, or a past command.
     """
     words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
     for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
@@ -154,7 +154,8 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
             return float(p), unit
         if name == rate:
             return 0.0, f"{unit}/s"
-    raise InputError(f"state {name!r} belongs to no input of model {model.name!r}")
+    raise InputError(f"state-space cannot export state {name!r}, which belongs to no input of model {model.name!r}: "
+                     "use another target")
 
 
 def pressures_of(text: str) -> Array:

@@ -173,8 +173,8 @@ def angles(turn: Rotation) -> Array:
 
 
 def turned(turn: Array, bodies: RigidChain) -> Rotation:
-    """Return the rotation that aligns the z axis of a cylinder with a link's axis, if the link is turned by the
-    rotation vector `turn` (3,) [rad].
+    """Return the rotation that aligns a cylinder's z axis with the axis of a link. The link is turned by the rotation
+    vector `turn` (3,) [rad].
     """
     upright = np.zeros(3) if bodies.tangent[2] else np.array([-0.5 * np.pi, 0.0, 0.0])
     return Rotation.from_rotvec(turn) * Rotation.from_rotvec(upright)

@@ -35,7 +35,7 @@ def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Named(Protocol):
-    """Interface of a fit parameter with a name, a value and whether it is free."""
+    """Interface of a fit parameter: its name, its value, and whether it is free."""
 
     @property
     def name(self) -> str: ...
@@ -104,8 +104,8 @@ def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, f
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return a chamber's changed gains at its n joints, as a dict of arrays (n,) by field name; {} if none changes. The
-    parameter `values` set the gains of single joints, or scale all of them to a given mean.
+    """Return a chamber's changed gains at its n joints, as a dict of arrays (n,) by field name; {} if none changes. A
+    parameter in `values` sets the gain of a single joint, or scales all gains to a given mean.
     """
     changes: dict[str, Array] = {}
     for field in ("joint_gain", "cross_gain"):
@@ -134,7 +134,7 @@ def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Arr
     turned = lever > 0
     if not turned.any():
         raise InputError(f"gain_x and gain_y scale the gains of {chamber.name!r}, but all of these are 0: "
-                         "give it a joint_gain or cross_gain")  # fmt: skip
+                         "give the chamber a joint_gain or cross_gain")  # fmt: skip
     lever = lever / lever[turned].mean()
     gains = {"joint_gain": chamber.joint_gain, "cross_gain": np.broadcast_to(chamber.cross_gain, lever.shape)}
     return {
@@ -150,7 +150,8 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
     mine = owners(model)
     if both := set(mine) & others:
         raise InputError(
-            f"{min(both)!r} names a chamber and a recording or station, whose parameters would be mixed: rename one"
+            f"{min(both)!r} names a chamber and a recording or station, so that the owner of its parameters is not "
+            "clear: rename one of the two"
         )
     several = model.actuation.count > 1
     for name in names:

@@ -114,8 +114,11 @@ def design(
         raise InputError("a design needs free parameters that recordings share: this fit has none; free another")
     limit = highest if highest is not None else max(highest_of(e) for e in experiments)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
-    if not limit > 0 or any(c.level > limit * (1 + 1e-9) for c in offered):
-        raise InputError(f"no candidate may exceed the highest pressure, which must be positive: got {limit} Pa")
+    if not limit > 0:
+        raise InputError(f"the highest pressure of a design must be positive, got {limit} Pa: set highest")
+    if high := [c for c in offered if c.level > limit * (1 + 1e-9)]:
+        raise InputError(f"candidate {high[0].words!r} reaches {high[0].level} Pa, but must not exceed the highest "
+                         f"pressure of {limit} Pa: lower its level, or raise highest")  # fmt: skip
     scales = {p.name: p.scale or 1.0 for p in fitted.parameters}
     sizes = {n: abs(fitted.values[n]) or scales[n] for n in names}
     unit = np.array(list(sizes.values()))
@@ -170,8 +173,8 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 def information_gain(
     fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
 ) -> Array:
-    """Return the Fisher information (P, P) on P parameters that a recording of a candidate input adds. It is per
-    relative change of each parameter.
+    """Return the Fisher information (P, P) on P parameters that a recording of a candidate input adds. It refers to
+    changes of each parameter relative to its value or, if that is 0, to a typical size.
 
     The edge times of the recording are unknown as well and are marginalised out.
     """

@@ -68,8 +68,8 @@ def discrepancy(
 
 
 def between(pressure: Array, grid: Array, rows: Array) -> Array:
-    """Return positions (T, S, 2) of S stations at T pressures, interpolated between the `rows` (G, S, 2). These belong
-    to the first G pressures of `grid`.
+    """Return positions (T, S, 2) of S stations at the T values of `pressure`, interpolated between the positions `rows`
+    (G, S, 2) at the first G pressures of `grid`.
     """
     columns = [np.interp(pressure, grid[: len(rows)], column) for column in rows.reshape(len(rows), -1).T]
     return np.stack(columns, axis=-1).reshape(pressure.size, *rows.shape[1:])

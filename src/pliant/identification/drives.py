@@ -47,7 +47,7 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
         if not isinstance(k, int) or not 0 <= k < len(there):
             raise InputError(
                 f"recording {name} has no {what} {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
-                f"(or 0 to {len(there) - 1})"
+                f"(use a name, or its index from 0 to {len(there) - 1})"
             )
         found[chamber] = inputs[k]
     return found
@@ -128,8 +128,8 @@ def check_kinds(model: Model, exp: Experiment) -> None:
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:
-    """Return one input function per chamber: the measured pressure delayed by `start` [s], or a pulse of constant
-    pressure from `start` to `stop`.
+    """Return one input function per chamber: the measured pressure delayed by `start` [s] or, if no input was measured,
+    a pulse of constant pressure from `start` to `stop`.
 
     Chambers without a recorded input stay at 0.
     """

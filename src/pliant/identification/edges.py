@@ -111,9 +111,10 @@ def held_pose(exp: Experiment) -> Array:
                          "held = 'measured'")  # fmt: skip
     onset = edges(exp)["release"]
     held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
-    if np.isnan(held).all(axis=0).any():  # always one frame: the onset is one
+    unseen = np.isnan(held).all(axis=0).any(axis=1)  # always one frame: the onset is one
+    if unseen.any():
         raise InputError(
-            f"experiment {exp.name}: a station is not seen in the {HELD_S} s before the release: leave out this "
-            "station, or held = 'measured'"
+            f"experiment {exp.name}: station {exp.stations[unseen.argmax()]!r} is not seen in the {HELD_S} s before "
+            "the release: leave out this station, or held = 'measured'"
         )
     return np.asarray(np.nanmedian(held, axis=0))

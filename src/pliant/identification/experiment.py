@@ -138,14 +138,7 @@ class Experiment(Shown):
         if self.drives:
             check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
-        if (self.excitation == "trace") != (self.pressure is not None):
-            raise InputError(
-                f"experiment {self.name}: set excitation to 'trace' if, and only if, you give a measured pressure"
-            )
-        if self.excitation in ("pulse", "step") and not self.level > 0:
-            raise InputError(
-                f"experiment {self.name}: a {self.excitation} needs its nominal level in Pa, got {self.level}"
-            )
+        check_excitation(self)
         for k, station in enumerate(self.stations):
             if np.isfinite(self.compared[:, k]).all(axis=1).sum() < (1 if self.poses else 10):
                 few = "no pose" if self.poses else "fewer than 10 frames"
@@ -329,17 +322,37 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
     if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
         raise InputError(
-            f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles"
+            f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles: leave it "
+            "out"
         )
-    if exp.held is not None and (exp.excitation != "release" or exp.held.shape != exp.position.shape[1:]):
-        raise InputError(
-            f"experiment {exp.name}: held must be (station, axis), and belongs to a release only: correct it, or leave "
-            "it out"
-        )
+    if exp.held is not None:
+        check_held(exp, exp.held)
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
         raise InputError(f"experiment {exp.name}: arc_length must have one rising value for each station")
+
+
+def check_excitation(exp: Experiment) -> None:
+    """Raise InputError if the excitation of an experiment does not fit its pressure, or lacks its level [Pa]."""
+    if (exp.excitation == "trace") != (exp.pressure is not None):
+        given = "no measured pressure" if exp.pressure is None else "a measured pressure"
+        raise InputError(
+            f"experiment {exp.name} has {given}, and excitation {exp.excitation!r}: set excitation to 'trace' if, and "
+            "only if, you give a measured pressure"
+        )
+    if exp.excitation in ("pulse", "step") and not exp.level > 0:
+        raise InputError(f"experiment {exp.name}: a {exp.excitation} needs its nominal level in Pa, got {exp.level}")
+
+
+def check_held(exp: Experiment, held: Array) -> None:
+    """Raise InputError if the positions (S, 2 or 3) [m] of S stations before a release do not fit an experiment."""
+    if exp.excitation != "release":
+        raise InputError(f"experiment {exp.name}: held is for a release only, not for a {exp.excitation}: leave it out")
+    if held.shape != exp.position.shape[1:]:
+        raise InputError(
+            f"experiment {exp.name}: held must be (station, axis) = {exp.position.shape[1:]}, got {held.shape}"
+        )
 
 
 def check_poses(exp: Experiment) -> None:
@@ -349,7 +362,7 @@ def check_poses(exp: Experiment) -> None:
     if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
         raise InputError(
             f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
-            "forces and own_places"
+            "forces and own_places: change what differs, or leave out poses"
         )
 
 
@@ -377,7 +390,8 @@ def check_drives(exp: Experiment) -> None:
     """
     if exp.excitation != "trace":
         raise InputError(
-            f"experiment {exp.name}: pressures of chambers need excitation 'trace', not {exp.excitation!r}"
+            f"experiment {exp.name}: pressures of chambers need excitation 'trace', got {exp.excitation!r}: set it to "
+            "'trace'"
         )
     first = next(iter(exp.drives.values()))
     if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):

@@ -35,8 +35,8 @@ def segments(model: Model) -> tuple[str, ...]:
 
 
 def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the stiffnesses of joints and extensible segments, all scaled by one factor so that the first joint gets
-    the value "body_stiffness". They are a dict of changes to the model; {} if this parameter is absent.
+    """Return the stiffnesses of joints and extensible segments as a dict of changes to the model. All are scaled by one
+    factor, which gives the first joint the value of "body_stiffness". Return {} if `values` lacks this parameter.
 
     The ratios between the joints' stiffnesses and the axial stiffnesses stay as they are. This fits one modulus of a
     body whose geometry is known.
@@ -67,8 +67,8 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
     mine = segments(model)
     if both := set(mine) & (others | set(owners(model))):
         raise InputError(
-            f"{min(both)!r} names a segment and a recording, station or chamber, whose parameters would be mixed: "
-            "rename one"
+            f"{min(both)!r} names a segment and a recording, station or chamber, so that the owner of its parameters "
+            "is not clear: rename one of the two"
         )
     for name in names:
         owner, dot, own = name.partition(".")
@@ -78,4 +78,6 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
                 "[[actuator.extensions]])"
             )
         if dot and owner in mine and own not in OWN:
-            raise InputError(f"parameter {name}: {owner!r} is a segment, whose parameters are {', '.join(OWN)}")
+            raise InputError(
+                f"parameter {name}: {owner!r} is a segment, whose parameters are {', '.join(OWN)}: use one of these"
+            )

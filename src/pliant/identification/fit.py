@@ -170,7 +170,7 @@ def starts_of(
             good.append(x)
         broken = problem.broken or broken
     if not good:
-        raise FitError(f"no start could be simulated: {broken or 'check the start values'}")
+        raise FitError(f"the model cannot be simulated with any of the fit's start values: {broken or 'check them'}")
     return good
 
 
@@ -185,7 +185,8 @@ def check_identifiable(problem: Problem) -> None:
 def predict_held_out(
     experiment: Experiment, fitted: FitResult, *, step: float = 2e-3,
 ) -> tuple[dict[str, Any], FitResult]:
-    """Predict an experiment that was not fitted, with the fitted parameters held and only its own edge times adjusted.
+    """Predict an experiment that was not fitted. The fitted parameters are held constant. Only the experiment's edge
+    times, at which its pressure switches or its body is let go, are fitted to it.
 
     `step` is the integration step, s. Returns the prediction (see `predict`) and the result of fitting the edge times;
     nothing is fitted for an experiment without edge times.
@@ -209,7 +210,8 @@ def predict_held_out(
 
 
 def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
-    """Return the release time of a held-out recording as a fixed parameter, the mean over the fitted recordings.
+    """Return the release time of a held-out recording as a fixed parameter. Its value is the mean release time of the
+    fitted recordings.
 
     The list is empty if the recording is not a release or the training recordings have no ``release_time``. The turn of
     the base (`base_turn`) differs between recordings and stays 0.
@@ -324,7 +326,9 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
 
 
 def parameters_from(entries: Mapping[str, Any]) -> list[Parameter]:
-    """Return fit parameters from a dict of name to a start value, "free", or a table of `Parameter` attributes."""
+    """Return fit parameters from a dict that gives for each name a start value, "free", or a table of `Parameter`
+    attributes.
+    """
     parsed = []
     for name, entry in entries.items():
         if entry == "free" or entry is None:

@@ -20,8 +20,8 @@ from pliant.equations.symbols import ObservedChain, SpatialBody, SpatialWorkspac
 
 
 class Course(NamedTuple):
-    """Time steps of a simulation. Each has a length, mean torques, loads by known forces, and the output row for the
-    state at its end.
+    """Time steps of a simulation. Each has a length, the mean torques of the chambers and the mean link loads of known
+    forces during the step, and the output row for the state at its end.
     """
 
     h: np.ndarray  # (steps,) s

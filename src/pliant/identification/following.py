@@ -33,7 +33,9 @@ REAL = NumberKind(copied, lambda a: a, twin)
 
 
 def dual_kind() -> NumberKind:
-    """Return the number type of dual numbers for the compiled loops: its conversions and its compiler."""
+    """Return dual numbers as a number type for the compiled loops, with functions that convert floats to them and back,
+    and that compile a loop for them.
+    """
     from pliant.compiler.duals import dual_twin, duals  # loads the compiler
 
     return NumberKind(duals, lambda a: a[..., 0], dual_twin)
@@ -56,7 +58,7 @@ def observed_rows(forward: ForwardProblem, numbers: Numbers, rows: int) -> Array
 
 def observed_slopes(forward: ForwardProblem, numbers: Numbers, rows: int, count: int) -> Array:
     """Simulate with dual numbers, and return the derivatives (count, T, S, 3) of positions and angles of S observed
-    points in T frames by `count` parameters.
+    points in T frames with respect to `count` parameters.
     """
     out = integrated_rows(forward, numbers, dual_kind(), rows)
     value, slopes = out[..., 0], np.moveaxis(out[..., out.shape[-1] // 2 :][..., :count], -1, 0)

@@ -82,8 +82,9 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
-    """Return the times [s] at which a simulation outputs rows: those of the frames or, if a sensor has a lag, finer
-    ones. A second value is None or, with a lag, the pair of these times and the indices of the frames in them.
+    """Return the times [s] at which a simulation outputs rows. Without sensor lag these are the frame times, less any
+    ``latency``, and the second value is None. With a lag, times between the frames are added, and the second value is
+    the pair of all times and the indices of the frames among them.
     """
     times = exp.time - params.get("latency", 0.0)
     between = between_frames(times) if lags_of(params, exp.stations).size else None
@@ -147,8 +148,9 @@ def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
 
 
 def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plans: Plans) -> Array:
-    """Return the joint angles [rad] of a body held before its release: those that fit its measured positions, those in
-    equilibrium under ``hold_force``, or zeros for the unloaded shape.
+    """Return the joint angles [rad] of a body held before its release. If its held pose was measured, they fit the
+    measured positions. Otherwise they are in equilibrium under the parameter ``hold_force`` or, without this parameter,
+    zero as in the unloaded shape.
     """
     model = model_at.model
     if exp.held is not None:
@@ -248,8 +250,8 @@ def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:
 
 
 def carriers(model_at: ModelAt, exp: Experiment) -> Array:
-    """Return the index of the link that carries each observed point, (S + 2 m,) for S stations and 2 m auxiliary
-    points. The latter lie on axes of the m links whose orientation is observed.
+    """Return the index of the link that carries each observed point, (S + 2 m,). The points are S stations, and two
+    auxiliary points on axes of each of the m links whose orientation is observed.
     """
     return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
 

@@ -143,8 +143,8 @@ def examine(problem: Problem) -> Identifiability:
 
 
 def in_chambers(problem: Problem, found: Direction) -> Direction:
-    """Return the undetermined parameter combination `found`. If one of its chambers was never driven, or two never
-    separately, its sentence says so.
+    """Return the undetermined parameter combination `found`. If it involves a chamber that was never driven, or
+    chambers that were never driven separately, the returned combination states this reason and a remedy for it.
     """
     findings = findings_of_chambers(found.names, problem.model, problem.experiments)
     if not findings:
@@ -154,8 +154,8 @@ def in_chambers(problem: Problem, found: Direction) -> Direction:
 
 
 def information(problem: Problem, x: Array) -> Identifiability:
-    """Return which parameter combinations the Fisher information at the scaled parameters x (P,) determines badly or
-    not at all.
+    """Return which parameter combinations are determined badly or not at all, judged by the Fisher information of the
+    recordings and priors at the scaled parameters x (P,).
     """
     J = np.concatenate([problem.data_jacobian(x), problem.size * problem.known[0]])
     sizes = problem_sizes(problem, x)

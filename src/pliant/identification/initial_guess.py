@@ -247,8 +247,9 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
 def bands_of_layouts(
     parameters: Sequence[Parameter], experiments: Sequence[Experiment], model: Model,
 ) -> list[Parameter]:
-    """Return as fixed parameters the ends of the range in which branches approximate a springpot or Payne's curve,
-    where they are not given: frequencies [Hz] for the springpot, joint rotations [rad] for the curve.
+    """Return fixed parameters for the range in which branches approximate a springpot (lowest and highest frequency
+    [Hz]) or Payne's curve (lowest and highest joint rotation [rad]). Only limits that are needed and not given are
+    returned.
     """
     names = {p.name for p in parameters}
     chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}

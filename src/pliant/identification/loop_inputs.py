@@ -15,8 +15,8 @@ APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most fo
 
 
 class Numbers(NamedTuple):
-    """All quantities of one simulated experiment that may depend on fitted parameters, and may therefore carry
-    derivatives by them.
+    """All quantities of one simulated experiment that may depend on fitted parameters. They may therefore carry
+    derivatives with respect to these parameters.
     """
 
     held: Any  # (n,) rad, absolute angles of the first rows

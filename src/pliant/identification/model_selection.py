@@ -28,7 +28,7 @@ class Follows(NamedTuple):
     free: int  # number of free parameters, edge times of the recordings included
 
     def bic(self, numbers: float) -> float:
-        """Return the Bayesian information criterion of the fit, for `numbers` effective independent residuals."""
+        """Return the Bayesian information criterion of the fit for `numbers` effectively independent residuals."""
         return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
 
 

@@ -25,7 +25,9 @@ LEAST_LAG = 1e-9  # s: a shorter one is none
 
 
 class NumberKind(NamedTuple):
-    """A number type for the compiled loops (float, complex or dual), with its conversions and compiler."""
+    """A number type for the compiled loops (float, complex or dual), with functions that convert floats to it and back,
+    and that compile a loop for it.
+    """
 
     of: Callable[[Any], Any]  # converts a float, or an array of floats, to a copy in this kind
     value: Callable[[Any], Any]  # converts back to floats
@@ -67,8 +69,8 @@ def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
 
 
 def between_frames(times: Array) -> tuple[Array, Array]:
-    """Return the frame times with others inserted so that they are at most 5 ms apart, and the indices of the frames in
-    them.
+    """Return the frame times with further times inserted so that neighbours are at most 5 ms apart, and the indices of
+    the frame times in the result.
     """
     parts = np.maximum(np.ceil(np.diff(times) / LAG_STEP - 1e-9), 1).astype(int)
     frames = np.append(0, np.cumsum(parts))
@@ -106,8 +108,8 @@ def lagged(rows: Array, times: Array, lags: Array) -> Array:
 
 
 def with_axes(places: Array, oriented: Array) -> Array:
-    """Return link coordinates (3, S + 2 m) of S observed points and 2 m auxiliary points.
-    The latter lie on two axes of each of m links whose orientation is observed.
+    """Return link coordinates (3, S + 2 m) of the observed points: S stations, and two auxiliary points on axes of each
+    of the m links whose orientation is observed.
     """
     ends = places[:, oriented]
     ahead, aside = np.array([[1.0], [0.0], [0.0]]), np.array([[0.0], [0.0], [1.0]])
@@ -123,7 +125,7 @@ def repeated(values: Array, oriented: Array) -> Array:
 
 def frames_of(rows: Array, oriented: Array) -> Array:
     """Return the rotation matrices (..., T, m, 3, 3) of m links in T frames, from positions (..., T, S + 2 m, 3) of S
-    stations and 2 m auxiliary points. The latter lie on two axes of each link.
+    stations and of two auxiliary points on axes of each link.
     """
     m = len(oriented)
     start, ahead, aside = rows[..., oriented, :], rows[..., -2 * m : -m, :], rows[..., -m:, :]
@@ -140,7 +142,7 @@ def unit(v: Array) -> Array:
 
 def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
     """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations in T
-    frames. Both orientations are rotations since the first frame.
+    frames. Both orientations are taken relative to the first frame.
 
     `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
     measured body.
@@ -151,8 +153,9 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
 
 
 def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Array) -> Array:
-    """Return the derivatives (P, T, m, 3) by P parameters of the rotation vectors from the measured to the modelled
-    orientation of m stations in T frames. `derivatives` (P, T, S + 2 m, 3) are those of the modelled positions.
+    """Return the derivatives (P, T, m, 3) with respect to P parameters of the rotation vectors from the measured to the
+    modelled orientation of m stations in T frames. `derivatives` (P, T, S + 2 m, 3) are those of the modelled
+    positions.
     """
     return np.asarray(turns_off(rows + 1j * TINY * derivatives, oriented, measured).imag / TINY)
 

@@ -126,7 +126,7 @@ def shifts(problem: Problem) -> Array:
 
 
 def shares(problem: Problem) -> bool:
-    """Return whether any free parameter is the stiffness of creep or of Payne's curve, as a fraction of the joints'
+    """Return whether any free parameter states the stiffness of creep or of Payne's curve as a fraction of the joints'
     stiffness.
     """
     return any(p.name.rpartition(".")[2].startswith(SHARES) for p in problem.free)

@@ -94,9 +94,11 @@ class Parameter:
             raise InputError(f"parameter {self.name}: a prior needs a standard deviation too: give prior_std")
         if self.prior_std is not None and not self.prior_std > 0:
             raise InputError(f"parameter {self.name}: prior_std must be positive, got {self.prior_std}")
-        if self.shrink < 0 or (self.shrink and not re.search(r"_(\d+|\*)$", self.name)):
-            raise InputError(f"parameter {self.name}: shrink must be a positive fraction, and only a parameter of a "
-                             "single joint, such as stiffness_2, has it")  # fmt: skip
+        if self.shrink < 0:
+            raise InputError(f"parameter {self.name}: shrink must be a positive fraction, got {self.shrink}")
+        if self.shrink and not re.search(r"_(\d+|\*)$", self.name):
+            raise InputError(f"parameter {self.name}: shrink is only for a parameter of a single joint, such as "
+                             "stiffness_2: leave it out")  # fmt: skip
 
     def with_(self, **changes: Any) -> Parameter:
         """Return a copy of the parameter in which the given attributes are replaced."""
@@ -211,8 +213,8 @@ def kind_of(name: str) -> Kind:
     near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
     meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
     raise InputError(
-        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, or <recording>.<one of these>, or <chamber>.<one "
-        "of a chamber's>"
+        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, some also with the name of a recording or chamber "
+        "and a dot in front"
     )
 
 
@@ -321,7 +323,8 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     """Raise InputError for a duplicate parameter, or one that names an unknown joint, recording, station or chamber."""
     parameters = list(parameters)
     if both := records & stations:
-        raise InputError(f"{min(both)!r} names a recording and a station, whose parameters would be mixed: rename one")
+        raise InputError(f"{min(both)!r} names a recording and a station, so that the owner of its parameters is not "
+                         "clear: rename one of the two")  # fmt: skip
     check_chamber_names([p.name for p in parameters], model, records | stations)
     extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
     space_parameters.check_space_names([p.name for p in parameters], model)

@@ -41,8 +41,8 @@ class ModelAt(NamedTuple):
         return self.torques[key]
 
     def chambers(self, pressure: Array) -> Array:
-        """Return the constants (C, k) of C chambers for the compiled loops, k for each. The pressures behind the valves
-        start at `pressure` (C,) [Pa].
+        """Return k constants for each of C chambers, (C, k), as the compiled loops need them. The pressures behind the
+        valves start at `pressure` (C,) [Pa].
         """
         key = pressure.tobytes()
         if key not in self.rows:

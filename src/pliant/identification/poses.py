@@ -1,4 +1,6 @@
-"""Simulation of recordings in which the body rests in every row (settled poses), with derivatives by parameters."""
+"""Simulation of recordings in which the body rests in every row (settled poses), and its derivatives with respect to
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,7 @@ COMPLEX = NumberKind(as_complex, np.real, twin)
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:
     """Return the equilibrium shape for each row of a recording of settled poses. Each search starts from the shape
-    before, the first one from the equilibrium without input.
+    found for the previous row, the first one from the equilibrium without input.
 
     Raises
     ------
@@ -71,16 +73,16 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
 
 
 def commands(numbers: Numbers) -> Array:
-    """Return the torques and tendon commands (T + 1, N + R) of T settled poses, for N coordinates and R tendons. A
-    first row of zeros means no input.
+    """Return the torques and tendon commands (T + 1, N + R) of T settled poses, for N coordinates and R tendons. The
+    first row is zero (no input); the rows of the poses follow.
     """
     rows = numbers.torque @ numbers.gain
     return np.concatenate([0.0 * rows[:1], rows])
 
 
 def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -> Array:
-    """Return the positions (T, S, 3) [m] of S observed points in T settled poses, as complex numbers whose imaginary
-    parts carry a derivative.
+    """Return the positions (T, S, 3) [m] of S observed points in T settled poses, as complex numbers. If the imaginary
+    parts of `numbers` are a small change of the inputs, those of the positions are the resulting change.
     """
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
@@ -102,8 +104,9 @@ def pose_rows(forward: ForwardProblem, numbers: Numbers) -> Array:
 
 
 def pose_slopes(forward: ForwardProblem, tilted: Sequence[Numbers]) -> Array:
-    """Return the derivatives (P, T, S, 3) of the positions of S observed points in T settled poses by P parameters.
-    `tilted` holds the simulation inputs once for each parameter, with `TINY` times their derivative as imaginary part.
+    """Return the derivatives (P, T, S, 3) of the positions of S observed points in T settled poses with respect to P
+    parameters. `tilted` holds the simulation inputs once for each parameter; their imaginary part is `TINY` times their
+    derivative with respect to this parameter.
     """
     poses = equilibrium_poses(forward)
     return np.stack([observed_poses(forward, numbers, poses).imag / TINY for numbers in tilted])

@@ -26,7 +26,7 @@ LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller o
 
 @dataclass(frozen=True, repr=False)
 class Band(Shown):
-    """A predicted motion with its prediction interval, called its band.
+    """A predicted motion with the prediction interval ("band") of each of its coordinates.
 
     Attributes
     ----------

@@ -89,8 +89,8 @@ class Problem:
         return other
 
     def residual(self, x: Array) -> Array:
-        """Return the residuals of all recordings and priors at the scaled parameters x (P,).
-        A recording that cannot be simulated at x gets the residual FAR.
+        """Return the residuals of all recordings and priors at the scaled parameters x (P,). A recording that cannot be
+        simulated at x gets the large residual `FAR`.
         """
         rows, aim = self.all_known
         return np.concatenate([self.data_residual(x), self.size * (rows @ x - aim)])
@@ -111,11 +111,13 @@ class Problem:
         return np.concatenate(parts)
 
     def jacobian(self, x: Array) -> Array:
-        """Return the exact derivatives of all residuals, priors included, by the scaled parameters x (P,)."""
+        """Return the exact derivatives of all residuals, including those of priors, with respect to the scaled
+        parameters x (P,).
+        """
         return np.concatenate([self.data_jacobian(x), self.size * self.all_known[0]])
 
     def data_jacobian(self, x: Array) -> Array:
-        """Return the exact derivatives (N, P) of the N weighted observation residuals by the scaled
+        """Return the exact derivatives (N, P) of the N weighted observation residuals with respect to the scaled
         parameters x (P,).
         """
         if self.latest[0] == x.tobytes():
@@ -207,8 +209,8 @@ def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -
 def with_held_mean(
     known: tuple[Array, Array], free: list[Parameter], scale: Array, start: Array, chamber: str = "",
 ) -> tuple[Array, Array]:
-    """Return R + 1 residuals A x - b, as A (R + 1, P) and b (R + 1,), for scaled parameters x (P,): the R known ones,
-    and one that holds a chamber's mean joint gain at its start value.
+    """Return R + 1 residuals A x - b, as A (R + 1, P) and b (R + 1,), for scaled parameters x (P,): the R residuals
+    given by `known`, and one that holds a chamber's mean joint gain at its start value.
     """
     gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
     row = gains * scale / (gains.sum() * HELD_MEAN)
@@ -216,8 +218,9 @@ def with_held_mean(
 
 
 def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
-    """Return the R residuals A x - b that priors add to a fit, as A (R, P) and b (R,), for scaled parameters x (P,).
-    Joint values that are drawn to their mean add further ones.
+    """Return the R residuals A x - b of a fit that do not come from recordings, as A (R, P) and b (R,), for scaled
+    parameters x (P,). There is one for each prior, and one for each joint value that is drawn to the mean of all
+    joints.
     """
     rows, aims = [], []
     for i, p in enumerate(free):

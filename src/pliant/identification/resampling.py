@@ -34,8 +34,10 @@ def bootstrapped(
     InputError
         When the fit has no covariance, or there are fewer than 20 replicates.
     """
-    if fitted.covariance is None or replicates < FEWEST:
-        raise InputError(f"a bootstrap needs a fit with free parameters and {FEWEST} replicates, got {replicates}")
+    if fitted.covariance is None:
+        raise InputError("a bootstrap needs the covariance of a fit: fit with at least one free parameter")
+    if replicates < FEWEST:
+        raise InputError(f"a bootstrap needs at least {FEWEST} replicates, got {replicates}: raise their number")
     _, values = bootstrap(
         experiments, fitted, replicates=replicates, step=step, weighting=weighting, loss=loss, rng=rng
     )

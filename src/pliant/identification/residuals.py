@@ -46,8 +46,8 @@ class Observations:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
-        """Append the orientations of m stations in T frames, as quaternions (T, m, 4). `share` (m,) holds the weights
-        of the stations.
+        """Add the orientations of m stations in T frames, as quaternions (T, m, 4), to the observed values. `share`
+        (m,) holds the weights of the stations.
         """
         turn, seen = measured_turns(quaternion)
         self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
@@ -82,8 +82,8 @@ class Observations:
         return off * self.flat_weight
 
     def slopes(self, derivatives: Array, rows: Array | None = None) -> Array:
-        """Return the derivatives (P, N) of N weighted residuals by P parameters, from those of the positions and angles
-        of S stations in T frames, (P, T, S, 3).
+        """Return the derivatives (P, N) of N weighted residuals with respect to P parameters, from those of the
+        positions and angles of S stations in T frames, (P, T, S, 3).
 
         With observed orientations, `rows` (T, S, 3) themselves are needed too.
         """
@@ -101,8 +101,8 @@ class Observations:
         return found
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
-        """Return modelled positions and angles in the form of the observed ones. Angles and orientations get the
-        reference of the recording.
+        """Return modelled positions and angles in the form of the observed ones. Angles are measured from the
+        recording's reference. An orientation is returned as the rotation vector [rad] from the measured one.
         """
         if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
             stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
@@ -156,7 +156,8 @@ def length_weights(exp: Experiment) -> Array:
 
 
 def noise_levels(exp: Experiment, data: Array) -> Array:
-    """Return the noise standard deviation (S, 3) of x, y [m] and angle [rad] at S stations: given, or estimated.
+    """Return the noise standard deviation (S, 3) of x, y [m] and angle [rad], in space of x, y, z [m], at S stations.
+    Where the experiment does not state it, it is estimated from `data`.
 
     The quantisation of a coarse sensor counts as noise too, uniform over one step.
     """

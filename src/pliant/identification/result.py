@@ -127,7 +127,9 @@ def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str
 
 
 def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: str = "") -> str:
-    """Return a sentence on how the optimiser ended, with warnings; `far` is the sentence from `far_off`."""
+    """Return a sentence on how the optimiser ended, with warnings. If `far` names recordings with large errors, the
+    sentence says instead that the fit failed, and for which recordings.
+    """
     if far:
         return f"The fit failed: {far}."
     end = {

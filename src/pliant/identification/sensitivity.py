@@ -40,8 +40,8 @@ ProblemAt = Callable[[float, Drive | None], ForwardProblem]
 
 
 class Slope(NamedTuple):
-    """Derivative of all inputs of a simulation (`Numbers`) by one parameter. Those of steps, torques, loads and
-    chambers (`APART`) have fields of their own; `row` holds all others.
+    """Derivative of all inputs of a simulation (`Numbers`) with respect to one parameter. The derivatives of steps,
+    torques, loads and chambers (`APART`) have fields of their own; `row` holds all others.
 
     An entry of 0 means no change. A torque of None is computed later from the derivatives of `h` and `chambers`.
     """
@@ -57,7 +57,7 @@ def sensitivities(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
 ) -> tuple[Array, Array]:
     """Return the positions and angles (T, S, 3) of S stations in T frames of a simulated experiment, and their
-    derivatives (P, T, S, 3) by P parameters.
+    derivatives (P, T, S, 3) with respect to P parameters.
 
     Parameters
     ----------
@@ -88,8 +88,9 @@ def slopes_of(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
     plans: Plans | None = None,
 ) -> Array:
-    """Return the derivatives (P, T, S + 2 m, 3) by P parameters of the positions and angles of S stations and 2 m
-    auxiliary points in T frames. The latter lie on axes of the m links whose orientation is observed.
+    """Return the derivatives (P, T, S + 2 m, 3), with respect to P parameters, of the positions and angles of observed
+    points in T frames: S stations, and two auxiliary points on axes of each of the m links whose orientation is
+    observed.
     """
     plans = Plans() if plans is None else plans
     rows = exp.time.size
@@ -112,7 +113,8 @@ def slopes_of(
 
         base, slope = forward, plans.slopes.get(key) or edge_slope(forward, exp, values, name)
         if slope is None:
-            base, slope = input_slopes(problem_at, forward, values[name], SHARE * max(abs(values[name]), size), drive)
+            change = SHARE * max(abs(values[name]), size)
+            base, slope = input_slopes(name, problem_at, forward, values[name], change, drive)
             if resting and np.any(slope.row):
                 slope = with_equilibrium_slope(base, slope, resting[1] if base is forward else rest_stiffness(base))
             if key and slope.torque is None:
@@ -139,8 +141,8 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
 
 
 def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:
-    """Return derivatives of a simulation's inputs in which those of the torques are filled in.
-    They follow from the derivatives of time steps and chambers.
+    """Return the derivatives `slopes` of a simulation's inputs. Missing derivatives of the torques are computed from
+    those of the time steps and chambers.
     """
     done = {k: s if s.torque is not None else s._replace(torque=0.0, chambers=0.0) for k, s in slopes}
     left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
@@ -158,8 +160,8 @@ def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -
 
 
 def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, float], name: str) -> Slope | None:
-    """Return the derivative of a simulation's inputs by an edge time of a nominal pressure.
-    None for any other parameter, or if the derivative does not exist at this time.
+    """Return the derivative of a simulation's inputs with respect to an edge time of a nominal pressure. Return None
+    for any other parameter, or if the derivative does not exist at this time.
     """
     kind, layout = name.removeprefix(f"{exp.name}."), forward.drive.layout if forward.drive else None
     if layout is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
@@ -172,8 +174,8 @@ def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, fl
 
 
 def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames by P parameters,
-    from those of the simulation's inputs.
+    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames with respect to
+    P parameters, from those of the simulation's inputs.
     """
     if forward.poses:
         return pose_slopes(forward, [with_imaginary_slope(forward, slope) for slope in slopes])
@@ -184,8 +186,8 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
 
 
 def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
-    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames by P parameters,
-    from one run with dual numbers. P is at most `WIDTH`, the number of derivatives in a dual number.
+    """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames with respect to
+    P parameters, from one run with dual numbers. P is at most `WIDTH`, the number of derivatives in a dual number.
     """
     from pliant.compiler.duals import duals
 
@@ -196,7 +198,9 @@ def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: 
 
 
 def with_imaginary_slope(forward: ForwardProblem, slope: Slope) -> Numbers:
-    """Return the inputs of settled poses as complex numbers: the imaginary part is `TINY` times their derivative."""
+    """Return the inputs of settled poses as complex numbers, for a complex-step derivative. The imaginary part is
+    `TINY` times `slope`, the derivative of the inputs with respect to one parameter.
+    """
     numbers = forward.numbers
     row = in_one_row(numbers) + 1j * TINY * slope.row
     return from_one_row(row, numbers)._replace(torque=numbers.torque + 1j * TINY * slope.torque)
@@ -216,10 +220,10 @@ def dual_array(value: Array, rates: Sequence[Any]) -> Array:
 
 
 def input_slopes(
-    problem_at: ProblemAt, forward: ForwardProblem, value: float, size: float, drive: Drive | None,
+    name: str, problem_at: ProblemAt, forward: ForwardProblem, value: float, size: float, drive: Drive | None,
 ) -> tuple[ForwardProblem, Slope]:
-    """Return a simulation's inputs at `value` of one parameter, and their derivative by this parameter from finite
-    differences.
+    """Return a simulation's inputs at `value` of the parameter `name`, and their derivative with respect to this
+    parameter from finite differences.
 
     The derivative is taken close beside `value` if the time steps change exactly there. With a `drive`, the derivative
     of the torques is left to that of the chambers where possible.
@@ -234,7 +238,8 @@ def input_slopes(
         problems = stencil_problems(problem_at, value + side * size, size, stencil)
         if problems and all(same_steps(problems[0], m) for m in problems):
             return problems[0], finite_difference(problems, stencil, size)._replace(chambers=0.0)
-    raise FitError(f"no derivative exists at the value {value:.6g}: move the start value or its bounds")
+    raise FitError(f"parameter {name}: the motion has no derivative with respect to it at its value {value:.6g}: "
+                   "change its start value, or its bounds")  # fmt: skip
 
 
 def stencil_problems(
@@ -253,7 +258,9 @@ def same_steps(a: ForwardProblem, b: ForwardProblem) -> bool:
 
 
 def finite_difference(problems: list[ForwardProblem], stencil: Any, size: float) -> Slope:
-    """Return the finite difference of several simulations' inputs, with the weights of a stencil."""
+    """Return the derivative of a simulation's inputs with respect to one parameter, as a weighted sum of the inputs at
+    the points of a finite-difference stencil.
+    """
     weights = [weight / size for _, weight in stencil]
 
     def mix(*entries: Array) -> Any:
@@ -274,8 +281,8 @@ def rest_stiffness(forward: ForwardProblem) -> Array:
 
 
 def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Slope:
-    """Return the derivative of a simulation's inputs by a parameter, with the change of the initial equilibrium shape
-    added. `slope` is the derivative at constant shape.
+    """Return the derivative of a simulation's inputs with respect to a parameter that also changes the initial
+    equilibrium shape. `slope` is the derivative at constant shape.
 
     `stiffness` is the `rest_stiffness` of the forward problem.
     """

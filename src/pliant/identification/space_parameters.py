@@ -40,7 +40,7 @@ def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
         return space
     if space is None:
         raise InputError(f"the parameter {min(changes)} needs a chain in space, and this model is planar: "
-                         "leave it out, or give the model its space")  # fmt: skip
+                         "leave it out, or make the model spatial with space = Space()")  # fmt: skip
     return replace(space, **changes)
 
 

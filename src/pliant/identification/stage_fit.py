@@ -101,8 +101,8 @@ class StageFitter:
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
     def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
-        """Fit the parameters that are `free` on the stage below together with those that a stage adds; return the
-        stage's result and its free parameters.
+        """Fit the parameters that are `free` in the stage below, without those that this stage drops, together with
+        those that it adds. Return the stage's result and its free parameters.
         """
         began = clock.perf_counter()
         reason, found = "", []
@@ -248,8 +248,8 @@ def entry_name(entry: Entry) -> str:
 
 
 def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
-    """Return the parameter of an entry, with the value at which a lower stage `ended` as its start value. If that stage
-    fitted one value for all joints or chambers, this one is taken.
+    """Return the parameter of an entry, with its final value in a lower stage, from `ended`, as start value. If that
+    stage fitted one value for all joints or chambers, this value is used.
 
     A parameter that ended at a bound starts afresh. Its scale stays that of the first start.
     """

@@ -116,8 +116,11 @@ def select_model(
         For an unknown keyword.
     """
     how = with_defaults(select_model, options, SELECTION_OPTIONS)
-    if not stages or len({r.name for r in stages}) < len(stages):
-        raise InputError("a model selection needs at least one stage, and stages whose names differ")
+    if not stages:
+        raise InputError("a model selection needs at least one stage: add one to stages")
+    if len({r.name for r in stages}) < len(stages):
+        raise InputError(f"a model selection needs stages whose names differ, got {', '.join(r.name for r in stages)}: "
+                         "rename one")  # fmt: skip
     free = {entry_name(e): e for e in common}
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
@@ -131,8 +134,8 @@ def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
 ) -> list[Step]:
-    """Fit all stages of a model selection in order. With `late`, a stage without success is tried again at the end if
-    it replaces parameters by finer ones.
+    """Fit all stages of a model selection in order. With `late`, a stage that replaces parameters but was no
+    improvement is tried again at the end, on top of the stages that succeeded after it.
 
     Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """

@@ -53,7 +53,8 @@ def torque_starts(
 def torque_start(
     model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
 ) -> dict[str, float]:
-    """Return start values, by name, of one chamber's torque law, fitted to the plateaus with least relative error.
+    """Return start values, by name, of one chamber's torque law. The law is fitted to the torques of all plateaus so
+    that the relative errors are least.
 
     Coefficients in `values` are held constant.
     """
@@ -106,7 +107,9 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ch
 
 
 def plateau(exp: Experiment) -> tuple[float, float]:
-    """Return a recording's extreme pressure [Pa], and the last station's displacement [m; angles: rad] under it."""
+    """Return a recording's pressure [Pa] farthest from 0, and the last station's displacement [m; angles: rad] under
+    this pressure.
+    """
     u = displacement(exp)
     if exp.pressure is None:
         stop = edges(exp).get("stop", float(exp.time[-1]))

@@ -97,8 +97,9 @@ def along_channels(observed: Any, J: Array, residual: Array) -> Array:
 
 
 def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Array:
-    """Return the weighted sum (P, P) of products of the cost's gradients by P parameters in two frames, over all pairs
-    of frames up to two correlation lengths apart. The standard errors follow from it.
+    """Return the sum (P, P), over pairs of frames, of products of the two frames' gradients of the cost with respect to
+    P parameters. The weight of a pair falls with its distance in time, to zero beyond two correlation lengths. The
+    standard errors follow from this sum.
     """
     score = np.zeros((observed.seen.shape[0], J.shape[1]))
     np.add.at(score, observed.rows, J * residual[:, None])

@@ -68,8 +68,8 @@ class LinearModel:
     def _only(self, values: Array) -> Any:
         if values.size > 1:
             raise InputError(
-                f"this needs a linear model of one pressure, got one of {values.size} pressures: use a model with one "
-                "chamber"
+                f"this linear model has {values.size} pressures, so it has no single pressure or dead time: use "
+                "`pressures` and `dead_times`, or a model with one chamber"
             )
         return values[0]
 

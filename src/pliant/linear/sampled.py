@@ -69,8 +69,10 @@ def sample(linear: LinearModel, period: float, latency: float = 0.0) -> Sampled:
     InputError
         When the period is not positive or the latency negative.
     """
-    if not (np.isfinite(period) and period > 0 and np.isfinite(latency) and latency >= 0):
-        raise InputError(f"a period must be positive and a latency not negative, got {period} and {latency} s")
+    if not (np.isfinite(period) and period > 0):
+        raise InputError(f"period, the time between samples, must be positive and finite, got {period} s")
+    if not (np.isfinite(latency) and latency >= 0):
+        raise InputError(f"latency, an additional delay, must be finite and not negative, got {latency} s")
     waits = [periods_late(float(late) + latency, period) for late in linear.dead_times]
     N, C, D = linear.A.shape[0], len(waits), sum(most for _, _, most in waits)
     A, B, first = np.zeros((N + D, N + D)), np.zeros((N + D, C)), N

@@ -33,7 +33,9 @@ OLDEST = (1 << WINDOW) - 1
 def checked_key(key: bytes) -> bytes:
     """Return the key; raise InputError when it is not a bytes object of at least 16 bytes."""
     if not isinstance(key, bytes) or len(key) < SHORTEST_KEY:
-        raise InputError(f"a key is at least {SHORTEST_KEY} random bytes: make one with pliant.loop.new_key")
+        raise InputError(
+            f"a key must be a bytes object of at least {SHORTEST_KEY} random bytes: make one with pliant.loop.new_key"
+        )
     return key
 
 
@@ -116,7 +118,7 @@ class Sealer:
         self._counter += 1
         data = HEAD.pack(MAGIC, self._session, self._counter) + packet
         if len(data) + TAG > LARGEST:
-            raise InputError(f"a sample of {len(packet)} bytes with its tag exceeds a datagram: send fewer points")
+            raise InputError(f"a sample of {len(packet)} bytes does not fit into one datagram: send fewer points")
         return data + tag_of(self._own_key, data)
 
     def take_challenge(self, answer: bytes) -> bool:

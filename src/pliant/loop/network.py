@@ -163,7 +163,7 @@ def refuse_open_host(host: str, *, private_link: bool) -> None:
     address = ip_address(host)
     if address.is_unspecified:
         raise InputError(
-            f"at {host}, machines of all networks can send commands: give a key, or listen at 127.0.0.1 or at the "
+            f"machines of all networks can send commands to {host}: give a key, or listen at 127.0.0.1 or at the "
             "address of a private link"
         )
     if not (address.is_loopback or private_link):

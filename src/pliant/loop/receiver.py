@@ -228,7 +228,7 @@ def receiver_of(
     if entry is None:
         raise InputError(f"task {path} has no table [receiver]: add it with the limits of the accepted commands")
     if task.unit != "Pa":
-        raise InputError(f"task {path}: a receiver sets pressures, and the task limits {LIMITS_IN[task.unit]}: state "
+        raise InputError(f"task {path}: a receiver limits pressures, but the task gives {LIMITS_IN[task.unit]}: give "
                          "highest_kpa instead")
     listed = entry.highest_kpa or task.highest_kpa
     given = np.ravel(listed)

@@ -66,7 +66,10 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
         When the plant's frame period differs from the task's period.
     """
     if abs(plant.period - wanted.period) > 1e-9:
-        raise InputError(f"the plant's frames come every {plant.period * 1e3:g} ms: set period_ms to this value")
+        raise InputError(
+            f"the task has a period of {wanted.period * 1e3:g} ms, but the plant's frames come every "
+            f"{plant.period * 1e3:g} ms: set period_ms of the task to {plant.period * 1e3:g}"
+        )
     none = np.zeros(model.actuation.count)
     frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
@@ -88,7 +91,7 @@ def check_units(model: Model, wanted: TaskFile) -> None:
             else f"give {LIMITS_IN[others[0].unit]} in place of {LIMITS_IN[wanted.unit]}"
         )
         raise InputError(
-            f"the task limits inputs by {LIMITS_IN[wanted.unit]}, and {others[0].name!r} of {model.name!r} takes a "
+            f"the task limits inputs by {LIMITS_IN[wanted.unit]}, but {others[0].name!r} of {model.name!r} takes a "
             f"{others[0].kind} ({others[0].unit}): {remedy}"
         )
 

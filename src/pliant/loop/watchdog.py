@@ -61,7 +61,7 @@ class Bounds:
             if not getattr(self, name) >= 0:
                 raise InputError(f"watchdog bound {name} must not be negative, got {getattr(self, name)}")
         if self.unit not in KIND_OF:
-            raise InputError(f"watchdog bound unit is one of {', '.join(KIND_OF)}, got {self.unit!r}")
+            raise InputError(f"watchdog bound unit must be one of {', '.join(KIND_OF)}, got {self.unit!r}")
 
 
 class Watchdog:
@@ -128,7 +128,7 @@ class Watchdog:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
     def pressure(self, now: int, pressure: Array) -> None:
-        """Set a fault if the measured pressure of a chamber is not finite or out of limits. `pressure` (C,) [Pa]."""
+        """Set a fault if one of the pressures (C,) [Pa] measured in C chambers is not finite or outside the limits."""
         b = self.bounds
         for p in pressure.tolist():
             if not math.isfinite(p):

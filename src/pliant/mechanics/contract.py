@@ -169,8 +169,8 @@ class Mechanics(ABC):
         return lever
 
     def gathered(self, data: Any, which: int) -> Array:
-        """Return one kind of quantity (coordinate, rate, disturbance or force) of a dataset for all N coordinates at T
-        instants, as an array (T, N).
+        """Return one quantity of a dataset (the coordinates, their rates, the disturbances or the forces) for all N
+        coordinates at T instants, as an array (T, N).
 
         `which` is the index of the quantity in `CoordinateKind.names`.
         """
@@ -340,8 +340,8 @@ class Mechanics(ABC):
 
     @abstractmethod
     def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
-        """Return the tip's Jacobians (K, 2 or 3, N) by the N coordinates at K states, and their rates of change at the
-        rates v (K, N).
+        """Return the derivatives (K, 2 or 3, N) of the tip position with respect to the N coordinates at K states, and
+        the rates of change of these derivatives at the rates v (K, N).
         """
 
     # forces and energies
@@ -376,7 +376,8 @@ class Mechanics(ABC):
 
     @abstractmethod
     def load_stiffness(self, x: Array, load: Array) -> Array:
-        """Return the derivative (N, N) of the generalized forces of external loads by the coordinates, at x (N,).
+        """Return the derivative (N, N) of the generalized forces of external loads with respect to the coordinates x
+        (N,).
 
         `load_forces` returns these forces.
         """
@@ -391,7 +392,8 @@ class Mechanics(ABC):
 
     @abstractmethod
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        """Return the derivative (N, N) by the coordinates x (N,) of the net generalized force on the chain at rest.
+        """Return the derivative (N, N) of the net generalized force on the chain at rest with respect to the
+        coordinates x (N,).
 
         It is the derivative of `static_forces`, plus that of `load_forces` if there is a load.
 

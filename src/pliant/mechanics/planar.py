@@ -440,8 +440,8 @@ def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:
 
 
 def stretched_loads(x: Array, load: Array, share: Array, base_angle: Any) -> tuple[Array, Array, Array]:
-    """Return cosines and sines (n + 1,) of the angles of base part and links at x, and their loads (n + 1, 2) [N m]:
-    the first two columns of `load` (n + 1, 4) times the link's stretch, plus the last two.
+    """Return cosines and sines (n + 1,) of the angles of base part and links at x, and the loads (n + 1, 2) [N m] on
+    these parts: the first two columns of `load` (n + 1, 4) times the part's stretch, plus the last two.
     """
     n = x.size - share.shape[1]
     angle = np.append(base_angle, x[:n])

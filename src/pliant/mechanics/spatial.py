@@ -86,8 +86,8 @@ class SpatialChain(Mechanics):
         return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
-        """Return one array of values for all joint angles, from values (n,) for swings about x, for swings about y, and
-        for twists.
+        """Return one array of values in the order of the joint angles, from values (n,) for swings about x, for swings
+        about y, and for twists.
         """
         values = np.stack([x, y], axis=-1).ravel()
         return np.append(values, twist) if self.space.turns == 3 else values
@@ -189,8 +189,8 @@ class SpatialChain(Mechanics):
     # positions
 
     def posed(self, x: Array) -> SpatialWorkspace:
-        """Return scratch arrays with the positions and orientations of the links at the coordinates x (..., N). In
-        these arrays, the leading axes of x are the last ones.
+        """Return scratch arrays with the positions and orientations of the links at the coordinates x (..., N). The
+        leading axes of x come last in these arrays.
 
         x may be complex.
         """
@@ -356,8 +356,8 @@ def rotation(vector: Any) -> Array:
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links (n,); the last
-    includes the tip mass.
+    """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links, each (n,). The
+    values of the last link include the tip mass.
 
     A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
     about the centre of mass [kg m^2].

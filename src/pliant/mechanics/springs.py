@@ -51,8 +51,8 @@ class Springs:
 
     @property
     def powers(self) -> Array:
-        """Coefficients (terms + 1, n, ...) of the torque K q + K2 q^2 + K3 q^3 of n springs without bound R, one row
-        each: K [N m/rad], K2 [N m/rad^2], K3 [N m/rad^3].
+        """Coefficients (terms + 1, n, ...) of the torque K q + K2 q^2 + K3 q^3 of n springs whose softening has no
+        bound, one row each: K [N m/rad], K2 [N m/rad^2], K3 [N m/rad^3].
         """
         return np.concatenate([self.K[None], self.K * self.terms])
 
@@ -183,8 +183,8 @@ def strain_under(model: Model, force: Array) -> Array:
         length = model.segment_length[s]
         raise SimulationError(
             f"the axial spring of segment {model.extensions[s].name!r}, which softens with its strain, holds at most "
-            f"{axial.most(force)[s] / length:.4g} N, but {abs(force[s]) / length:.4g} N stretch it: lower the pressure "
-            "or the size of the stiffening, or bound it (stiffening_bound)"
+            f"{axial.most(force)[s] / length:.4g} N, but its force is {abs(force[s]) / length:.4g} N: lower the "
+            "pressure, use a stiffening closer to 0, or bound it (stiffening_bound)"
         )
     return strain
 

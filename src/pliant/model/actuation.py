@@ -241,7 +241,7 @@ class Actuation:
 
 
 def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:
-    """Return the chambers of a model as a tuple: those in `given`, or a single chamber with the parameters `values`.
+    """Return the chambers of a model as a tuple: those in `given` or, if it is empty, one with the parameters `values`.
 
     Raises
     ------

@@ -337,7 +337,7 @@ def check_law(made: Chamber, of: str) -> None:
     rows = laws.LAWS[int(laws.NUMBERS[made.law]) - 1].parameters
     if made.torque.size != len(rows):
         raise InputError(
-            f"{of} torque of the law {made.law!r} must be its numbers {', '.join(rows)}, got "
+            f"{of} torque of the law {made.law!r} must hold the numbers {', '.join(rows)}, got "
             f"{made.torque.size} number(s)"
         )
     for value, (name, row) in zip(made.torque, rows.items(), strict=True):

@@ -100,8 +100,8 @@ def check_extensions(model: ModelParameters) -> None:
 
 
 def check_laws(model: ModelParameters) -> None:
-    """Raise InputError if a model has hysteresis of segments but no extensible segment. In space, it must have neither
-    hysteresis nor nonlinear axial springs of segments.
+    """Raise InputError if a model has hysteresis of segments but no extensible segment. Raise it also if a model in
+    space has hysteresis of segments or nonlinear axial springs.
     """
     if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(
@@ -114,6 +114,6 @@ def check_laws(model: ModelParameters) -> None:
         )
     if model.space and (curved := [e.name for e in model.extensions if e.curved]):
         raise InputError(
-            f"extension {curved[0]!r} softens or stiffens, which is for a body in a plane: leave out its stiffening "
-            "and cubic_stiffening"
+            f"extension {curved[0]!r} of {model.name!r} has a nonlinear spring, which a model in space does not "
+            "support: leave out its stiffening and cubic_stiffening"
         )

@@ -63,10 +63,8 @@ class Extension:
             value = one_number(f"extension {self.name!r}: {field}", getattr(self, field))
             object.__setattr__(self, field, value)
             if not np.isfinite(value) or value < 0 or (value == 0 and field == "stiffness"):
-                raise InputError(
-                    f"extension {self.name!r}: {field} must be finite and {'' if field == 'stiffness' else 'not '}"
-                    f"{'positive' if field == 'stiffness' else 'negative'}, got {value}"
-                )
+                sign = "positive" if field == "stiffness" else "not negative"
+                raise InputError(f"extension {self.name!r}: {field} must be finite and {sign}, got {value}")
         check_limit(f"extension {self.name!r}:", "axial_stiffness", self.stiffness)
         check_limit(f"extension {self.name!r}:", "axial_damping", self.damping)
         for field in (name for name in CURVES if getattr(self, name) is not None):

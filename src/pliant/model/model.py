@@ -248,8 +248,8 @@ def each_link(name: str, a: Array, n: int) -> Array:
 
 
 def with_gains(chamber: Chamber, n: int) -> Chamber:
-    """Return the chamber with one `joint_gain` for each of n joints. A single number is repeated for every joint, and
-    with it a single `cross_gain`.
+    """Return a chamber whose `joint_gain` has one number for each of n joints. If it has a single number, this is
+    repeated for every joint; the same is then done for `cross_gain`.
     """
     if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber

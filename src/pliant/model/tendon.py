@@ -74,9 +74,11 @@ class Tendon(Chamber):
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
         check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"), ("pretension",))
         if self.elastic and not self.line_stiffness:
-            raise InputError(f"{who} driven by its {self.driven_by}, it needs a line_stiffness [N/m]: set it")
-        if (self.driven_by == "angle") != (self.pulley > 0):
-            raise InputError(f"{who} set a pulley radius [m] if driven_by = 'angle', and leave it out otherwise")
+            raise InputError(f"{who} driven_by = {self.driven_by!r} needs a line_stiffness [N/m]: set it")
+        if self.driven_by == "angle" and not self.pulley:
+            raise InputError(f"{who} driven_by = 'angle' needs the radius of the pulley [m]: set pulley")
+        if self.driven_by != "angle" and self.pulley:
+            raise InputError(f"{who} driven_by = {self.driven_by!r} has no pulley: leave pulley out")
         if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
             raise InputError(
                 f"{who} leave out law, swell_share, inflation_limit and axial_gain: only a pressure chamber has them"

@@ -65,7 +65,7 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
 
 
 def unfinished_law(name: str, wanted: set[str]) -> bool:
-    """Return whether the parameter `name` belongs to a torque law of which another parameter is in `wanted`, the names
-    of parameters without a value so far.
+    """Return whether the parameter `name` belongs to a torque law that is not fully known yet. The set `wanted` has the
+    names of all parameters without a value; the law is not fully known if one of its own is among them.
     """
     return any(law.own({name.rpartition(".")[2]: 0.0}) and law.own(dict.fromkeys(wanted, 0.0)) for law in torque_laws())

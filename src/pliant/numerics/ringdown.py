@@ -248,5 +248,7 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
 
 
 def peak(values: Array) -> float:
-    """Return the value farthest from 0 with its sign, ignoring NaN. For a vacuum it is negative."""
+    """Return the element farthest from 0, with its sign; NaN is ignored. For gauge pressures of a vacuum it is
+    negative.
+    """
     return float(values.ravel()[np.nanargmax(np.abs(values))])

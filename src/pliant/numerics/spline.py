@@ -21,10 +21,9 @@ BOUNDARIES = (NATURAL, NOT_A_KNOT, CLAMPED)
 def spline_matrix(
     knots: ArrayLike, at: ArrayLike, boundary: str, derivative: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the matrix B (P, N) and the vector `slope` (P,) that evaluate a cubic spline with N knots at P points.
-
-    The spline is ``B @ values + slope * base_slope``, for its values at the knots and, with a clamped base, its
-    derivative `base_slope` at the first knot.
+    """Return the matrix B (P, N) and the vector `slope` (P,) that evaluate a cubic spline at P points. The result is
+    ``B @ values + slope * base_slope``, from the values at N knots and, if the base is clamped, the derivative
+    `base_slope` at the first knot.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def local_cubic_matrix(stations: ArrayLike, at: ArrayLike) -> NDArray[np.float64
 
 def polynomial_slope_weights(x: ArrayLike, degree: int) -> NDArray[np.float64]:
     """Return weights (S,) for values measured at S points `x`. Their dot product with the values is the slope at
-    ``x[0]`` of the polynomial of this degree fitted to them.
+    ``x[0]`` of the polynomial of degree `degree` fitted to the values.
     """
     points = np.asarray(x, dtype=np.float64)
     span = points[-1] - points[0]

@@ -123,7 +123,7 @@ def align(
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = mean_place(position[window])
-    _require_base(pose, index, recording)
+    _require_all(pose, recording)
     base_rotation = base_rotation_at_rest(_quaternion(recording), index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     if remove_base_motion:
@@ -199,9 +199,10 @@ def _pair(rest: Sequence[float]) -> tuple[float, float]:
 def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base: NDArray) -> NDArray:
     """Return the offset from the base station (3,) to the origin: a length along the tangent (), or a vector (3,)."""
     if origin is not None:
-        if not _is_zero(value) or np.shape(origin) != (3,):
-            raise InputError("origin must be three numbers in metres, and cannot be combined with origin_offset: set "
-                             "one of the two")
+        if not _is_zero(value):
+            raise InputError("origin and origin_offset are both set: remove one of the two")
+        if np.shape(origin) != (3,):
+            raise InputError(f"origin must be three numbers in metres, not {origin!r}")
         return np.asarray(origin, dtype=np.float64) - base
     try:
         offset = np.asarray(value, dtype=np.float64)
@@ -228,11 +229,11 @@ def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     return result
 
 
-def _require_base(pose: NDArray, index: int, recording: xr.Dataset) -> None:
+def _require_all(pose: NDArray, recording: xr.Dataset) -> None:
     unseen = [str(n) for n, p in zip(recording["station"].values, pose, strict=True) if not np.isfinite(p).all()]
     if unseen:
-        raise InputError(f"{', '.join(unseen)} is never seen in the rest window: choose another rest window "
-                         f"(the base is {recording['station'].values[index]})")  # fmt: skip
+        raise InputError(f"{', '.join(unseen)} is never seen in the rest window, which must show each "
+                         "station at least once: choose another rest window")
 
 
 def _without_base_motion(

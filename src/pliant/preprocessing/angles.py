@@ -103,7 +103,7 @@ def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) ->
 
 
 def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
-    """Return True where an angle (T,) [rad] over T frames, 0 at rest, becomes negative when the pressure rises.
+    """Return whether an angle (T,) [rad] over T frames, 0 at rest, becomes negative when the pressure rises.
 
     Without a measured pressure its largest magnitude decides. With several chambers the result is False, as each may
     bend to its own side.

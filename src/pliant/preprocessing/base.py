@@ -24,7 +24,7 @@ PARALLEL = 0.05  # sine of the angle below which a normal is parallel to the tan
 
 def unit_vector(value: ArrayLike, what: str) -> NDArray:
     """Return three numbers divided by their norm, as a unit vector (3,). Raise InputError where they are not finite or
-    all zero; `what` is the name of the option for its message.
+    all zero; `what` is the name of the option for the error message.
     """
     try:
         vector = np.asarray(value, dtype=np.float64)

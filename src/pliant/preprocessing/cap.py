@@ -122,9 +122,12 @@ def _template(
     if kappa.ndim != 2:
         raise InputError(f"curvature must have the shape (time, station), not {kappa.shape}")
     numbers = (spacing, cap_curvature, cap_length, width, tail)
-    if not np.isfinite(numbers).all() or spacing <= 0 or cap_curvature == 0:
-        raise InputError("spacing, cap_curvature and cap_length must be finite, spacing positive and cap_curvature "
-                         "not zero")
+    if not np.isfinite(numbers).all():
+        raise InputError("spacing, gauge_length, cap_curvature, cap_length and tail_curvature must be finite numbers")
+    if spacing <= 0:
+        raise InputError(f"the spacing of the curvature samples must be above 0 m, got {spacing} m")
+    if cap_curvature == 0:
+        raise InputError("cap_curvature must not be 0: set it to the curvature of the cap, in 1/m")
     if cap_length < 2 * width:
         raise InputError(
             f"a cap of {cap_length * 1e3:g} mm cannot be resolved by a gauge of {width * 1e3:g} mm: "
@@ -196,8 +199,8 @@ class CapTemplate:
 
     def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the tip position (T,) [m] along the fibre in T frames, from the curvature `kappa` (T, S) [1/m] of S
-        samples. Also return four rows (4, T) [1/m]: mean curvature of body, cap and tail, and the standard error of
-        that of the cap.
+        samples. Also return four rows (4, T) [1/m]: mean curvature of body, cap and tail, and the standard error of the
+        mean curvature of the cap.
         """
         body, tail = (share[0] for share in self.shares(np.zeros(1)))
         fixed = self.cap_curvature * (1 - body - tail) + self.tail * tail

@@ -28,7 +28,7 @@ FLOOR_SHARE = 3e-3  # faults below this fraction of the station's peak displacem
 
 def by_blocks(detector: Callable[..., NDArray], position: NDArray, *known: NDArray, overlap: int = 0) -> NDArray:
     """Apply the function `detector` to the positions (T, S, d) of S stations over T frames in d dimensions, a few
-    stations at a time to save memory. Return its joined results.
+    stations at a time to save memory. Return the result for all stations as one array.
 
     `known` are arrays (S,) of which the detector receives the values of its stations. Its result has the stations last.
     With `overlap` = 1 it has one value for each pair of neighbours.
@@ -106,8 +106,8 @@ def quantum(values: NDArray) -> float:
 
 
 def travel(position: NDArray) -> NDArray:
-    """Return the peak displacement (S,) [m] of S stations from their median positions, from their positions (T, S, d)
-    [m] over T frames in d dimensions. It is NaN for a station that was never measured.
+    """Return the peak displacement (S,) [m] of S stations relative to their median positions, computed from the
+    positions (T, S, d) [m] over T frames in d dimensions. It is NaN for a station that was never measured.
     """
     distance = _lengths(position - _nanmedian(position))
     with warnings.catch_warnings():
@@ -116,8 +116,8 @@ def travel(position: NDArray) -> NDArray:
 
 
 def rms_deviation(position: NDArray) -> NDArray:
-    """Return the root-mean-square distance (S,) [m] of S stations from their mean positions, from their positions (T,
-    S, d) [m] over T frames in d dimensions.
+    """Return the root-mean-square displacement (S,) [m] of S stations relative to their mean positions, computed from
+    the positions (T, S, d) [m] over T frames in d dimensions.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

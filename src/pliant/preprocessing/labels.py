@@ -1,5 +1,5 @@
-"""Detect frames in which a tracker exchanged the labels of stations, and exchange them back or replace these positions
-by NaN.
+"""Detect frames in which a tracker exchanged the labels of stations, and exchange the labels back, or replace the
+positions of these stations in these frames by NaN.
 """
 
 from __future__ import annotations

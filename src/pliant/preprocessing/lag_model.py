@@ -188,8 +188,8 @@ class LagFrame:
         return np.asarray(self.y - basis @ np.linalg.lstsq(basis, self.y, rcond=1e-10)[0])
 
     def response(self, x: NDArray) -> NDArray:
-        """Return the regressors (K, columns) of the motion at K frames: filtered pressure of each chamber and its
-        square, their slow creep, and a constant.
+        """Return the regressors (K, columns) of the motion at K frames: the low-pass filtered pressure and squared
+        pressure of each chamber, each of these with slow creep, and a constant.
         """
         from scipy.signal import lfilter, lfilter_zi
 

@@ -33,8 +33,10 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
         The recording with filled positions; orientation and angle are not filled.
     """
     check_recording(recording)
-    if "position" not in recording or not longest_s > 0:
-        raise InputError("fill_gaps needs a recording with positions and a positive longest_s in seconds")
+    if "position" not in recording:
+        raise InputError("fill_gaps needs positions, but the recording holds none: leave this step out")
+    if not longest_s > 0:
+        raise InputError(f"fill_gaps needs a positive longest_s in seconds, not {longest_s!r}")
     time, position = recording["time"].values, recording["position"].values.copy()
     filled = 0
     for s in range(position.shape[1]):

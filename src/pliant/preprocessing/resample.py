@@ -43,8 +43,10 @@ def resample_time(
         raise InputError("resample_time needs positions, but the recording holds none: leave this step out")
     if (rate_hz is None) == (time is None):
         raise InputError("resample_time needs exactly one of rate_hz and time: set one of them")
-    if not longest_gap_s > 0 or (rate_hz is not None and not 0 < rate_hz < np.inf):
-        raise InputError("rate_hz and longest_gap_s must be positive, and rate_hz finite")
+    if not longest_gap_s > 0:
+        raise InputError(f"longest_gap_s must be positive, not {longest_gap_s!r}")
+    if rate_hz is not None and not 0 < rate_hz < np.inf:
+        raise InputError(f"rate_hz must be positive and finite, not {rate_hz!r}")
     old = recording["time"].values
     if time is None:
         count = int(np.floor((old[-1] - old[0]) * float(rate_hz or 0.0) + 1e-9)) + 1
@@ -65,8 +67,8 @@ def resample_time(
 
 
 def pressure_on_shape_clock(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording with its pressure interpolated to the times of the shape. It is NaN before the first and
-    after the last pressure sample.
+    """Return the recording with its pressure interpolated to the times of the shape. The pressure is NaN before the
+    first and after the last pressure sample.
     """
     check_recording(recording)
     if "pressure" not in recording or "time" not in recording.coords:
@@ -108,8 +110,10 @@ def resample_arc_length(
         The recording with positions only, as orientations cannot be interpolated along the body.
     """
     check_recording(recording)
-    if "position" not in recording or recording.sizes["station"] < LEAST_STATIONS:
-        raise InputError(f"resampling along the body needs positions of at least {LEAST_STATIONS} stations")
+    count = recording.sizes["station"] if "position" in recording else 0
+    if count < LEAST_STATIONS:
+        raise InputError(f"resampling along the body needs positions of at least {LEAST_STATIONS} stations, but the "
+                         f"recording has {count}: leave this step out")
     if not 0 < spacing_mm < np.inf:
         raise InputError(f"spacing_mm must be positive and finite, not {spacing_mm!r}")
     position = recording["position"].values

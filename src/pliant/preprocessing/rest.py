@@ -63,7 +63,8 @@ def shown(recording: xr.Dataset) -> NDArray:
     if "position" in recording:
         return detectors.spikes_bridged(recording["position"].values)
     if "angle" not in recording:
-        raise InputError("finding a rest window needs positions or angles, but the recording holds neither")
+        raise InputError("finding a rest window needs positions or angles, but the recording holds neither: use "
+                         "another recording")
     return detectors.spikes_bridged(recording["angle"].values[..., None])
 
 

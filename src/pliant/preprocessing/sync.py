@@ -192,7 +192,7 @@ def two_best(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> tuple[F
 
 
 def polished(body: TimeSeries, pressure: TimeSeries, found: Fitted) -> Fitted:
-    """Return the fit `found` of the clock offset after further iterations of its least-squares fit."""
+    """Continue the least-squares fit `found` of the clock offset with further iterations, and return the result."""
     if not np.isfinite(found.frequency):
         return found
     return fit_lag(body, pressure, found.delay, starts=((found.frequency, found.damping),), evaluations=60)
@@ -225,8 +225,10 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
     """Return the recording with the pressure's sample times t [s] replaced by ``t * (1 + drift) + delay_s``."""
     check_recording(recording)
-    if "pressure" not in recording or not (np.isfinite(delay_s) and np.isfinite(drift)):
-        raise InputError("shift_pressure needs a recording with pressure and a finite delay in seconds")
+    if "pressure" not in recording:
+        raise InputError("shift_pressure needs a pressure, but the recording holds none: leave this step out")
+    if not (np.isfinite(delay_s) and np.isfinite(drift)):
+        raise InputError(f"delay_s (in seconds) and drift must be finite, not {delay_s!r} and {drift!r}")
     clock = recording["pressure_time"].copy(data=recording["pressure_time"].values * (1.0 + drift) + delay_s)
     shifted = recording.assign_coords(pressure_time=clock.values)
     shifted["pressure_time"].attrs = dict(recording["pressure_time"].attrs)

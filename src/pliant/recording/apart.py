@@ -72,7 +72,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     except (ValueError, KeyError, TypeError):  # a library that wrote over the memory of its process
         raise InputError(f"{damaged}: {_end(1, seconds)}") from None
     if isinstance(content, dict):
-        start = f"{path.name} " if content["refused"] else f"{damaged}: "
+        start = f"{path.name}: " if content["refused"] else f"{damaged}: "
         raise InputError(f"{start}{content['reason']}")
     return content
 

@@ -36,13 +36,13 @@ def cloud(m: Any) -> list[list[float]]:
     """
     places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
     if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
-        raise Refused("has a PointCloud2 without x, y and z as floating-point numbers: write the bag again without "
+        raise Refused("a PointCloud2 message has no x, y and z as floating-point numbers: write the bag again without "
                       "this topic")
     order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
     beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
     if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
-        raise Refused("has a PointCloud2 with fewer bytes than its points need: it is damaged, so copy or record it "
-                      "again")
+        raise Refused("a PointCloud2 message has fewer bytes than its points need: the bag is damaged, so copy or "
+                      "record it again")
     rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
     columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
                for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
@@ -79,8 +79,8 @@ def check_definition(connection: Any) -> None:
     except TypesysError:
         found = {}
     if not found or any(fields != STORE.fielddefs.get(kind) for kind, fields in found.items()):
-        raise Refused(f"defines {name} of topic {connection.topic[:60]} differently from ROS 2: write the bag again "
-                      "without this topic")
+        raise Refused(f"the bag defines {name} of topic {connection.topic[:60]} differently from ROS 2: write the "
+                      "bag again without this topic")
 
 
 def read(path: str) -> Content:
@@ -101,11 +101,14 @@ def read(path: str) -> Content:
         for connection, received, raw in bag.messages(connections=known) if known else ():
             message = STORE.deserialize_cdr(raw, connection.msgtype)
             stamps[connection.topic].append(stamp_of(message, received))
-            rows[connection.topic].append(ROWS[connection.msgtype](message))
+            try:
+                rows[connection.topic].append(ROWS[connection.msgtype](message))
+            except Refused as refused:
+                raise Refused(f"topic {connection.topic[:60]}: {refused}") from None
     for k, topic in enumerate(rows):
         if len({len(r) for r in rows[topic]}) > 1:
-            raise Refused(f"has a varying number of points per message in topic {topic[:60]}: write the bag "
-                          "again without this topic")
+            raise Refused(f"topic {topic[:60]} has a varying number of points per message: write the bag again "
+                          "without this topic")
         if rows[topic]:
             arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
             topics.append({"name": topic, "type": kinds[topic], "times": f"t{k}", "rows": f"v{k}"})

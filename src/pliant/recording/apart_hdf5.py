@@ -51,7 +51,7 @@ def read(path: str) -> Content:
                 continue
             left -= announced_bytes(item, name)
             if left < 0:
-                raise Refused(f"states more data, up to {name!r}, than a file of {size} bytes can hold: it may be "
+                raise Refused(f"the file states more data, up to {name!r}, than its {size} bytes can hold: it may be "
                               "damaged, so copy it again")
             keep(arrays, facts, name, item, attributes_of(item, name, size))
     return arrays, facts
@@ -71,8 +71,8 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
         if address in seen or name.count("/") >= DEEPEST:
-            raise Refused(f"holds a group {name!r} that contains itself, has two names, or is nested too deeply: "
-                          "copy its data sets into a new file")
+            raise Refused(f"group {name!r} contains itself, has two names, or is nested too deeply: copy its data "
+                          "sets into a new file")
         seen.add(address)
         yield name, item
         for key in item:
@@ -82,7 +82,8 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
             link = item.id.links.get_info(key.encode()).type
             if link != h5py.h5l.TYPE_HARD:
                 kind = LINKS.get(link, "user-defined")
-                raise Refused(f"has a link ({kind}) at {path!r}, which is not followed: copy the data into the file")
+                raise Refused(f"the file has a link ({kind}) at {path!r}, which is not followed: copy the data into "
+                              "the file")
             waiting.append((path, item[key]))
 
 
@@ -92,21 +93,22 @@ def announced_bytes(item: Any, name: str) -> int:
     """
     creation = item.id.get_create_plist()
     if creation.get_layout() == h5py.h5d.VIRTUAL or creation.get_external_count():
-        raise Refused(f"keeps the data of {name!r} in other files, which are not read: copy the data into the file")
+        raise Refused(f"the data of {name!r} are in other files, which are not read: copy the data into the file")
     filters = [creation.get_filter(k)[0] for k in range(creation.get_nfilters())]
     unknown = [k for k in filters if k not in FILTERS]
     if unknown:
-        raise Refused(f"compresses {name!r} by filter {unknown[0]}, which HDF5 does not include: write it with gzip")
+        raise Refused(f"{name!r} is compressed by filter {unknown[0]}, which HDF5 does not include: compress it with "
+                      "gzip")
     announced = int(item.id.get_space().get_simple_extent_npoints()) * int(item.id.get_type().get_size())
     stored = int(item.id.get_storage_size())
     if announced > stored * (DEFLATE_RATIO if filters else 1):
-        raise Refused(f"states {announced} bytes for {name!r}, but stores {stored}: it is damaged or incomplete, so "
-                      "copy it again")
+        raise Refused(f"the file states {announced} bytes for {name!r}, but stores {stored}: it is damaged or "
+                      "incomplete, so copy it again")
     return announced
 
 
 def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
-    """Return the attributes of an HDF5 group or data set as a dict, without those by which HDF5 links dimensions."""
+    """Return the attributes of an HDF5 group or data set as a dict, except those by which HDF5 assigns dimensions."""
     values = {}
     for key in item.attrs:
         if key in HIDDEN:
@@ -114,8 +116,8 @@ def attributes_of(item: Any, name: str, size: int) -> dict[str, Any]:
         stored = item.attrs.get_id(key)
         announced = math.prod(stored.shape or ()) * stored.dtype.itemsize
         if announced > size:
-            raise Refused(f"states {announced} bytes for the attribute {key!r} of {name!r}, but has only {size}: it "
-                          "is damaged")
+            raise Refused(f"the file states {announced} bytes for attribute {key!r} of {name!r}, but has only {size} "
+                          "in all: it is damaged, so copy it again")
         value = item.attrs[key]
         single = isinstance(value, np.ndarray) and value.shape == (1,)  # netCDF has no other single numbers
         values[key] = "" if isinstance(value, h5py.Empty) else value[0] if single else value

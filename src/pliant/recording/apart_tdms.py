@@ -19,12 +19,12 @@ def read(path: str) -> Content:
     bound = content_bound(Path(path).stat().st_size)
     with TdmsFile.open(path) as file:
         if file.file_status.incomplete_final_segment:
-            raise Refused("is truncated, as its last segment is incomplete: copy or export it again")
+            raise Refused("the file is truncated, as its last segment is incomplete: copy or export it again")
         channels = [c for group in file.groups() for c in group.channels()]
         names = [c.name for c in channels]
         if 8 * sum(len(c) for c in channels) > bound:
-            raise Refused("states more values than a file of its size can hold: it may be damaged, so copy or export "
-                          "it again")
+            raise Refused("the file states more values than it can hold by its size: it may be damaged, so copy or "
+                          "export it again")
         for k, channel in enumerate(channels):
             name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
             if channel.dtype.kind not in "iuf" or not len(channel):

@@ -33,8 +33,8 @@ UNKNOWN_BASE = 2**31  # address space of the process before it reads, where the 
 
 
 class Refused(ValueError):
-    """Error for a file that may be intact but holds content that pliant does not read. Its text continues a sentence
-    that begins with the file name.
+    """Error for a file that may be intact but holds content that pliant does not read. Its text is a full sentence
+    that follows the file name and a colon.
     """
 
 

@@ -96,8 +96,8 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
 def chosen(
     held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
 ) -> dict[str, Topic]:
-    """Return, by station or chamber name, the messages of the topic that belongs to this name. The dict `named` states
-    the topic of each name; if it is None or empty, the dict `default` does.
+    """Return a dict from the name of each station or chamber to the messages of its topic. `named` is a dict from these
+    names to topics. If it is None or empty, the dict `default` is used.
     """
     for topic in (named or {}).values():
         if topic not in held:
@@ -149,8 +149,8 @@ def nearest_in(ordered: NDArray, wanted: NDArray) -> NDArray:
 def pressures_of(
     pressures: Mapping[str, Topic], origin: int, unit: str | None, file: str
 ) -> dict[str, Any]:
-    """Return the pressures [Pa] of all chambers at the message times of the first chamber; those of the others are
-    interpolated.
+    """Return the pressures [Pa] of all chambers at the message times of the first chamber. The pressures of the other
+    chambers are interpolated to these times.
     """
     if not pressures:
         return {}

@@ -69,8 +69,8 @@ def read_header(data: bytes, name: str) -> C3dHeader:
     scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
     samples = samples if analog else 1
     if points < 1 or block < 2:
-        raise InputError(f"{name} states {points} points from block {block} on: it holds no points or is damaged, so "
-                         "export it again")
+        raise InputError(f"the header of {name} states {points} points from block {block} on: the file holds no points "
+                         "or is damaged, so export it again")
     if samples < 1 or analog % samples:
         raise InputError(f"{name} states {analog} analog values in {samples} samples per frame: the file is damaged, "
                          "so export it again")

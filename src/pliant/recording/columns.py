@@ -62,8 +62,8 @@ class ColumnHeader:
                                  "one in the mapping")
             return held[0]
         if not 0 <= column < self.width:
-            raise InputError(f"{self.file} has {self.width} columns, 0 to {self.width - 1}: there is no column "
-                             f"{column}: correct the mapping")  # fmt: skip
+            raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
+                             "correct the mapping")
         return column
 
 
@@ -308,8 +308,8 @@ def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dic
         indices = [header.index(c) for c in group.columns]
         given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
         if len(given) != len(indices):
-            raise InputError(f"inputs of {header.file}: {len(indices)} columns need {len(indices)} names, but "
-                             f"{len(given)} were given")  # fmt: skip
+            raise InputError(f"the mapping for {header.file} gives {len(given)} names to {len(indices)} columns of "
+                             "inputs: give one name to each column")  # fmt: skip
         values.append(table[:, indices] * INPUT_SI[group.kind](group.unit))
         names += given
         kinds += [group.kind] * len(indices)

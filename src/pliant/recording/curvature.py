@@ -91,7 +91,7 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     turning = arcs_of(names, second, options.arc_unit, path.name)
     if (turning or options.components) and sorted(turning) != arc.tolist():
         what = f"columns {second}<arc length>" if options.components else "directions"
-        raise InputError(f"{path.name} must have {what} at the same arc lengths as curvatures")
+        raise InputError(f"{path.name} must have {what} at the same arc lengths as curvatures: correct its columns")
     other = table[:, [turning[s] for s in arc.tolist()]] if turning else None
     position = integrated(kappa, other, arc, options)
     time, wrapped = time_of(table, names, options, path.name)
@@ -142,8 +142,8 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             continue
         arc = metre_per(match[2] or unit) * float(match[1])
         if not np.isfinite(arc) or arc in found:
-            raise InputError(f"{file} states an arc length that is not finite or repeats in column "
-                             f"{clipped(name)!r}: rename the column")
+            problem = "of another column, too" if arc in found else "that is not finite"
+            raise InputError(f"{file} states in column {clipped(name)!r} an arc length {problem}: rename the column")
         found[arc] = k
     return found
 
@@ -151,8 +151,8 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
 def time_of(
     table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the times (T,) [s] of the T rows of a curvature table, from its time column or the frame rate, and lines
-    for the history.
+    """Return the times (T,) [s] of the T rows of a curvature table, and lines for the history. The times are those of
+    its time column or, if it has none, follow from the frame rate.
     """
     clocks = [k for k, name in enumerate(names) if is_time(name)]
     if not clocks and options.rate_hz:

@@ -39,8 +39,8 @@ def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
 
 
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
-    """Return, as keyword arguments for `make_recording`, all inputs of a recording with their names and times, to copy
-    them to a new one.
+    """Return all inputs of a recording, with their names and times, as keyword arguments for `make_recording`, so that
+    a new recording receives the same inputs.
     """
     names = {"pressure": "pressure", "pressure_time": "pressure_time", "chamber": "chamber", "actuation": "actuation",
              "input_time": "input_time", "input_names": "input", "input_kind": "kind"}  # fmt: skip

@@ -48,8 +48,8 @@ def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] 
 
 
 def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
-    """Return the recording with the scale and offset of each channel that `lines` names applied. Its history lists
-    them.
+    """Apply the scales and offsets in `lines`, a dict by channel name, to the channels of a recording. Return a new
+    recording whose history lists them.
 
     Raises
     ------

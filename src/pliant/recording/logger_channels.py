@@ -58,7 +58,8 @@ def pressure_log(
     names = options.pressure or [n for n, c in channels.items() if c.unit.strip().lower() in PASCAL]
     listing = ", ".join(f"{clipped(n, 40)} ({c.unit or 'no unit'})" for n, c in list(channels.items())[:20]) or "none"
     if missing := [n for n in names if n not in channels]:
-        raise InputError(f"{file} has no channel {clipped(missing[0])!r}; its channels are: {listing}")
+        raise InputError(f"{file} has no channel {clipped(missing[0])!r}: correct pressure in its mapping; its "
+                         f"channels are: {listing}")
     if not names:
         raise InputError(f"{file} has no channel with a unit of pressure: name the channels in its mapping, "
                          f"pressure = [...] and pressure_unit; its channels are: {listing}")  # fmt: skip

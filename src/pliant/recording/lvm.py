@@ -103,7 +103,7 @@ def channels_of(
             try:
                 time = float(starts[k]) + float(steps[k]) * np.arange(len(table))
             except (IndexError, ValueError):
-                raise InputError(f"{file} states no X0 and Delta_X, from which times follow, for channel "
+                raise InputError(f"{file} does not state the start time X0 and the time step Delta_X of channel "
                                  f"{names[column]}: export it with X columns") from None
         else:
             time = table[:, column - 1 if layout == "Multi" else 0]

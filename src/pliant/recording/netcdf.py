@@ -39,7 +39,8 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
     loaded = _decoded("classic" if classic else "hdf5", path)["/"]
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
-        raise InputError(f"{path.name} is netCDF, but not a recording that pliant wrote; its variables are {names}")
+        raise InputError(f"{path.name} is netCDF, but not a recording that pliant wrote: build a recording from its "
+                         f"variables by make_recording; they are {names}")
     return _in_memory(loaded)
 
 

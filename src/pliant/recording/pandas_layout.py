@@ -23,8 +23,8 @@ MARK = object()
 
 
 class StoredFrame(NamedTuple):
-    """Table that pandas stored in HDF5: the names of its C columns (one text for each level of the header), the numbers
-    (T,) of its T rows, and its values (T, C).
+    """Table that pandas stored in HDF5: the names of its C columns (one text for each level of the header), the index
+    number of each of its T rows (T,), and its values (T, C).
     """
 
     levels: tuple[str, ...]
@@ -53,14 +53,14 @@ def read_frame(stored: Mapping[str, NDArray], facts: Mapping[str, Any], file: st
     try:
         frame = build(arrays, attributes, tables[0])
     except InputError as error:
-        raise InputError(f"{file} cannot be read as a DeepLabCut file: {error}; export CSV instead") from None
+        raise InputError(f"{file} cannot be read as a DeepLabCut file: {error}") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else clipped(str(error), 200)
         raise InputError(f"{file} cannot be read as a DeepLabCut file; it may be damaged: {reason}; export CSV "
                          "instead") from None
     if frame.values.shape != (len(frame.rows), len(frame.columns)):
         raise InputError(f"{file} is damaged: it has {len(frame.columns)} column names, but values of shape "
-                         f"{frame.values.shape}")
+                         f"{frame.values.shape}; export CSV instead")
     return frame
 
 
@@ -191,5 +191,5 @@ def _step(code: str, line: str, stack: list[Any], known: dict[str, Any]) -> None
         item, key = stack.pop(), stack.pop()
         stack[-1][key] = item
     else:
-        raise InputError(f"its column names are a pickle with an instruction ({code!r}) other than text and numbers, "
-                         "which could run a program and is not read")  # fmt: skip
+        raise InputError(f"its column names are a pickle that holds more than text and numbers (instruction {code!r}); "
+                         "it could run a program and is therefore not read; export CSV instead")  # fmt: skip

@@ -35,7 +35,7 @@ def read_tracker(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     findings: list[str] = []
     for file in (path, *(path.parent / name for name in options.more)):
         if not file.is_file():
-            raise InputError(f"{path.name} has no further file {file.name!r} beside it: correct more in the mapping")
+            raise InputError(f"there is no file {file.name!r} beside {path.name}: correct `more` in its mapping")
         name, track, more = one_track(file)
         findings += more
         tracks[name if name not in tracks else file.stem] = track

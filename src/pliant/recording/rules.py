@@ -204,10 +204,11 @@ def _check_rotations(recording: xr.Dataset) -> None:
         if recording.attrs["frame"] != "planar":
             raise InputError("angle is allowed in planar recordings only: align the recording first")
         if recording["angle"].attrs.get("reference") not in REFERENCES:
-            raise InputError("angle must carry the attribute reference, 'rest' or 'base'")
+            raise InputError("the variable angle must have the attribute reference = 'rest' or 'base': add it")
     if "quaternion" in recording:
         if recording.attrs["frame"] == "spatial" and recording["quaternion"].attrs.get("reference") not in REFERENCES:
-            raise InputError("quaternion of an aligned recording must carry the attribute reference, 'rest' or 'base'")
+            raise InputError("the variable quaternion of an aligned recording must have the attribute reference = "
+                             "'rest' or 'base': add it")
         norm = np.linalg.norm(recording["quaternion"].values, axis=-1)
         wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
         if wrong.any():

@@ -44,7 +44,7 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
     if tracks.shape[:3] != (len(labels), 2, len(names)):
         wanted_shape = f"({len(labels)}, 2, {len(names)}, ...)"
         raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame) = {wanted_shape}, not "
-                         f"{tracks.shape}")
+                         f"{tracks.shape}: export the analysis file again from SLEAP")
     if scores is not None and scores.shape != (len(labels), len(names), tracks.shape[3]):
         raise InputError(f"point_scores of {path.name} have the shape {scores.shape}, which does not match its "
                          "tracks: export it again from SLEAP")

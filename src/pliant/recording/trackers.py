@@ -102,10 +102,15 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
     """Convert the points (T, S, 2) of a tracker, for S stations over T frames, to positions (T, S, 3) [m], y upward and
     z = 0. Also return a line for the history.
     """
-    if (options.camera is None) == (options.length_unit is None):
+    if options.camera is None and options.length_unit is None:
         raise InputError(
-            f"{path.name} holds points of a tracker: for points in pixels give [camera] with pixels_per_mm (or scale, "
-            "plane, board) and rate_hz; for a calibrated tracker give length_unit in its mapping; not both"
+            f"{path.name} does not state the unit of its points: for points in pixels give [camera] with pixels_per_mm "
+            "(or scale, plane, board) and rate_hz; for a calibrated tracker give length_unit in its mapping"
+        )
+    if options.camera is not None and options.length_unit is not None:
+        raise InputError(
+            f"the mapping for {path.name} has both [camera] and length_unit: keep [camera] if the points are in "
+            "pixels, or length_unit if the tracker is calibrated"
         )
     if options.camera is not None:
         return in_plane(points, options.camera, path.parent)

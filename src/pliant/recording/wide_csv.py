@@ -225,8 +225,8 @@ def _station_labels(columns: dict[str, NDArray]) -> list[str]:
     for before, after in pairwise(labels):
         if numbers[after] > numbers[before] + 1:
             missing = f"x_{numbers[before] + 1:0{len(labels[0])}d}"
-            raise InputError(f"station columns are not numbered consecutively: x_{after} follows x_{before}, and "
-                             f"column {missing} is missing")  # fmt: skip
+            raise InputError(f"station columns are not numbered consecutively: x_{after} follows x_{before}, but "
+                             f"column {missing} is missing: add it, or number the stations without gaps")  # fmt: skip
     return labels
 
 

@@ -1,5 +1,5 @@
-"""Compute the joint angles of a chain of links from the nodes between them, in the plane and in space, and the
-positions of the link tips.
+"""Compute the joint angles and link tips of a chain of links, in the plane and in space, from the positions of the
+nodes at which the links meet.
 """
 
 from __future__ import annotations

@@ -201,7 +201,8 @@ def _chosen_nodes(
     stations: Sequence[str] | None,
 ) -> NDArray[np.float64]:
     if sum(option is not None for option in (n, node_arc_length, stations)) != 1:
-        raise InputError("links_of needs exactly one of n, node_arc_length and stations")
+        raise InputError("links_of needs exactly one of n, node_arc_length and stations: set one of them and leave the "
+                         "others out")
     s = body.arc_length
     if n is not None:
         if n < 1:

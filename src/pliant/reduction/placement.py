@@ -39,7 +39,7 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
 
 def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Search for nodes for which the spline through them is closest to the body. Return their arc lengths (n + 1,) [m],
-    for n segments. The spline's largest error is at most that with the nodes `start`.
+    for n segments. The largest error of the spline is not above the one with the nodes `start`.
 
     Base and tip are fixed. The search moves nodes from station to station, alone and in blocks, on a set of active
     frames. It adds the worst of all frames until none is worse than the active ones. It starts from the equal nodes and

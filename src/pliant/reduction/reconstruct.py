@@ -63,9 +63,10 @@ def spline_shape(
     knots = np.asarray(node_arc_length, dtype=np.float64)
     if tip.ndim != 3 or knots.shape != (tip.shape[1] + 1,):
         raise InputError(f"tips (T, n, d) need n + 1 node arc lengths, but their shapes are {tip.shape}, {knots.shape}")
-    if boundary not in BOUNDARIES or knots.size < 3:
-        raise InputError(f"a spline needs two links or more and a boundary among {', '.join(BOUNDARIES)}, not "
-                         f"{boundary!r}")
+    if knots.size < 3:
+        raise InputError(f"a spline needs at least two links, got {knots.size - 1}: compute more links")
+    if boundary not in BOUNDARIES:
+        raise InputError(f"boundary must be one of {', '.join(BOUNDARIES)}, not {boundary!r}")
     first = np.broadcast_to(np.asarray(base, dtype=np.float64), (len(tip), 1, tip.shape[2]))
     matrix, slope = spline_matrix(knots, np.asarray(arc_length, dtype=np.float64), boundary)
     tangent = np.broadcast_to(np.asarray(base_tangent, dtype=np.float64), (len(tip), tip.shape[2]))

@@ -160,6 +160,6 @@ class EnergyWatch:
         missing, energy = missing_energy(self.gain, self.loss)
         if missing > MOST_MISSING and not warned:
             warn(
-                f"the chain {energy}: the step of {1e3 * length:.3g} ms is too long for how fast it moves; use a "
-                "shorter one", EnergyWarning, stacklevel=4,
+                f"the chain {energy}: the step of {1e3 * length:.3g} ms is too long for this motion; use a "
+                "shorter step", EnergyWarning, stacklevel=4,
             )

@@ -77,8 +77,8 @@ def row_of(chamber: Chamber, before: float) -> Array:
 
 
 def valve_constants(row: Array) -> ValveConstants:
-    """Return the constants of a valve by name, from an array `row` that begins with them. Its entries are floats or
-    dual numbers, as from `valve_row`.
+    """Return the constants of a valve by name, from an array `row` that begins with them. The constants are floats or
+    dual numbers.
     """
     single = row[:OF_A_VALVE].tolist() if row.ndim == 1 else row[:OF_A_VALVE]
     return ValveConstants(Lag(*single[:4]), *single[4:])

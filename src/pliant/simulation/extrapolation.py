@@ -39,7 +39,7 @@ def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
 
 
 def extrapolated(coarse: Marched, fine: Marched) -> Marched:
-    """Combine two second-order motions, with a step and with half of it, to one of fourth order."""
+    """Return a motion of fourth-order accuracy from two of second order: one with a step, one with half this step."""
     phi, w, work, states = ((4.0 * b - a) / 3.0 for a, b in zip(coarse, fine, strict=True))
     return phi, w, work, states
 

@@ -27,18 +27,17 @@ class PointForce(NamedTuple):
 
 
 def checked(whose: str, force: PointForce, dimension: int = 2) -> PointForce:
-    """Return the force with copies of its arrays; raise InputError if it is invalid. `whose` begins the message.
-
-    `whose` begins the message.
-    """
+    """Return the force with copies of its arrays; raise InputError if it is invalid. `whose` begins the message."""
     time, value = np.array(force.time, dtype=float), np.array(force.force, dtype=float)
     if time.ndim != 1 or time.size == 0 or value.shape != (time.size, dimension):
         axes = ", ".join(("fx", "fy", "fz")[:dimension])
         raise InputError(
             f"{whose}: a known force needs one row [{axes}] for each time, got shapes {value.shape} and {time.shape}"
         )
-    if not (np.isfinite(time).all() and np.isfinite(value).all()) or np.any(np.diff(time) < 0):
-        raise InputError(f"{whose}: a known force and its times must be finite, and the times must not decrease")
+    if not (np.isfinite(time).all() and np.isfinite(value).all()):
+        raise InputError(f"{whose}: a known force and its times must be finite: remove or correct the other values")
+    if np.any(np.diff(time) < 0):
+        raise InputError(f"{whose}: the times of a known force must not decrease: sort its rows by time")
     return force._replace(time=time, force=value)
 
 

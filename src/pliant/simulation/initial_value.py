@@ -61,7 +61,9 @@ class InitialValueProblem(NamedTuple):
         return self.loaded(drive(self.model, self.pressure, times, step))
 
     def loaded(self, plan: Drive) -> Drive:
-        """Return the time steps `plan` with the mean loads on the links by known forces added."""
+        """Return the time steps `plan` together with the loads [N m] that the known forces cause on the links. The
+        loads are averages over each time step.
+        """
         if not self.forces:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
@@ -87,7 +89,10 @@ class InitialValueProblem(NamedTuple):
         every = 2 if factor > 1.0 and self.times.size > 2 else 1  # half of the output times, since no step passes one
         other = self.plan(factor * float(plan.h.max()), self.times[::every])
         if factor > 1.0 and other.h.size > 0.75 * plan.h.size:
-            raise SimulationError("the output times and jumps do not permit longer steps")
+            raise SimulationError(
+                "the simulation cannot be repeated with longer steps, because its output times and the jumps of its "
+                "inputs are too close together: use fewer output times"
+            )
         return self.tips(phi[::every]), self.tips(self.marched(other)[0])
 
 

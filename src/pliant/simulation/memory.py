@@ -53,11 +53,13 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
         return rest
     shape = (len(rest), max(len(model.memory.labels), len(model.memory.axial.labels)))
     states = np.asarray(given, dtype=float)
-    if states.shape != shape or not np.isfinite(states).all():
+    if states.shape != shape:
         rows = "joint and segment" if model.memory.has_axial else "joint"
         raise InputError(
-            f"initial_memory must be finite angles of shape ({rows}, memory) = {shape}, got {states.shape}"
+            f"initial_memory must be angles of shape ({rows}, memory) = {shape}, got shape {states.shape}"
         )
+    if bad := int((~np.isfinite(states)).sum()):
+        raise InputError(f"initial_memory must be finite, but {bad} of its {states.size} angles are not: correct them")
     rest[:, : shape[1]] = states
     return rest
 

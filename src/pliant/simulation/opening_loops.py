@@ -54,8 +54,8 @@ def opening_interval(h, command, time, p):
 
 
 def filled(s, x):
-    """Return the solution x after the normalised time s of filling, from the initial value `x`, and its integral over
-    s. The rate x' is 1 while x < 0, and then sqrt(1 - x^2) until x = 1.
+    """Return the normalised pressure x in a chamber after filling for the normalised time s, and the integral of x over
+    s. The argument `x` is the initial value. The rate x' is 1 while x < 0, and then sqrt(1 - x^2) until x = 1.
 
     x = 2 P / U - 1, with the absolute pressures P in the chamber and U before the opening.
     """
@@ -74,8 +74,8 @@ def filled(s, x):
 
 
 def vented(s, x):
-    """Return the solution x after the normalised time s of venting, from the initial value `x`, and its integral over
-    s. The rate x' is -(1 + x) / 2 while x > 1, and then -sqrt(x) until x = 0.
+    """Return the normalised pressure x in a chamber after venting for the normalised time s, and the integral of x over
+    s. The argument `x` is the initial value. The rate x' is -(1 + x) / 2 while x > 1, and then -sqrt(x) until x = 0.
 
     x = (P - U) / U, with the absolute pressures P in the chamber and U before the opening.
     """

@@ -92,8 +92,8 @@ def rate_limited_interval(h, u0, u1, valve, p):
 
 
 def limited_then_lagged(t, limited, rate, lag, u0, slope, p):
-    """Return the pressure [Pa] after t [s], and its integral, behind a valve that is limited to `rate` for a time
-    `limited` [s]. Afterwards the pressure follows the command with a first-order lag.
+    """Return the pressure [Pa] behind a valve after t [s], and its integral over this time. For the first `limited` [s]
+    the pressure changes at `rate` [Pa/s]. Afterwards it follows the command with a first-order lag.
 
     It starts at p [Pa].
     """

@@ -229,9 +229,11 @@ class Stepper:
             under = ", ".join(f"{p:.6g} {u}" for p, u in zip(self._command, self.model.actuation.units, strict=True))
             if lost := state.given_way(self.model, self._x):
                 raise SimulationError(f"at {self.time:.6g} s, under {under}, {lost}")
+            if not np.isfinite(self._command).all():
+                raise SimulationError(f"at {self.time:.6g} s the input is not finite ({under}): give finite numbers")
             raise SimulationError(
                 f"at {self.time:.6g} s, under {under}, a link turns by more than a radian within the step of "
-                f"{self.length * 1e3:.3g} ms, or the pressure is not finite; use a shorter step or a smaller pressure"
+                f"{self.length * 1e3:.3g} ms; use a shorter step or a smaller pressure"
             )
         self._watch.look(self._x, self._v, self.memory, self.length, steps)
         return self.angle, self.rate
@@ -262,8 +264,9 @@ class Stepper:
         held = (self._x, self._v, self.memory, self._drives.pressure, self._drives.state)
         if [a.shape for a in held] != [b.shape for b in saved[:5]]:
             raise InputError(
-                f"this snapshot is of a model with {saved.angle.size} coordinates or other hysteresis or chambers: "
-                "restore a snapshot of an equal model"
+                f"this snapshot does not fit the model: the number of coordinates ({saved.angle.size} in the snapshot, "
+                f"{self._x.size} in the model), the hysteresis or the chambers differ: restore a snapshot of an equal "
+                "model"
             )
         for own, value in zip(held, saved[:5], strict=True):
             own[...] = value  # in place, since the compiled step refers to these arrays

@@ -109,8 +109,8 @@ def shape_of(name: str, body: xr.Dataset, tip_status: str, reduction: Reduction)
 
 
 def nodes_of(order: OrderResult, n: int, reduction: Reduction) -> np.ndarray:
-    """Return the arc lengths (n + 1,) [m] of n joints and the tip. The joints lie in the middle of equal segments, or
-    where the selection of the number of links placed them.
+    """Return the arc lengths (n + 1,) [m] of n joints and the tip. With the joint placement "midsegment" the joints lie
+    in the middle of equal segments, otherwise where the selection of the number of links placed them.
     """
     if reduction.joint_placement == "midsegment":
         return np.asarray(order.length / n * np.append(np.arange(n) + 0.5, n))

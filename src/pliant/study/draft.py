@@ -369,7 +369,7 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
     if held:
         out.put("held_out", [held], "not used by the fit; the report judges how the model predicts it")
     else:
-        out.say('to test the prediction, record one more and name it here: held_out = ["another"]')
+        out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')
     out.table("fits.first.parameters")
     out.say('"free": the start value is estimated from the recordings')
     for name, meaning in free_parameters(trials, held):

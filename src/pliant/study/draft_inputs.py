@@ -35,7 +35,7 @@ def driven(trials: Sequence[Trial]) -> list[str]:
 
 
 def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
-    """Write the chambers of a body in a plane, with the side and joints that each bends.
+    """Write the chambers of a body in a plane, each with the joints that it bends and the side to which it bends them.
 
     Each chamber is judged by the recording in which its pressure varies most, compared with the other pressures.
     """

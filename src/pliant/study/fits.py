@@ -191,8 +191,9 @@ def warn_of_step(
     if error > LIMIT and failures.warn is not None:
         size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
         failures.warn(
-            f"warning: fit {failures.fit}: the tip of record {exp.name} may be wrong {size}: the step of "
-            f"{1e3 * step:.3g} ms is too long for its motion; set step = {nice(step * step_for(error)):g} in the study"
+            f"warning: fit {failures.fit}: the simulated tip of record {exp.name} may be wrong {size}: the "
+            f"step of {1e3 * step:.3g} ms is too long for its motion; set step = "
+            f"{nice(step * step_for(error)):g} in the study"
         )
 
 

@@ -69,7 +69,7 @@ def run_forecast(
     """
     entry = study.forecasts[name]
     if entry.fit not in results:
-        raise SimulationError(f"its fit {entry.fit} could not be computed")
+        raise SimulationError(f"the forecast uses fit {entry.fit}, which could not be computed: correct this fit first")
     result, template = results[entry.fit], experiments[entry.like]
     driven = {c: p * pascal_per(entry.pressure_unit) for c, p in entry.pressures.items()}
     case = case_of(name, entry, template, driven)

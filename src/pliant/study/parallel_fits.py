@@ -154,7 +154,8 @@ class Helper(Thread):
                     self.process.kill()
         except (OSError, EOFError, pickle.UnpicklingError) as error:
             if not self.stopped:
-                self.notify(f"a helper process ended early ({type(error).__name__}): the main process goes on")
+                self.notify(f"a helper process ended early ({type(error).__name__}): the main process computes the fit "
+                            "in its place")  # fmt: skip
 
     def serve(self, process: Any) -> None:
         """Send fits to the process and store their outcomes until the queue is empty."""

@@ -277,7 +277,8 @@ def supported_links(experiments: Mapping[str, Experiment]) -> int | None:
 
 
 def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict[str, str]:
-    """Return a sentence for each recording in which the body hardly moved, by the name of the recording.
+    """Return a dict with a sentence for each recording in which the body hardly moved; its keys are the recordings'
+    names.
 
     A fit to such a recording would fit its noise.
     """

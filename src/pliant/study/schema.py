@@ -360,8 +360,8 @@ def check_names(study: Study, path: Path) -> None:
     for name, fit in learning.items():
         for record in [*fit.train, *fit.held_out]:
             if record not in study.recordings:
-                raise InputError(f"study {path}: fit {name} uses recording {record!r}, not one of {listed}: correct "
-                                 "its `train` or `held_out`")
+                raise InputError(f"study {path}: fit {name} uses recording {record!r}, which is not one of "
+                                 f"{listed}: correct its `train` or `held_out`")
         both = set(fit.train) & set(fit.held_out)
         if both or not fit.train:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
@@ -379,8 +379,8 @@ def check_forecast_names(study: Study, path: Path) -> None:
     for name, entry in study.forecasts.items():
         if entry.like not in study.recordings:
             listed = ", ".join(study.recordings)
-            raise InputError(f"study {path}: forecast {name} is like recording {entry.like!r}, not one of {listed}: "
-                             "correct its `like`")
+            raise InputError(f"study {path}: `like` of forecast {name} names recording {entry.like!r}, which is not "
+                             f"one of {listed}: correct it")
         if entry.fit and entry.fit not in study.fits:
             fits = ", ".join(study.fits)
             raise InputError(f"study {path}: forecast {name} uses fit {entry.fit!r}, which is not one of {fits}: "
@@ -393,8 +393,8 @@ def check_reduction(study: Study, path: Path) -> None:
         return
     if study.reduction.recording not in (None, *study.recordings):
         listed = ", ".join(study.recordings)
-        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, not one of "
-                         f"{listed}: correct its `recording`")
+        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, which is not "
+                         f"one of {listed}: correct its `recording`")
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
         entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
         raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "

@@ -56,8 +56,8 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
 
 
 def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """Return every recording completed with the defaults. A recording that selects several trials from a file is
-    replaced by one recording for each trial; the names of the trials are returned too.
+    """Return every recording; entries that it lacks are taken from the defaults. A recording that selects several
+    trials from a file is replaced by one recording for each trial; the names of the trials are returned too.
     """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
@@ -108,19 +108,19 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
 
 
 def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
-    """Return a fit completed with the entries of the fit named in its `like`, and without the parameters listed in its
-    `without`.
+    """Return the fit `name`. Entries that it lacks are taken from the fit that its entry `like` names, and the
+    parameters that its entry `without` lists are removed.
     """
     own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: fit {name} is like fit {like!r:.60}, not one of {listed or 'the fits'}: "
-                             "correct its `like`")
+            raise InputError(f"study {path}: `like` of fit {name} names fit {like!r:.60}, which is not one of "
+                             f"{listed or 'the fits'}: correct it")
         if like in (*above, name):
-            raise InputError(f"study {path}: fit {like} is like itself: {' -> '.join((*above, name, like))}; remove "
-                             "one `like`")
+            raise InputError(f"study {path}: fit {like} refers to itself by `like`, "
+                             f"{' -> '.join((*above, name, like))}: remove one `like`")
         shared = fit_of(like, fits, (*above, name), path)
         shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)

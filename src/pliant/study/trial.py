@@ -319,7 +319,9 @@ def directions(
 
 
 def body_length(trial: Trial) -> float | None:
-    """Return the length of the body [m], along the stations or from base to tip at rest; None if it is unknown."""
+    """Return the length of the body [m]: the arc length to the last station or, if arc lengths are unknown, the
+    distance from base to tip at rest. Return None if the file does not determine the length.
+    """
     if trial.aligned is None or trial.capped or trial.angles_only or not trial.has_scale:
         return None
     if "arc_length" in trial.aligned.coords:
@@ -359,7 +361,7 @@ def held_out(trials: Sequence[Trial]) -> str | None:
 
 
 def moved(trial: Trial) -> str:
-    """Return the begin and end of the motion as a comment, or "" if they are unknown."""
+    """Return a comment with the times at which the motion begins and ends, or "" if they are unknown."""
     if trial.aligned is None or not trial.has_scale or excitation(trial) == "trace":
         return ""
     stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)

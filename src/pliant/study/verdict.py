@@ -128,7 +128,7 @@ def unlike(m: dict[str, Any]) -> str:
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the end of a sentence on the measured lengthening of the body: by how much the model lengthens."""
+    """Return the end of a sentence on the measured lengthening of the body. It says by how much the model lengthens."""
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
         return "the model does not"
@@ -175,8 +175,8 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
-    """Return the headline of the report: sentences and warnings on the first fit, and its state. The state is "missed"
-    if a target is missed, "beware" if there are warnings, "good" if all targets are met, or "open" if none is stated.
+    """Return the headline of the report: sentences and warnings on the first fit, and a state. The state is "missed" if
+    a target is missed, "beware" if there are warnings, "good" if all targets are met, or "open" if no target is stated.
     """
     fit = outcome.fits[0]
     held = [r for r in fit.records if r.role == "held_out"]

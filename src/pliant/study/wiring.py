@@ -25,8 +25,8 @@ MOST = 24  # wirings to try if the study lists none: all permutations of four ch
 
 
 def candidates(study: Study) -> dict[str, Drive]:
-    """Return a dict of the wirings to compare: those that the study lists, or all permutations of the pressures in the
-    one that its recordings state.
+    """Return a dict of the wirings to compare: those that the study lists or, if it lists none, all permutations of the
+    pressures in the wiring that its recordings state.
 
     Raises
     ------

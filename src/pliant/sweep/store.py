@@ -142,10 +142,13 @@ class Store:
             recording = self.load(chunk, first, last)
             if recording is None:
                 raise PliantError(
-                    f"chunk {chunk} (samples {first} to {last - 1}) is missing or damaged: run the sweep again"
+                    f"chunk {chunk} (samples {first} to {last - 1}) in {self.folder} is missing or damaged: run the "
+                    "sweep again"
                 )
             parts.append(recording)
         whole = xr.concat(parts, dim="sample", data_vars="all", join="exact", combine_attrs="override")
         if not np.array_equal(whole["sample"].values, np.arange(bounds[-1][1])):
-            raise PliantError("the chunks do not hold every sample once: remove the folder and run the sweep again")
+            raise PliantError(
+                f"the chunks in {self.folder} do not hold every sample once: remove this folder and run the sweep again"
+            )
         return whole

@@ -99,8 +99,8 @@ def stacked(rows: Sequence[Arrays]) -> Arrays:
 
 
 def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
-    """Compute the samples `first` to `last - 1` of a residual bootstrap. Each is a new fit to the motion that the first
-    fit predicts, plus its residuals, drawn at random in blocks of consecutive frames.
+    """Compute the samples `first` to `last - 1` of a residual bootstrap. Each is a new fit to artificial measurements:
+    the motion that the first fit predicts, plus residuals of this fit drawn at random in blocks of consecutive frames.
     """
     base = campaign.base
     if base is None:

@@ -42,8 +42,9 @@ class AngleSensor:
             raise InputError(
                 f"an angle sensor needs 0 < place <= 1 and rate > 0, got place {self.place} and rate {self.rate}"
             )
-        if min(self.lag, self.step, self.noise, self.drift, self.gain_error, self.zero) < 0:
-            raise InputError("lag, step, noise, drift, gain_error and zero of an angle sensor must be >= 0")
+        for name in ("lag", "step", "noise", "drift", "gain_error", "zero"):
+            if getattr(self, name) < 0:
+                raise InputError(f"angle sensor setting {name} must be >= 0, got {getattr(self, name)}")
 
 
 FLEX = AngleSensor()

@@ -59,8 +59,11 @@ class FibreSensor:
                 "a fibre needs 0 <= drop_out < 1 (a probability) and drop_out_length >= 1 frame, "
                 f"got {self.drop_out} and {self.drop_out_length}"
             )
-        if min(self.noise, self.bias, self.jitter, self.gain_error, self.twist) < 0:
-            raise InputError("noise, bias, jitter, gain_error and twist are standard deviations: give values >= 0")
+        for name in ("noise", "bias", "jitter", "gain_error", "twist"):
+            if getattr(self, name) < 0:
+                raise InputError(
+                    f"fibre setting {name} is a standard deviation and must be >= 0, got {getattr(self, name)}"
+                )
 
 
 def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float64]:

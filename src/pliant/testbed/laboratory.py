@@ -116,8 +116,8 @@ def run_rod(
 def resolved(
     case: str | Scenario, body: str | int | RodParameters | Member, lab: Laboratory | None, output: Output = "position"
 ) -> tuple[Scenario, Member, Laboratory]:
-    """Return the scenario, adapted to the body if it belongs to the family; the body together with its own instruments;
-    and the laboratory `lab`, by default one with these instruments.
+    """Return the scenario, the body with its instruments, and the laboratory as objects. The scenario is scaled to the
+    body if the body belongs to the family. Without `lab`, the laboratory has the body's instruments.
     """
     case = scenario(case) if isinstance(case, str) else case
     if isinstance(body, RodParameters):

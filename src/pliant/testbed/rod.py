@@ -20,7 +20,7 @@ ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs 
 @dataclass(frozen=True)
 class ChamberParameters:
     """One pressure chamber: the part of the body that it covers, from `start` to `stop` (fractions of the length), and
-    its factors of the bending moment (`gain`) and of the axial force (`push`).
+    the factors that scale its bending moment (`gain`) and its axial force (`push`).
 
     The moment per pressure is `gain` times that of `RodParameters`. With a negative gain the chamber lies on the other
     side of the inextensible layer and bends the body the other way; its lever arm grows as the body bends that way. The

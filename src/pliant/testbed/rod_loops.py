@@ -76,8 +76,8 @@ def memory_moment(k, bend, body, state, clock):
 
 
 def turning(x, k):
-    """Return the bending angle [rad] at vertex `k`, and the derivatives [rad/m] of the directions of the edges before
-    and after it with respect to the x and y components of the same edge.
+    """Return the bending angle [rad] at vertex `k`, and derivatives [rad/m] of the directions of the edges before and
+    after the vertex, each with respect to the x and y components of the edge itself.
     """
     bx, by = x[k + 1, 0] - x[k, 0], x[k + 1, 1] - x[k, 1]
     ax, ay = 0.0, 1.0
@@ -94,7 +94,7 @@ def curvatures(x, body, out):
 
 
 def volume(c, kappa, length, body):
-    """Return by how much the volume [m3] of chamber `c` exceeds that in the straight, unstretched shape.
+    """Return by how much the volume [m3] of chamber `c` exceeds its volume in the straight, unstretched shape.
 
     The gain contributes through the curvature `kappa`, the thrust through the edge lengths `length`.
     """
@@ -148,8 +148,8 @@ def add_bending(x, load, body, state, clock, band, torque, g):
 
 
 def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
-    """Add the contribution of edge `e` to the derivatives of the potential: (fx, fy) [N] at its far node and the
-    opposite at its near node to `gradient`, and its stiffness kxx, kxy, kyy [N/m] to `band`.
+    """Add the contribution of edge `e` to the first and second derivatives of the potential: (fx, fy) [N] at its far
+    node and the opposite at its near node to `gradient`, and its stiffness kxx, kxy, kyy [N/m] to `band`.
     """
     i = 2 * e
     gradient[i] += fx
@@ -170,8 +170,8 @@ def scatter_edge(e, fx, fy, kxx, kxy, kyy, gradient, band):
 
 
 def add_edges(x, body, state, clock, torque, geometric, gradient, band):
-    """Add the effect of each edge's tension, and of the couple [N m] on it, `torque`, to the derivatives of the
-    potential, `gradient` and `band`. `geometric` = 0 omits terms of `band` that may be indefinite.
+    """Add the effect of each edge's tension and of the couple `torque` [N m] on it to the first and second derivatives
+    of the potential, `gradient` and `band`. With `geometric` = 0, terms of `band` that may be indefinite are omitted.
     """
     for e in range(body.rest_length.size):
         dx, dy = x[e + 1, 0] - x[e, 0], x[e + 1, 1] - x[e, 1]
@@ -194,8 +194,8 @@ def add_edges(x, body, state, clock, torque, geometric, gradient, band):
 
 
 def add_thrust(x, load, body, geometric, gradient, band):
-    """Add the effect of the chambers' axial thrust on all edges to the derivatives of the potential, `gradient` and
-    `band`. `geometric` = 0 omits terms of `band` that may be indefinite.
+    """Add the effect of the chambers' axial thrust on all edges to the first and second derivatives of the potential,
+    `gradient` and `band`. With `geometric` = 0, terms of `band` that may be indefinite are omitted.
     """
     for e in range(body.rest_length.size):
         push = 0.0
@@ -211,8 +211,9 @@ def add_thrust(x, load, body, geometric, gradient, band):
 
 
 def add_inertia(x, load, body, guess, clock, gradient, band):
-    """Add inertia relative to the predicted positions `guess` to `gradient` and `band`, the derivatives of the
-    potential. Gravity and the load's force on the pushed node are added to `gradient`.
+    """Add the inertia of the nodes, due to their distance from the predicted positions `guess`, to the first and second
+    derivatives of the potential, `gradient` and `band`. Add gravity and the load's force on the pushed node to
+    `gradient`.
     """
     last = x.shape[0] - 1
     for v in range(1, last + 1):

@@ -205,15 +205,20 @@ def _halt(state: RodState) -> None:
 def _loads(p: RodParameters, loads: Any) -> NDArray[np.float64]:
     table = np.ascontiguousarray(loads, dtype=float)
     columns = len(p.chambers) + 3
-    if table.ndim != 2 or table.shape[1] != columns or not np.all(np.isfinite(table)):
-        raise InputError(f"loads must be finite numbers in {columns} columns, got shape {table.shape}")
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise InputError(
+            f"loads must have {columns} columns (pressure of each chamber, force in x and y, couple), got shape "
+            f"{table.shape}"
+        )
+    if not np.all(np.isfinite(table)):
+        raise InputError("loads must be finite numbers: replace NaN and infinite values")
     return table
 
 
 def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
     table = np.zeros((0, 7)) if rows is None else np.atleast_2d(np.asarray(rows, dtype=float))
     if table.ndim != 2 or table.shape[1] != 7:
-        raise InputError(f"obstacles must be rows of 7 numbers, got shape {table.shape}")
+        raise InputError(f"obstacles must be rows of 7 numbers, as obstacle_rows returns them, got shape {table.shape}")
     return np.ascontiguousarray(table)
 
 

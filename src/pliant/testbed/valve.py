@@ -106,8 +106,10 @@ def supply_pressure(
     from pliant.compiler.choose import twin
 
     asked = np.ascontiguousarray(command(time - valve.dead_time), dtype=float)
-    if asked.size < 2 or not np.all(np.isfinite(asked)) or asked.min() < 0.0:
-        raise InputError("the commanded gauge pressure must be finite and >= 0 Pa, at two or more times")
+    if asked.size < 2:
+        raise InputError(f"a valve needs the command at two or more times, got {asked.size}: give more times")
+    if not np.all(np.isfinite(asked)) or asked.min() < 0.0:
+        raise InputError("the commanded gauge pressure must be finite and >= 0 Pa at all times: correct the command")
     dt = float(time[1] - time[0])
     out = np.zeros(asked.size)
     if isinstance(valve, SupplyRegulator):

@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 def thin(time: Array, value: Array, most: int = 1200) -> tuple[Array, Array]:
-    """Return a line of at most about `most` points that looks the same when drawn.
+    """Return a line reduced to about `most` points, such that it looks the same when drawn.
 
     The extremes of each short interval and the gaps are kept.
 
@@ -71,8 +71,8 @@ def evenly_spaced(count: int, most: int = 6) -> list[int]:
 
 
 def instants(path: Array, most: int = 4) -> list[int]:
-    """Return the indices of a few frames that show a point's motion: the first measured frame, and those in which its
-    distance from there first reaches equally spaced fractions of the largest.
+    """Return the indices of a few frames that show a point's motion: the first measured frame, and the frames in which
+    the point's distance from its first position first reaches equal fractions of the largest distance.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
-    """Return (title, chamber, marks) for each pressure chamber of a fit. `marks` maps the pressure farthest from 0 [Pa]
-    in each recording to the role of the recording, such as training.
+    """Return (title of its plot, chamber, marks) for each pressure chamber of a fit. `marks` maps the pressure farthest
+    from 0 [Pa] in each recording to the role of the recording, such as training.
 
     Tendons are left out, since they have no torque law.
     """

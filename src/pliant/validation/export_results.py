@@ -50,7 +50,7 @@ def export_results(
     results: StudyOutcome | str | Path, target: str, path: str | Path, *, fit: str = "", records: Sequence[str] = (),
     fps: int = 0,
 ) -> ExportedResults:
-    """Write the recordings of a study and the motion of its model in the format of another tool.
+    """Write the recordings of a study, and the motion that a fit predicts for them, in the format of another tool.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def export_results(
         from pliant.validation.mcap_file import write_mcap
 
         if fps:
-            raise InputError("fps is an option of lerobot only, an MCAP file keeps the recorded times: remove fps")
+            raise InputError("fps is an option of lerobot only, as an MCAP file keeps the recorded times: remove fps")
         notes = write_mcap(sides, path)
     else:
         from pliant.validation.lerobot import write_lerobot

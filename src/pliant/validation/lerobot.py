@@ -42,7 +42,7 @@ class Episode(NamedTuple):
 
 
 def write_lerobot(sides: Sides, folder: Path, fps: int = 0) -> tuple[str, ...]:
-    """Write recordings with the motion of their model as a LeRobot data set, atomically.
+    """Write recordings, and the motion that the model predicts for them, as a LeRobot data set, atomically.
 
     The features are ``observation.state`` (measured coordinates of the stations [m] or angles [rad]), ``action``
     (inputs, in the units of the model) and ``model.state`` (coordinates of the model), all float32. The task of an

@@ -102,7 +102,8 @@ class RosFile:
 
 
 def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
-    """Write recordings with the motion of their model as one MCAP file, one after another, atomically.
+    """Write recordings, and the motion that the model predicts for them, one after another into one MCAP file,
+    atomically.
 
     The topics are ``/measured/points`` and ``/model/points`` (clouds of the stations, base first), ``/model/joints``
     and ``/model/body`` (the chain of links), ``/input/NAME_UNIT`` (a number; gauge pressure in Pa), ``/record`` (name

@@ -195,8 +195,8 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
 
 
 def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
-    """Return the largest change of the measured body's length from its first frames, in mm and in %, and the change of
-    the modelled body in the same frames.
+    """Return the largest difference between the measured body's length and that in the first frames, in mm and in %.
+    Also return the difference for the modelled body in the same frames.
 
     `modelled` is (T, S, 2) [m].
     """
@@ -209,8 +209,8 @@ def extension(exp: Experiment, modelled: Array) -> dict[str, float | None]:
 
 
 def growth(position: Array, names: tuple[str, str]) -> dict[str, float | None]:
-    """Return the largest change of a body's length from its first frames, in mm and in %, from S points along it over T
-    frames (T, S, 2) [m].
+    """Return the largest difference between a body's length and that in the first frames, in mm and in %. The length
+    follows from the positions (T, S, 2) [m] of S points along the body over T frames.
 
     The length is that of circular arcs through the points (`pliant.numerics.curve`). The change is the median over the
     2 % of the frames (at least five) in which the body is longest, or shortest if it shortens by more.
@@ -241,8 +241,8 @@ def extreme_frames(length: Array) -> Array:
 
 
 def change(length: Array, frames: Array, names: tuple[str, str]) -> dict[str, float | None]:
-    """Return the change of a length (T,) [m] over T frames, from the first frames to those with the indices `frames`,
-    in mm and in %. The two `names` are the keys of the returned dict.
+    """Return by how much a length (T,) [m] over T frames is larger in the frames with the indices `frames` than in the
+    first frames, in mm and in %. The two `names` are the keys of the returned dict.
     """
     rest, there = float(np.median(length[:FEWEST])), float(np.median(length[frames]))
     return dict(zip(names, (1e3 * (there - rest), 100 * (there / rest - 1)), strict=True))
@@ -302,8 +302,8 @@ def joint_errors(exp: Experiment, modelled: Array, settled: Array) -> dict[str, 
 
 
 def swing_metrics(exp: Experiment, modelled: Array, on: Array | None) -> dict[str, Any]:
-    """Return the metrics of large and small swings, and of single joints, for the modelled motion (T, S, 2) [m] of S
-    stations over T frames.
+    """Compare the modelled motion (T, S, 2) [m] of S stations over T frames with a recording: return frequency, damping
+    and amplitude of large and of small swings, and the errors of single joints.
 
     `on` (T,) marks the frames of the pressure's plateau; None if there is none.
     """

@@ -41,7 +41,7 @@ class Failure(MetricsEntry):
 
 
 class Compared(MetricsEntry):
-    """Metrics of one recording under one fit that exist for positions and for angles."""
+    """Metrics of one recording under one fit, as far as they are the same for positions and for angles."""
 
     role: Role = Field(description="whether the fit used the recording for training or held it out")
     fit: str = Field("", description="the first fit that computes this recording; present under `records` only")
@@ -187,7 +187,7 @@ class WiringResult(MetricsEntry):
 
 
 class WiringTable(MetricsEntry):
-    """Wirings compared by their fit to the training recordings."""
+    """Comparison of wirings (which recorded pressure belongs to which chamber) by errors on training recordings."""
 
     fit: str = Field(description="name of the fit whose parameters and training recordings are used")
     sentence: str
@@ -195,7 +195,7 @@ class WiringTable(MetricsEntry):
 
 
 class OrderTable(MetricsEntry):
-    """Numbers of links that were tried on the dense shape, with their errors."""
+    """Numbers of links tried for a recording of many points along the body, with the errors of each."""
 
     orders: dict[str, dict[str, float]] = Field(description="errors in mm by number of segments")
     chosen: int | None = Field(description="smallest number of links within the bound")

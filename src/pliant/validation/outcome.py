@@ -96,8 +96,8 @@ class FitOutcome:
 
 @dataclass(frozen=True)
 class Shape:
-    """Results of the reduction of one recording's dense shape: its curvature, the number of links, and their
-    placement.
+    """Results of the reduction of one recording with many points along the body to a chain: the body's curvature, and
+    the number and placement of the links.
     """
 
     name: str
@@ -124,8 +124,8 @@ class Clocks:
 
     @classmethod
     def of(cls, recording: xr.Dataset, found: Delay) -> Clocks:
-        """Return the clock correction that `sync` found for a recording, with its motion and its pressure on the
-        original clocks.
+        """Return the clock correction that `sync` found for a recording, together with the recording's motion and
+        pressure on the original clocks.
         """
         motion, pressure = body_course(recording), pressure_course(recording)
         return cls(found.summary(), motion.time, motion.values[:, 0], pressure.time, pressure.values[:, 0],
@@ -193,7 +193,7 @@ class Wirings:
 
 
 class Headline(NamedTuple):
-    """A sentence on the first fit's predictions, with its warnings."""
+    """A sentence on how well the first fit predicts the recordings, and the warnings about this fit."""
 
     state: Literal["good", "beware", "missed", "open"]  # met; met with warnings; missed; no target was stated
     sentence: str
@@ -252,7 +252,9 @@ class StudyOutcome(Shown):
         return Card(self.title, sentences, head, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of metrics.json: every recording under the first fit that computes it, and all fits."""
+        """Return the content of metrics.json: metrics of each recording under the first fit that predicts it, and all
+        fits.
+        """
         rows = {f.name: f.record_dicts() for f in self.fits}
         whole = [(f.name, r.name) for f in self.fits for r in f.records]
         missing = [(f.name, m.record) for f in self.fits for m in f.missing]
@@ -333,7 +335,9 @@ def turned_forecast(forecast: Forecast) -> Forecast:
 
 
 def turned_shape(shape: Shape) -> Shape:
-    """Return a dense shape, and the chain of links placed on it, turned by half a turn about the base tangent."""
+    """Return the recorded points along a body, and the links fitted to them, turned by half a turn about the base
+    tangent.
+    """
     links = replace(
         shape.links, base=mirrored(shape.links.base), tips=mirrored(shape.links.tips),
         rest_angle=-shape.links.rest_angle, joint_angle=-shape.links.joint_angle,

@@ -1,4 +1,4 @@
-"""Figures of how a chain was chosen: curvature and order of a dense shape, and the stages of a model selection."""
+"""Figures of how a model was chosen: curvature of the body, error by number of links, stages of a model selection."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
     links = shape.links
     whole = shape.position[np.isfinite(shape.position).all(axis=(1, 2))]
     if len(whole) != len(links.tips):
-        raise InputError(f"shape of {shape.name}: {len(whole)} complete frames, but links for {len(links.tips)} "
-                         "frames: compute the links again from this shape")
+        raise InputError(f"the shape of {shape.name} has {len(whole)} complete frames, but its links were computed "
+                         f"from {len(links.tips)}: compute them again from this shape by links_of")
     tips = links.tips - links.base
     frames = instants(tips[:, -1])
     upright = np.eye(tips.shape[2])

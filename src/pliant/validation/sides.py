@@ -66,7 +66,7 @@ class Sides(NamedTuple):
 
 
 def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) -> Sides:
-    """Return the recordings of a fit with the motion of its model, training recordings first.
+    """Return the recordings of a fit with the motion that it predicts for them, training recordings first.
 
     Raises
     ------

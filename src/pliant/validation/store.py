@@ -43,7 +43,8 @@ Groups = Mapping[str, xr.Dataset]
 
 
 def save_results(outcome: StudyOutcome, folder: Path) -> Path:
-    """Write ``results.nc`` with a group for each recording and all its fits, the dense shape and each forecast.
+    """Write ``results.nc`` with groups of arrays: one for each recording with its motion under all fits, those of the
+    shape that determined the links, and one for each forecast.
 
     Positions are in m, angles in rad, times in s, and inputs in the SI units of their attribute. Numbers in
     metrics.json are not repeated.
@@ -130,8 +131,8 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
 
 
 def shaped(shape: Shape) -> dict[str, xr.Dataset]:
-    """Return three groups of the file: the dense shape with its curvature, the errors of each number of links, and the
-    chosen links.
+    """Return three groups of the file: recorded points along the body with their curvature, the errors of each number
+    of links, and the chosen links.
     """
     profile = {"arc_length": ("place", shape.arc_length, {"units": "m"}),
            "position": in_metres(("frame", "place", "axis"), shape.position),
@@ -328,7 +329,7 @@ def band_of(recording: xr.Dataset, exp: Experiment) -> Band | None:
 
 
 def shape_of(groups: Groups) -> Shape | None:
-    """Return the dense shape that determined the chain; None if there is none."""
+    """Return the recorded points along the body and the links fitted to them; None if the study has none."""
     if "/shape" not in groups:
         return None
     body, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
@@ -345,8 +346,8 @@ def shape_of(groups: Groups) -> Shape | None:
 
 
 def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """Return the model selection that metrics.json describes, as far as its table and its figure need it; None if there
-    is none.
+    """Return the model selection stored in metrics.json, with what its table and its figure show; None if there is
+    none.
 
     The fit results of single stages are not stored; `result` stands for each.
     """

@@ -62,7 +62,7 @@ def readable(name: str) -> str:
 
 
 def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
-    """Return the value and the unit of the metric `name`: mm if positions were compared, degrees if angles were
+    """Return the value of the metric `name` and its unit: mm if positions were compared, degrees if angles were
     compared.
     """
     return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")

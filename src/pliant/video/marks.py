@@ -211,7 +211,7 @@ def _first_dots(
     if count is None and away:
         raise InputError(
             f"{reel.path.name}: marks of the dots' colour are away from the others, at the pixels {away}: cover them, "
-            "or set in [tracking] count, the number of dots on the body, or region, the part of the picture to search"
+            "or set in [tracking] either count (number of dots on the body) or region (part of the picture to search)"
         )
     if count is not None and body.sum() != count:
         raise InputError(

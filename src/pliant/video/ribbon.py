@@ -105,8 +105,8 @@ def share(light: Array, behind: Array, body: Array) -> Array:
 
 
 def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
-    """Return the column at which each of S profiles (S, U) of U samples first falls below one half, from its column
-    `first` (S,) on. Return also the slope there.
+    """Return the fractional column at which each of S profiles (S, U) of U samples falls below one half for the first
+    time at or after the column `first` (S,). Also return the slope of the profile at this column.
 
     Returns
     -------

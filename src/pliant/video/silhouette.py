@@ -58,15 +58,15 @@ def base_of(reel: Reel, around: Surroundings) -> Array:
             break
     if not found:
         raise InputError(
-            f"{reel.path.name}: no whole body was found in the first {TRIED} frames: no object has two clear edges "
-            "against the background from one end to the other; give the position of its base by --base, or put a "
-            "plain sheet behind it"
+            f"{reel.path.name}: no whole body was found in the first {TRIED} frames, as no object has two clear edges "
+            "against the background from one end to the other: give the position of the body's base by --base, or put "
+            "a plain sheet behind the body"
         )
     return np.asarray(np.median(found, axis=0))
 
 
 class Stillness:
-    """Test for a moving camera, which measures the shift [pixels] of each frame of a video against its background."""
+    """Test for a moving camera. It measures the shift [pixels] of each frame of a video against the background."""
 
     def __init__(self, around: Surroundings, reel: Reel) -> None:
         self.cv2 = opencv("tracking a video")

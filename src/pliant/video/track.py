@@ -77,9 +77,10 @@ class Tracking:
             raise InputError(f"count must be the number of dots, 2 or more, not {self.count!r:.40}")
         if self.region is not None and not _is_region(self.region):
             raise InputError(f"region must be [left, top, right, bottom] in pixels, not {self.region!r:.60}")
-        if (self.method == "dots") != (self.colour is not None):
-            raise InputError("method dots needs colour as '#rrggbb', and the other methods take no colour: add "
-                             "colour, or set method to dots")
+        if self.method == "dots" and self.colour is None:
+            raise InputError("method dots needs the colour of the dots: set colour to '#rrggbb'")
+        if self.method != "dots" and self.colour is not None:
+            raise InputError(f"method {self.method} takes no colour: remove colour, or set method to dots")
 
     @property
     def blue_green_red(self) -> tuple[float, float, float]:

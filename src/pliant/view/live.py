@@ -66,7 +66,9 @@ class PageRequest(BaseModel):
 
 
 class PageContent(NamedTuple):
-    """The content of the live page: a model, its adjustable parameters, and recordings to play under it."""
+    """The content of the live page: a model, its adjustable parameters, and recordings whose inputs can drive the
+    model.
+    """
 
     model: Model
     sliders: tuple[Slider, ...]
@@ -77,9 +79,8 @@ class PageContent(NamedTuple):
 
 
 def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, ...]:
-    """Return sliders for fitted parameters within their 95 % intervals, or for factors on stiffness and damping.
-
-    The factors are used if no fitted parameter has an interval.
+    """Return a slider for each fitted parameter that has a 95 % interval, with this interval as its range. If there is
+    none, return sliders for factors on stiffness and damping.
     """
     known = [p for p in parameters if p.free and p.std and p.value is not None and moves(model, p.name, p.value)]
     if known:

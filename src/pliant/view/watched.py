@@ -63,8 +63,8 @@ class WatchedLoop:
         self.pending = False  # no model is ever built
 
     def named(self, what: str) -> list[int]:
-        """Return the indices of the log's columns with the pressures or the commands, as `what` says, one for each
-        chamber.
+        """Return the indices of the log's columns that hold one quantity of each chamber: its pressure or its command,
+        as `what` says.
         """
         return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
 

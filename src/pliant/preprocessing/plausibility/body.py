@@ -90,8 +90,8 @@ def gravity(case: Case) -> str:
 
 CHECKS = (
     Check("length", "body", "stated length and the largest measured distance of a point from the base",
-          f"the stated length is below {SHORTER:g} or above {LONGER:g} times that distance, or outside "
-          f"{1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length),
+          f"the stated length is below {SHORTER:g} or above {LONGER:g} times the largest measured distance, or "
+          f"outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length),
     Check("mass", "body", "stated mass over length, and diameter where it is stated",
           f"the density is outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m3 (foam, steel) or, without a diameter, a "
           f"silicone body of this mass would be wider than {WIDEST:g} of its length", mass),

@@ -27,6 +27,6 @@ def unit(case: Case) -> str:
 
 CHECKS = (
     Check("unit of time", "recording", "the median step of the times of shape and pressure",
-          f"it is above {SLOWEST:g} s, too slow for a motion, or below {1e6 * FASTEST:g} us, faster than sensors of "
-          "motion and pressure sample", unit),
+          f"the median step is above {SLOWEST:g} s, too slow for a motion, or below {1e6 * FASTEST:g} us, faster than "
+          "sensors of motion and pressure sample", unit),
 )  # fmt: skip

@@ -53,9 +53,9 @@ def torque(case: Case) -> str:
 
 CHECKS = (
     Check("bending stiffness", "model", "fitted EI over the fourth power of the length; the modulus where a diameter "
-          "is stated", f"the ratio is above {STIFFEST:g} Pa, that of a solid rod of 8 MPa a third as wide as long, "
-          f"or the modulus is outside {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
+          "is stated", f"EI / L^4 is above {STIFFEST:g} Pa, the value of a solid rod of 8 MPa a third as wide as "
+          f"long, or the modulus is outside {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
     Check("torque", "model", "fitted torque per pascal, which is a chamber's area times its lever arm",
-          "the product is above the area of the whole section times its radius, with a diameter of "
-          f"{USUAL_WIDTH:g} of the length where none is stated", torque),
+          "the torque per pascal is above the area of the whole section times its radius; where no diameter is stated, "
+          f"it is taken as {USUAL_WIDTH:g} of the length", torque),
 )  # fmt: skip

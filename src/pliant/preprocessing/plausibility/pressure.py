@@ -151,16 +151,16 @@ def clipped(case: Case) -> str:
 
 CHECKS = (
     Check("unit of pressure", "recording", "the highest measured pressure",
-          f"it is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual range of soft "
-          "actuators", unit),
+          f"the highest pressure is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual "
+          "range of soft actuators", unit),
     Check("absolute pressure", "recording", "the measured pressure at its start and where it is lowest",
-          f"one of the two is within {ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} kPa, the atmosphere up to "
-          f"2000 m, and the pressure is never below {VENTED / 1e3:g} kPa", absolute),
+          f"the pressure at the start or the lowest one is within {ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} "
+          f"kPa, the atmosphere up to 2000 m, and the pressure is never below {VENTED / 1e3:g} kPa", absolute),
     Check("raw counts", "recording", "steps and lowest value of the measured pressure",
-          f"all values are whole numbers of a unit and never below {100 * OFFSET:g} % of the highest value, which is "
-          "the zero of a sensor of 0.5 to 4.5 V", raw_counts),
+          f"all values are whole numbers of a unit and none is below {100 * OFFSET:g} % of the highest value, as for a "
+          "sensor with an output of 0.5 to 4.5 V", raw_counts),
     Check("offset of pressure", "recording", "the lowest pressure, where one chamber was measured",
-          f"it is above {100 * OFFSET:g} % of the highest pressure, where a vented body has 0, but not above "
+          f"the lowest pressure is above {100 * OFFSET:g} % of the highest, where a vented body has 0, but not above "
           f"{100 * HELD:g} %, where a chamber is held under pressure", offset),
     Check("clipped pressure", "recording", "readings at the highest value, and the scatter of the others",
           f"{CLIPPED} samples or more in a row equal the highest value exactly, and more than {100 * SCATTER:g} % of "

@@ -111,9 +111,10 @@ def plane(case: Case) -> str:
     report = report_of(case)
     if report is None or report.frame != "planar" or report.plane in FOUND or not report.out_of_plane_share > MOST_OUT:
         return ""
-    return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the stated plane, or the plane of "
-            "the first recording: was the tracker moved in between? Then set alignment = { options = { plane = "
-            '"motion", bend = "positive" } } for this recording, or "negative" if it bends the other way')  # fmt: skip
+    return (f"{100 * report.out_of_plane_share:.0f} % of the motion is out of the plane of bending, which was "
+            "stated or taken from the first recording: was the tracker moved since then? If so, set alignment = { "
+            'options = { plane = "motion", bend = "positive" } } for this recording (bend = "negative" if the '
+            "highest pressure bends the body to the other side than in the other recordings)")  # fmt: skip
 
 
 def report_of(case: Case) -> Alignment | None:
@@ -153,19 +154,22 @@ def tilt(case: Case) -> float | None:
 
 CHECKS = (
     Check("unit of length", "recording", "the box that holds all points",
-          f"its diagonal is outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m", length_unit),
+          f"the diagonal of the box that holds all points is outside {1e3 * LEAST_BODY:g} mm to {MOST_BODY:g} m",
+          length_unit),
     Check("unit of angle", "recording", "the range of each measured angle",
-          f"it is above {MOST_TURN:g} degrees, more than for a body that curls up once, or, without positions, below "
-          f"{LEAST_TURN:.3g} degrees, the value of half a turn in rad", angle_unit),
+          f"the range of an angle is above {MOST_TURN:g} degrees, more than for a body that curls up once; in a "
+          f"recording without positions, also if all angles and ranges are below {LEAST_TURN:.3g} degrees, since half "
+          f"a turn is {LEAST_TURN:.3g} rad", angle_unit),
     Check("exchanged labels", "recording", "which point continues which from frame to frame",
           "exchanging the labels of two or more points shortens their steps to a quarter, beyond the noise", swapped),
     Check("moving base", "body", "peak displacement of the base station and of the others",
           f"the base moves by more than {BASE_SHARE:g} of the largest peak displacement, and another station by less "
           f"than {STILL_SHARE:g} of the base's", moving_base),
     Check("plane", "body", "fraction of the motion out of a stated plane or the plane of the first recording",
-          f"it is above {MOST_OUT:g}; for a body that bends in one plane it is up to 0.12", plane),
+          f"the fraction out of the plane is above {MOST_OUT:g}; a body that bends in one plane reaches up to 0.12",
+          plane),
     Check("base tangent", "body", "angle between the base tangent and the direction to the last station at rest "
           "(with eight stations or more: to the station at a third of the body)",
-          f"it is above {MOST_TILT:g} degrees, the angle of a body that is bent by "
+          f"the angle to the tangent is above {MOST_TILT:g} degrees, which a body reaches only if it is bent by "
           f"{2 * MOST_TILT:g} degrees at rest", tangent),
 )  # fmt: skip

@@ -36,7 +36,7 @@ def case() -> Scenario:
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write the film, the pressure log and the track to `folder`."""
+    """Write the film, the pressure log and the body's shape tracked in the film to `folder`."""
     from pliant.recording import append_history, write
     from pliant.video import track_video
 
