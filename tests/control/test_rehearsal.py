@@ -79,7 +79,8 @@ def test_no_limit_lets_a_loop_grow(seed):
 
 def test_what_never_settles_is_refused_in_a_sentence(monkeypatch):
     body = load_model(MODEL)
-    with pytest.raises(InputError, match=r"not settle .* of 0 \.\.\. 190 kPa and its present tuning: .* mm from its target"):
+    words = r"not settle .* of 0 \.\.\. 190 kPa and its present tuning: .* mm from its target"
+    with pytest.raises(InputError, match=words):
         prepared(body, Limits(HIGHEST), feedback="pid", pid=PidTuning(0.0, 4e8))
     monkeypatch.setattr(rehearsals, "RAISES", (1.0,))
     with pytest.raises(InputError, match=r"190 kPa and 300 kPa/s and any effort weight from 0.3 to 0.3"):

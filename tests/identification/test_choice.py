@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,19 @@ def test_the_best_stage_stands_back_where_it_is_not_determined_and_every_stage_s
     assert two in str(found)
     assert found.to_dict()["stages"]["two"]["not_determined"]
     assert chosen([step("two", 0.5, vague, added={"creep_time_2"})]).chosen == "two", "no other is there"
+
+
+def test_by_training_the_lowest_bic_is_chosen_whatever_the_held_out_records_say() -> None:
+    steps = [replace(step(name, missed), follows=Follows(square, 100.0, free)) for name, missed, square, free in (
+        ("poor", 0.5, 9.0, 2), ("close", 2.0, 1.0, 4), ("more", 0.6, 0.99, 8))]  # fmt: skip
+    steps.append(replace(steps[1], stage=Stage("vague", "vague"), follows=Follows(0.5, 100.0, 5), open="creep_time_2"))
+    found = chosen(steps, "training")
+    assert found.chosen == "close"
+    assert found.reason == "close: lowest BIC of the training recordings; held-out recordings had no part in it."
+    said = {s.stage.name: s.reason for s in found.steps}
+    assert said["poor"] == said["more"] == "its BIC is higher"
+    assert said["vague"].startswith("not determined by the recordings")
+    assert chosen(steps).chosen == "poor"
 
 
 def test_records_that_scatter_widen_the_doubt() -> None:

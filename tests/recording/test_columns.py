@@ -107,7 +107,8 @@ def test_tensions_displacements_and_motor_angles_by_column(tmp_path):
     for change, message in (
         ({"inputs": {"columns": ["m1"], "kind": "speed", "unit": "deg"}}, "inputs.0.kind"),
         ({"inputs": {"columns": ["m1"], "kind": "angle", "unit": "N"}}, "unit of angle 'N'"),
-        ({"inputs": {"columns": ["m1"], "kind": "angle", "unit": "deg", "names": ["a", "b"]}}, "gives 2 names to 1 columns of inputs"),
+        ({"inputs": {"columns": ["m1"], "kind": "angle", "unit": "deg", "names": ["a", "b"]}},
+         "gives 2 names to 1 columns of inputs"),
         ({"inputs": {"columns": ["label"], "kind": "angle", "unit": "deg"}}, "cell 1 .* is not a number: 'slow'"),
         ({"inputs": {"columns": ["m1", "m1"], "kind": "angle", "unit": "deg"}}, "input names must differ"),
     ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from pliant.identification.stages import STAGES, Entry, Stage, each_chamber, of_
 from pliant.model import Model
 from pliant.options import with_defaults
 
+ChooseBy = Literal["held_out", "training"]
 MATERIAL = 0.05  # of the held-out error: a smaller gain does not justify another stage
 SELECTION_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 
@@ -70,8 +71,8 @@ class ModelSelection(Shown):
 
 def select_model(
     train: Sequence[Experiment], held_out: Sequence[Experiment], model: Model, *, common: Sequence[Entry] = (),
-    stages: Sequence[Stage] = STAGES, late: bool = True, progress: Callable[[str], None] | None = None,
-    **options: Unpack[FitOptions],
+    stages: Sequence[Stage] = STAGES, choose_by: ChooseBy = "held_out", late: bool = True,
+    progress: Callable[[str], None] | None = None, **options: Unpack[FitOptions],
 ) -> ModelSelection:
     """Fit models of increasing complexity, and choose the simplest that predicts held-out recordings as well as the
     best.
@@ -92,6 +93,9 @@ def select_model(
     common : sequence of Parameter or str
         Parameters that are free on every stage, such as the position of a marker.
     stages : sequence of Stage
+    choose_by : {"held_out", "training"}
+        "training": the determined stage with the lowest BIC of the training recordings is chosen. The held-out
+        recordings then judge a model that they did not choose.
     late : bool
         Whether a stage that replaces parameters by finer ones, as `joints` does, is tried again at the end, as
         ``NAME_late``, if it was passed over and later stages were accepted.
@@ -127,7 +131,8 @@ def select_model(
         free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
     fitter = StageFitter(train, held_out, model, how, tuple(free))
     each = [of_chambers(r, model) for r in stages]
-    return chosen(fit_stages(fitter, each, free, late=late, progress=progress or (lambda _line: None)))
+    steps = fit_stages(fitter, each, free, late=late, progress=progress or (lambda _line: None))
+    return chosen(steps, choose_by)
 
 
 def fit_stages(
@@ -170,8 +175,9 @@ def pays(step: Step, below: Step) -> bool:
     return mine < theirs
 
 
-def chosen(steps: Sequence[Step]) -> ModelSelection:
-    """Choose the lowest stage as good as the best on held-out recordings or, without any, the stage of lowest BIC.
+def chosen(steps: Sequence[Step], by: ChooseBy = "held_out") -> ModelSelection:
+    """Choose the lowest stage as good as the best on held-out recordings; without any, or by "training", the stage of
+    lowest BIC.
 
     "As good" means that its error exceeds the best by less than 5 % of it (`MATERIAL`), or by less than one standard
     error of the difference. Stages with undetermined parameters, and stages that cannot predict a held-out recording
@@ -183,8 +189,12 @@ def chosen(steps: Sequence[Step]) -> ModelSelection:
     bic = shared_bic([s.follows for s in fitted if s.follows])
     criteria = {s.stage.name: value for s, value in zip(fitted, bic, strict=True)}
     steps = tuple(replace(s, bic=criteria.get(s.stage.name)) for s in steps)
-    able = most_predicted([s for s in fitted if not s.open] or fitted)
-    if not able[0].held_out:
+    determined = [s for s in fitted if not s.open] or fitted
+    able = most_predicted(determined)
+    if by == "training":
+        enough = min(determined, key=lambda s: criteria[s.stage.name])
+        reason = f"{enough.stage.title}: lowest BIC of the training recordings; held-out recordings had no part in it."
+    elif not able[0].held_out:
         enough = min(able, key=lambda s: criteria[s.stage.name])
         why = "no stage can predict a held-out recording" if enough.not_computed else "no recording is held out"
         reason = f"{enough.stage.title}: lowest BIC; {why}, so the choice is not validated."
@@ -195,11 +205,11 @@ def chosen(steps: Sequence[Step]) -> ModelSelection:
         said = f"{enough.stage.title}: error {enough.error:.3g} % of travel on held-out recordings"
         said += f", against {below[-1].error:.3g} % one stage lower" if below else ""
         reason = f"{said}; {why}."
-    if enough.not_computed and enough.held_out:
+    if enough.not_computed and enough.held_out and by == "held_out":
         reason += f" No stage can predict {', '.join(n.record for n in enough.not_computed)}."
     if enough.given:
         reason += f" The recordings do not determine {' and '.join(enough.given)}: held at the given model's values."
-    judged = tuple(replace(s, reason=s.reason or refusal(s, enough)) for s in steps)
+    judged = tuple(replace(s, reason=s.reason or refusal(s, enough, by)) for s in steps)
     return ModelSelection(judged, enough.stage.name, reason)
 
 
@@ -209,15 +219,15 @@ def most_predicted(steps: Sequence[Step]) -> list[Step]:
     return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
-def refusal(step: Step, chosen: Step) -> str:
+def refusal(step: Step, chosen: Step, by: ChooseBy) -> str:
     """Return the reason why a fitted stage was not chosen, as text; '' for the chosen stage."""
     if step.stage.name == chosen.stage.name or not step.result:
         return ""
     if step.open:
         return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {step.open}"
-    if step.not_computed and (step.missed or {}).keys() != (chosen.missed or {}).keys():
+    if by == "held_out" and step.not_computed and (step.missed or {}).keys() != (chosen.missed or {}).keys():
         return " ".join(n.sentence for n in step.not_computed)
-    if not (step.missed and chosen.missed):
+    if by == "training" or not (step.missed and chosen.missed):
         return "its BIC is higher"
     gain, error = lead(chosen.missed, step.missed)
     if gain <= 0:

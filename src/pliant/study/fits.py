@@ -111,8 +111,8 @@ def run_model_selection(
         return None
     return select_model(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
-        common=parameters_from(entry.common), stages=stages_of(entry), step=study.step,
-        weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
+        common=parameters_from(entry.common), stages=stages_of(entry), choose_by=entry.choose_by,
+        step=study.step, weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
         progress=lambda line: notify(f"model selection: {line}"),
     )
 

@@ -246,10 +246,13 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors."""
+    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors, or by its
+    BIC.
+    """
 
     train: list[str]
     held_out: list[str] = []
+    choose_by: Literal["held_out", "training"] = "held_out"
     common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every stage
     stages: list[str] = []  # names of `pliant.identification.STAGES`; all when empty
     weighting: Weighting = "travel"
