@@ -19,7 +19,10 @@ from scipy.spatial import ConvexHull
 import pliant
 from pliant.exporters.mjcf import branches, control, controls
 from pliant.exporters.randomisation import draw_models
+from pliant.identification import FitResult
 from pliant.plotting import new_figure, style
+from pliant.validation.sides import fit_named
+from pliant.validation.store import load_outcome
 
 Array = np.ndarray
 RATE = 25  # pictures a second
@@ -36,16 +39,19 @@ class Finger(NamedTuple):
     prefix: str
 
 
-def asked(title: str) -> tuple[pliant.Model, Path, Path]:
-    """Model, metrics.json and the folder for film and figure, from the command line."""
+def asked(title: str) -> tuple[pliant.Model, FitResult, Path]:
+    """Model, fit and the folder for film and figure, from the command line."""
     parser = argparse.ArgumentParser(description=title)
     parser.add_argument("result", nargs="?", type=Path, default=Path("results/demo"), help="folder of `pliant run`")
+    parser.add_argument("--fit", default="", help="name of a fit of that run; default: the first")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for film and figure")
     given = parser.parse_args()
-    if not (given.result / "model.json").is_file():
-        sys.exit(f"{given.result} holds no model.json: run `pliant demo` first, or name the folder of a run")
+    try:
+        fit = fit_named(load_outcome(given.result).fits, given.fit).result
+    except pliant.InputError as error:
+        sys.exit(str(error))
     given.output.mkdir(parents=True, exist_ok=True)
-    return pliant.load_model(given.result / "model.json"), given.result / "metrics.json", given.output
+    return fit.model, fit, given.output
 
 
 def bodies(model: pliant.Model, fit: Any, count: int, seed: int = 1) -> list[Finger]:

@@ -12,7 +12,7 @@ from pliant.errors import InputError
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="Model file; for mcap and lerobot the folder of a run.")],
+    model: Annotated[Path, typer.Argument(help="Model file, or the folder of a run; mcap and lerobot need a folder.")],
     to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf; for a run: mcap, lerobot.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the suffix of the format.")],
     approximate: Annotated[
@@ -29,8 +29,8 @@ def export(
 ) -> None:
     """Write a model for MuJoCo, C, an FMU, state space or URDF, or measured and modelled motion for MCAP or LeRobot.
 
-    MCAP files open in Foxglove and Rerun. A LeRobot data set is a folder. Both accept --set fit=NAME and
-    --set records=A,B; LeRobot also accepts --set fps=30.
+    With the folder of a run, --set fit=NAME selects one of its fits; default: the first. MCAP files open in Foxglove
+    and Rerun. A LeRobot data set is a folder. Both also accept --set records=A,B; LeRobot accepts --set fps=30.
 
     Example: pliant export results/demo/model.json --to mjcf -o finger.xml --set prefix=left_
     """
@@ -56,8 +56,18 @@ def export(
             from pliant.exporters.provenance import standard_errors
 
             errors = standard_errors(fit) if fit else None
-            done = write(model, to, output, approximate=approximate, standard_errors=errors, **chosen)
+            source = model_of_run(model, chosen.pop("fit", "")) if model.is_dir() else model
+            done = write(source, to, output, approximate=approximate, standard_errors=errors, **chosen)
     say(jsonlib.dumps(done.to_dict()) if json else repr(done))
+
+
+def model_of_run(folder: Path, fit: str) -> Any:
+    """Return the model of the fit with this name among the results of a run, or of the first fit for an empty name."""
+    from pliant.validation.sides import fit_named
+    from pliant.validation.store import load_outcome
+
+    outcome = load_outcome(folder)
+    return fit_named(outcome.fits, fit).result.model.with_(name=outcome.name)
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:
