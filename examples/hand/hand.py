@@ -46,12 +46,17 @@ def asked(title: str) -> tuple[pliant.Model, FitResult, Path]:
     parser.add_argument("--fit", default="", help="name of a fit of that run; default: the first")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for film and figure")
     given = parser.parse_args()
-    try:
-        fit = fit_named(load_outcome(given.result).fits, given.fit).result
-    except pliant.InputError as error:
-        sys.exit(str(error))
+    fit = fit_of(given.result, given.fit)
     given.output.mkdir(parents=True, exist_ok=True)
     return fit.model, fit, given.output
+
+
+def fit_of(folder: Path, name: str) -> FitResult:
+    """The fit of this name among the results of a run, or the first."""
+    try:
+        return fit_named(load_outcome(folder).fits, name).result
+    except pliant.InputError as error:
+        sys.exit(str(error))
 
 
 def bodies(model: pliant.Model, fit: Any, count: int, seed: int = 1) -> list[Finger]:

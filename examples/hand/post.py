@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from hand import Camera, Finger, attach, contact_force, empty_world, new_figure, place_at_rest, press, style
+from hand import Camera, Finger, attach, contact_force, empty_world, fit_of, new_figure, place_at_rest, press, style
 
 import pliant
 from pliant.testbed.laboratory import Laboratory, run_rod
@@ -91,12 +91,13 @@ def main() -> None:
     """Press, draw, compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("finger", nargs="?", default="a", help="a, b, c, or the folder of a run")
+    parser.add_argument("--fit", default="", help="name of a fit of that run; default: the first")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for film and figure")
     asked = parser.parse_args()
     asked.output.mkdir(parents=True, exist_ok=True)
     letter = asked.finger if asked.finger in ("a", "b", "c") else "a"
-    model = pliant.load_model(MODELS / f"model_{letter}.json" if asked.finger == letter else
-                              Path(asked.finger) / "model.json")  # fmt: skip
+    model = (pliant.load_model(MODELS / f"model_{letter}.json") if asked.finger == letter else
+             fit_of(Path(asked.finger), asked.fit).model)  # fmt: skip
     true, (made, camera, _) = laboratory(letter), in_mujoco(model)
     camera.film(asked.output / "post.gif", LIMITS)
     figure(true, made, camera, asked.output / "post.png")
