@@ -131,13 +131,16 @@ def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: i
     The label of a point that is hidden at frame t may be on another point. The hidden point then gets a free label.
     """
     from scipy.optimize import linear_sum_assignment
+    from scipy.spatial import cKDTree
 
     recent = last[t] >= 0
     recent[recent] &= time[t] - time[last[t][recent]] <= LONGEST_GAP_S
     points = np.flatnonzero(recent)
     labels = np.flatnonzero(recent & np.isfinite(position[t]).all(1))
-    expected = _expected(position, last, time, t, points)
-    away = np.linalg.norm(expected[:, None] - position[t, labels][None], axis=-1)
+    expected, seen = _expected(position, last, time, t, points), position[t, labels]
+    if np.array_equal(points[cKDTree(expected).query(seen)[1]], labels):  # then no exchange is shorter
+        return None
+    away = np.linalg.norm(expected[:, None] - seen[None], axis=-1)
     rows, columns = linear_sum_assignment(away)
     own = np.searchsorted(points, labels[columns])
     moved = rows != own
