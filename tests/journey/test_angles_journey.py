@@ -57,7 +57,7 @@ def test_what_angles_cannot_tell_is_told(ran):
     _, folder, outcome, _ = ran
     said = " ".join(outcome.verdict)
     assert "shapes, order and path are left out" in said
-    assert "One angle supports one link, as many as the chain has." in said
+    assert "One angle determines one link, as many as the chain has." in said
     assert "do not determine the mass" in said
     said = " ".join(outcome.findings["angle_pulse_60"])
     assert "has a resolution of 0.8 degrees, which acts as 0.23 degrees of noise" in said

@@ -111,7 +111,8 @@ def design(
     shared = [k for k, n in enumerate(fitted.covariance.names) if n.partition(".")[0] not in records]
     names = [fitted.covariance.names[k] for k in shared]
     if not names:
-        raise InputError("a design needs free parameters that recordings share: this fit has none; free another")
+        raise InputError("a design needs a free parameter that all recordings share, and this fit has none: "
+                         "let one be free, such as stiffness")
     limit = highest if highest is not None else max(highest_of(e) for e in experiments)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
     if not limit > 0:

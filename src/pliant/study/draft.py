@@ -376,7 +376,7 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
         out.put(name, "free", meaning)
     if held and trials[0].angles_only:
         out.table("fits.midsegment")
-        out.say("with few links, stiffness depends on the assumed joint positions: compare the errors of these fits")
+        out.say("with few links, stiffness depends on where joints are assumed: compare errors with the first fit's")
         out.put("title", "Joints in the middle of their segments")
         out.put("like", "first")
         out.put("joint_placement", "midsegment")

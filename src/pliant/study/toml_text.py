@@ -45,7 +45,7 @@ LONGEST = 150  # characters of a comment
 
 
 class Lines:
-    """The lines of a generated study file, and the open questions among them."""
+    """The lines of a generated study file, and the questions in it that the user has to answer."""
 
     def __init__(self) -> None:
         self.text: list[str] = []

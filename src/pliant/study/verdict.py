@@ -58,7 +58,7 @@ def angles_sentences(outcome: StudyOutcome) -> list[str]:
         return []
     angles = max(len(r.experiment.stations) for f in outcome.fits for r in f.records)
     links = outcome.model.n
-    supports = f"{angles} angles support {angles} links" if angles > 1 else "One angle supports one link"
+    supports = f"{angles} measured angles determine {angles} links" if angles > 1 else "One angle determines one link"
     has = "as many as the chain has" if links == angles else f"the chain has {links}, as stated"
     if links > angles:
         has += ": their motion between the angles is not measured"

@@ -101,8 +101,8 @@ def wired_experiments(
 
 
 def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
-    """Fit the model to training recordings with one wiring; return the statistics of the residuals and the mean error
-    [% of peak displacement].
+    """Fit the model to training recordings with one assignment of recorded pressures to chambers; return the statistics
+    of the residuals and the mean error [% of peak displacement].
     """
     entry = study.fits[name]
     result = fit(

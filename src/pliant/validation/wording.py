@@ -1,4 +1,6 @@
-"""Short texts that figures and report share: roles, labels of metrics, formatted numbers."""
+"""Short texts that figures and report share: roles of recordings (training or held out), labels of metrics,
+formatted numbers.
+"""
 
 from __future__ import annotations
 
