@@ -25,6 +25,7 @@ FILLING = ("stiffness", "damping", "torque_1", "valve_rise", "valve_fall", "valv
 LATE = ["given", "settle", "creep", "soften"]  # what comes late, beyond a wall and a limited fall
 SELECTIONS = {  # study, entries of its [model_selection]
     "demo": (demo_study(), PULSES),
+    "lead": (demo_study(), {**PULSES, "common": {}, "choose_by": "training"}),  # the terms of the demo's first fit
     "short": (demo_study(), {**PULSES, "stages": ["given", "elastic", "torque", "soften", "joints"]}),
     "arm": (ARM, {"train": ["p100", "p300"], "held_out": ["p200"], "common": PLACES}),
     "regulator": (ARM, {"train": ["p100", "p200", "p300"], "held_out": ["p400"], "stages": LATE,

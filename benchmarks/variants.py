@@ -147,7 +147,7 @@ def stiffening() -> None:
 
 
 def creep() -> None:
-    """Fit the demo's first fit, and the same with a creep branch."""
+    """Fit the demo's fit `softening`, and the same with a creep branch."""
     study = load_study(demo_study())
     plain = study.fits["softening"]
     creeping = {**plain.parameters, **free("creep_share_1", "creep_time_1")}

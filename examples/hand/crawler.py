@@ -1,4 +1,4 @@
-"""Two bodies crawl as an inchworm does: ``python examples/hand/crawler.py results/demo``.
+"""Two bodies crawl as an inchworm does: ``python examples/hand/crawler.py results/demo --fit softening``.
 
 A hinge joins one body's tip to the next one's base; feet are at both ends and at the hinge. A body that bends brings
 its feet together. The rear one bends, hands its bend over to the front one, which then straightens: at every moment

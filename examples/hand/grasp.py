@@ -1,4 +1,4 @@
-"""Three fingers hold a ball against gravity and a shake: ``python examples/hand/grasp.py results/demo``.
+"""Three fingers hold a ball under gravity, and shaken: ``python examples/hand/grasp.py results/demo --fit softening``.
 
 Each finger is a body that the recordings would allow as well, drawn from the fit's covariance. A table carries the ball
 while the fingers close, then it sinks away; later the hand is shaken. The world is that of the hand: its acceleration

@@ -43,7 +43,7 @@ def asked(title: str) -> tuple[pliant.Model, FitResult, Path]:
     """Model, fit and the folder for film and figure, from the command line."""
     parser = argparse.ArgumentParser(description=title)
     parser.add_argument("result", nargs="?", type=Path, default=Path("results/demo"), help="folder of `pliant run`")
-    parser.add_argument("--fit", default="", help="name of a fit of that run; default: the first")
+    parser.add_argument("--fit", default="", help="name of a fit of that run; of the demo: softening")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for film and figure")
     given = parser.parse_args()
     fit = fit_of(given.result, given.fit)

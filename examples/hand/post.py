@@ -91,7 +91,7 @@ def main() -> None:
     """Press, draw, compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("finger", nargs="?", default="a", help="a, b, c, or the folder of a run")
-    parser.add_argument("--fit", default="", help="name of a fit of that run; default: the first")
+    parser.add_argument("--fit", default="", help="name of a fit of that run; of the demo: softening")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for film and figure")
     asked = parser.parse_args()
     asked.output.mkdir(parents=True, exist_ok=True)

@@ -161,5 +161,9 @@ def test_contact_tells_what_it_lacks():
         free_motion([], m)
     with pytest.raises(InputError, match="positive definite"):
         locate(m, np.zeros(5), np.zeros(5), np.zeros((5, 5)))
+    with pytest.raises(InputError, match="a coefficient of friction above 0, got 0"):
+        locate(m, np.zeros(5), np.zeros(5), np.eye(5), friction=0)
+    with pytest.raises(InputError, match="the bandwidth of the observer must be above 0 1/s, got 0"):
+        momentum_residual(m, np.zeros(3), np.zeros((3, 5)), np.zeros((3, 5)), np.zeros(3), bandwidth=0)
     with pytest.raises(InputError, match="rates"):
         momentum_residual(m, np.zeros(3), np.zeros((3, 5)), np.zeros((2, 5)), np.zeros(3))

@@ -163,6 +163,8 @@ def test_a_valve_is_found_from_its_gauge():
     ([0.0, 1.0], [0.01], 0.0, r"got displacements of shape \(1,\) and times of shape \(2,\)"),
     ([1.0, 1.0], [0.01, 0.02], 0.0, "the times of a set-point must increase"),
     ([0.0], [np.nan], 0.0, "the displacements of a set-point must be finite"),
+    ([np.nan], [0.01], 0.0, "the times of a set-point must increase"),
+    ([0.0], [0.01], np.nan, "the ramp of a set-point must be >= 0 s, got nan"),
     ([0.0], [0.01], -1.0, "the ramp of a set-point must be >= 0 s, got -1"),
 ])
 def test_what_is_no_set_point_is_refused(time, far, ramp, said):

@@ -90,10 +90,11 @@ def test_the_crawler_goes_where_its_wave_goes():
 def test_the_crawlers_step_is_short_enough(tmp_path):
     """A gait whose way is a small difference: half the step changes it by little, and a step of 1 ms by far more."""
     import crawler
-    from hand import bodies
+    from hand import bodies, fit_of
 
     assert invoke("demo", "-o", tmp_path / "demo", "--quiet").exit_code == 0
-    rear, front = bodies(pliant.load_model(tmp_path / "demo" / "model.json"), tmp_path / "demo" / "metrics.json", 2)
+    fit = fit_of(tmp_path / "demo", "softening")
+    rear, front = bodies(fit.model, fit, 2)
     long, chosen, half = (
         crawler.crawl(rear, front, "together", 1, step=step).way for step in (1e-3, crawler.STEP, 0.5 * crawler.STEP)
     )

@@ -197,6 +197,8 @@ def test_standard_errors_come_from_the_bootstrap_where_asked(clean: tuple[Model,
         assert p.value == q.value
     with pytest.raises(InputError, match="needs at least 20 replicates, got 3"):
         bootstrapped([shaken], found, replicates=3)
+    with pytest.raises(InputError, match="needs the covariance of a fit"):
+        bootstrapped([shaken], replace(found, covariance=None), replicates=30)
 
 
 def test_a_band_with_the_residuals_noise_holds_what_was_measured(clean: tuple[Model, Experiment]) -> None:

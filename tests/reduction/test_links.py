@@ -167,6 +167,8 @@ def test_continuous_curvature_keeps_the_length():
 def test_reconstruction_refuses_what_does_not_fit():
     with pytest.raises(InputError, match="need n \\+ 1 node"):
         spline_shape(np.zeros((1, 3, 2)), [0, 0.1, 0.2], [0])
+    with pytest.raises(InputError, match="a spline needs at least two links, got 1"):
+        spline_shape(np.zeros((1, 1, 2)), [0, 0.1], [0])
     with pytest.raises(InputError, match="boundary must be one of"):
         spline_shape(np.zeros((1, 2, 2)), [0, 0.1, 0.2], [0], boundary="periodic")
     with pytest.raises(InputError, match="need n \\+ 1 node"):

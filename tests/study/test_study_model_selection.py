@@ -29,13 +29,14 @@ def written(folder: Path, **selection: Any) -> Path:
 
 @pytest.mark.slow
 def test_the_chosen_stage_is_the_model_and_the_page_shows_all(tmp_path: Path) -> None:
-    study = load_study(written(tmp_path, stages=["given", "elastic"], bootstrap=20))
+    study = load_study(written(tmp_path, stages=["given", "elastic"], bootstrap=20, choose_by="training"))
     outcome = run_study(study, tmp_path / "out")
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
     MetricsFile.model_validate(metrics)
     assert list(metrics["model_selection"]["stages"]) == ["given", "elastic"]
     assert metrics["model_selection"]["chosen"] == "elastic"
-    assert outcome.verdict[0].startswith("Model selection chose K and D")
+    assert outcome.verdict[0].startswith("Model selection chose K and D: lowest BIC of the training recordings")
+    assert outcome.verdict[0].endswith("held-out recordings had no part in it.")
     assert outcome.fits[0].name == "model_selection"
     assert outcome.fits[0].result.covariance.source == "block bootstrap"
     for name, record in metrics["records"].items():

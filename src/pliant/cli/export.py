@@ -32,7 +32,7 @@ def export(
     With the folder of a run, --set fit=NAME selects one of its fits; default: the first. MCAP files open in Foxglove
     and Rerun. A LeRobot data set is a folder. Both also accept --set records=A,B; LeRobot accepts --set fps=30.
 
-    Example: pliant export results/demo/model.json --to mjcf -o finger.xml --set prefix=left_
+    Example: pliant export results/demo --to mjcf -o finger.xml --set fit=softening --set prefix=left_
     """
     import json as jsonlib
 
@@ -52,22 +52,34 @@ def export(
                                  "remove them, or select by --set fit=NAME and --set records=NAME")
             done: Any = results_written(model, to, output, chosen)
         else:
-            from pliant.exporters import export as write
-            from pliant.exporters.provenance import standard_errors
-
-            errors = standard_errors(fit) if fit else None
-            source = model_of_run(model, chosen.pop("fit", "")) if model.is_dir() else model
-            done = write(source, to, output, approximate=approximate, standard_errors=errors, **chosen)
+            done = model_written(model, to, output, chosen, fit=fit, approximate=approximate)
     say(jsonlib.dumps(done.to_dict()) if json else repr(done))
 
 
-def model_of_run(folder: Path, fit: str) -> Any:
-    """Return the model of the fit with this name among the results of a run, or of the first fit for an empty name."""
+def model_written(
+    model: Path, target: str, output: Path, options: dict[str, str], *, fit: Path | None, approximate: bool,
+) -> Any:
+    """Write a model in the format of another tool: that of a file, or that of a fit from the folder of a run.
+
+    For a folder, the entry `fit` of `options` names the fit, by default the first one.
+    """
+    from pliant.exporters import export
+    from pliant.exporters.provenance import standard_errors
     from pliant.validation.sides import fit_named
     from pliant.validation.store import load_outcome
 
-    outcome = load_outcome(folder)
-    return fit_named(outcome.fits, fit).result.model.with_(name=outcome.name)
+    if not model.is_dir():
+        errors = standard_errors(fit) if fit else None
+        return export(model, target, output, approximate=approximate, standard_errors=errors, **options)
+    if fit:
+        raise InputError("--fit belongs to a model file, and this is the folder of a run, from which the standard "
+                         "errors of the exported fit are written anyway: remove --fit")
+    name, outcome = options.pop("fit", ""), load_outcome(model)
+    result = fit_named(outcome.fits, name).result
+    errors = {p.name: p.std for p in result.parameters if p.std is not None}
+    origin = (str(model), *(("--set", f"fit={name}") if name else ()))
+    return export(result.model.with_(name=outcome.name), target, output, approximate=approximate,
+                  standard_errors=errors, origin=origin, **options)  # fmt: skip
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:

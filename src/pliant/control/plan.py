@@ -42,11 +42,11 @@ class SetPoint:
                 "a set-point needs one displacement (m) for each time (s), got displacements of shape "
                 f"{self.level.shape} and times of shape {self.time.shape}"
             )
-        if np.any(np.diff(self.time) <= 0):
+        if not np.isfinite(self.time).all() or np.any(np.diff(self.time) <= 0):
             raise InputError("the times of a set-point must increase: sort them, and state each time once")
         if not np.isfinite(self.level).all():
             raise InputError(f"the displacements of a set-point must be finite (m), got {self.level}")
-        if ramp < 0:
+        if not ramp >= 0:
             raise InputError(f"the ramp of a set-point must be >= 0 s, got {ramp:g}")
         self.ramp = ramp
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -84,9 +84,9 @@ def indent(lines: list[str]) -> list[str]:
     return [f"  {line}" for line in lines]
 
 
-def command_of(source: str, target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
-    """Return the command line of `pliant export` that repeats an export."""
-    parts = ["pliant", "export", source, "--to", target, "-o", str(path), *(["--approximate"] if approximate else [])]
+def command_of(source: Sequence[str], target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
+    """Return the command line of `pliant export` that repeats an export of the model that the words `source` name."""
+    parts = ["pliant", "export", *source, "--to", target, "-o", str(path), *(["--approximate"] if approximate else [])]
     return shlex.join([*parts, *(part for k, v in options.items() for part in ("--set", f"{k}={v}"))])
 
 

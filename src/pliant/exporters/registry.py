@@ -5,7 +5,7 @@ Another package adds a target by an entry point of the group ``pliant.exporters`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -116,6 +116,7 @@ def export(
     *,
     approximate: bool = False,
     standard_errors: Mapping[str, float] | None = None,
+    origin: Sequence[str] = (),
     **options: Any,
 ) -> Exported:
     """Export a model to another tool: MuJoCo, C, an FMU, state space or URDF.
@@ -133,6 +134,8 @@ def export(
         input, and write both into the exported file. Default: raise an error that names these features.
     standard_errors : mapping
         Standard errors by parameter name (SI), to be written into the exported file.
+    origin : sequence of str
+        Words that name the model in the command that the exported file states. Default: the path of the model file.
     **options
         Options of the target, such as ``prefix`` of mjcf.
 
@@ -150,16 +153,17 @@ def export(
     Examples
     --------
     >>> import pliant
-    >>> pliant.export("results/demo/model.json", "mjcf", "finger.xml")  # doctest: +SKIP
+    >>> pliant.export("model.json", "mjcf", "finger.xml")  # doctest: +SKIP
     """
     exporter = exporter_of(target)
-    path, source = Path(path), str(model) if isinstance(model, (str, Path)) else "MODEL.json"
-    loaded = load_model(model) if isinstance(model, (str, Path)) else model
+    path, of_file = Path(path), isinstance(model, (str, Path))
+    loaded = model if isinstance(model, Model) else load_model(model)
     if path.suffix not in exporter.suffixes:
         raise InputError(f"the file name for {target} must end in {' or '.join(exporter.suffixes)}, got {path.name!r}")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     chosen = checked_options(exporter, options)
+    source = origin or (str(model) if of_file else "MODEL.json",)
     command = command_of(source, target, path, options, approximate=approximate)
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:

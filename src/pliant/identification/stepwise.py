@@ -1,4 +1,4 @@
-"""Stepwise model selection: each stage frees more parameters, and the errors on held-out recordings choose one."""
+"""Stepwise model selection: each stage frees more parameters, and one is chosen by held-out errors or by its BIC."""
 
 from __future__ import annotations
 

@@ -231,6 +231,10 @@ class Stepper:
                 raise SimulationError(f"at {self.time:.6g} s, under {under}, {lost}")
             if not np.isfinite(self._command).all():
                 raise SimulationError(f"at {self.time:.6g} s the input is not finite ({under}): give finite numbers")
+            if not (np.isfinite(self._x).all() and np.isfinite(self._v).all() and np.isfinite(self._load).all()):
+                raise SimulationError(
+                    f"at {self.time:.6g} s the state or the force of `push` is not finite: call `reset`"
+                )
             raise SimulationError(
                 f"at {self.time:.6g} s, under {under}, a link turns by more than a radian within the step of "
                 f"{self.length * 1e3:.3g} ms; use a shorter step or a smaller pressure"
