@@ -29,7 +29,7 @@ class ProbingContacts:
     Attributes
     ----------
     curve : (T, P, 2) array
-        Centreline of the body while it moved, m.
+        Centreline of the body in every frame, m.
     point, normal : (C, 2) arrays
         Touched surface points [m] and unit normals out of the obstacle, towards the body.
     deviation : (C,) array

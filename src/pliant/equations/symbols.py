@@ -279,7 +279,9 @@ class SpatialHeld(NamedTuple):
 
 
 class Past(NamedTuple):
-    """Hysteresis law of a chain, the present hysteresis states of its joints, and scratch arrays of a step."""
+    """Hysteresis law of a chain, the present hysteresis states of its joints and segments, and scratch arrays of a
+    step.
+    """
 
     memory: MemoryLaw | AxialMemoryLaw
     state: np.ndarray  # (n, branches) rad; (n + S, branches) where segments remember; in space (m, branches)
