@@ -279,7 +279,8 @@ def test_a_pair_on_one_motor_is_a_spring_both_ways(tmp_path):
 
 @pytest.mark.parametrize(("wrong", "sentence"), [
     ({"driven_by": "voltage"}, "driven_by must be"), ({"driven_by": "displacement"}, "needs a line_stiffness"),
-    ({"driven_by": "angle", "line_stiffness": 1e3}, "a pulley"), ({"pulley": 0.01}, "a pulley"),
+    ({"driven_by": "angle", "line_stiffness": 1e3}, "needs the radius of the pulley"),
+    ({"pulley": 0.01}, "has no pulley"),
     ({"lever": 0.0}, "lever must be positive"), ({"swell_share": 0.1}, "only a pressure chamber has them"),
 ])  # fmt: skip
 def test_tendons_that_cannot_be_are_refused(wrong, sentence):

@@ -63,7 +63,7 @@ def test_a_stepper_stops_there():
 def test_a_batch_tells_which_sample_fails_and_when():
     pulls = [(PULL,), (Pulse(0.0, 0.0, 1.0),)]
     made = simulate_batch([MODEL, MODEL], pulls, times=TIMES, step=STEP, failures="mark")
-    with pytest.raises(SimulationError, match=r"sample 0 at 0.003 s: .* tensions of its tendons do not converge"):
+    with pytest.raises(SimulationError, match=r"sample 0 at 0.003 s: .* tensions of tendons do not converge"):
         simulate_batch([MODEL, MODEL], pulls, times=TIMES, step=STEP)
     assert made.failed_at.to_numpy() == pytest.approx([3e-3, np.nan], nan_ok=True)
 

@@ -129,7 +129,7 @@ def test_tendons_of_a_study_become_inputs_of_its_model():
 
 
 @pytest.mark.parametrize(("change", "sentence"), [
-    ({"joints": [5]}, "tendon red acts on joint 5"), ({"pulley": 0.0}, "a pulley"),
+    ({"joints": [5]}, "tendon red acts on joint 5"), ({"pulley": 0.0}, "needs the radius of the pulley"),
     ({"driven_by": "tension", "pulley": 0.0, "lever": 1e3}, "lever must have a size"),
 ])  # fmt: skip
 def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
