@@ -156,14 +156,13 @@ def export(
     >>> pliant.export("model.json", "mjcf", "finger.xml")  # doctest: +SKIP
     """
     exporter = exporter_of(target)
-    path, of_file = Path(path), isinstance(model, (str, Path))
-    loaded = model if isinstance(model, Model) else load_model(model)
+    path, loaded = Path(path), model if isinstance(model, Model) else load_model(model)
     if path.suffix not in exporter.suffixes:
         raise InputError(f"the file name for {target} must end in {' or '.join(exporter.suffixes)}, got {path.name!r}")
     if not path.parent.is_dir():
         raise InputError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     chosen = checked_options(exporter, options)
-    source = origin or (str(model) if of_file else "MODEL.json",)
+    source = origin or ("MODEL.json" if isinstance(model, Model) else str(model),)
     command = command_of(source, target, path, options, approximate=approximate)
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:
