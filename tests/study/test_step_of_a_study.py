@@ -21,7 +21,7 @@ BODY = chain_model(length=0.12, mass=0.05, links=2, stiffness=0.5, damping=1e-5,
 def swing():
     """A body that rings under a pulse, seen at 100 Hz, with the pressure that drove it."""
     time = np.arange(101) / 100.0
-    motion = simulate(BODY, Pulse(9e4, 0.1, 0.4), times=time, step=1e-4)
+    motion = simulate(BODY, Pulse(9e4, 0.1, 0.4), times=time, time_step=1e-4)
     seen = make_recording(
         time, motion.tip_position.values, station=[p.name for p in BODY.points], frame="planar",
         pressure=motion.pressure.values, pressure_time=time, source="made",

@@ -99,15 +99,15 @@ class Identifiability(Shown):
 
 
 def identifiability(
-    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, time_step: float = 2e-3,
 ) -> Identifiability:
     """Return how well recordings determine each free parameter, from exact derivatives of the motion at the start
     values.
 
     Parameters
     ----------
-    experiments, model, parameters, step
-        As in `fit`; the step in s.
+    experiments, model, parameters, time_step
+        As in `fit`.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def identifiability(
         When the start values cannot be simulated.
     """
     model, filled = prepare(experiments, model, parameters)
-    return examine(Problem(list(experiments), model, filled, step, "noise"))
+    return examine(Problem(list(experiments), model, filled, time_step, "noise"))
 
 
 def examine(problem: Problem) -> Identifiability:

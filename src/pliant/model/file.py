@@ -311,7 +311,7 @@ def read_model(text: bytes | str, where: str) -> Model:
     except ValidationError as error:
         if any(e["loc"] == ("bend_sign",) for e in error.errors()):
             raise InputError(f"{where}: {MIRRORED}") from None
-        raise explain_validation(error, where) from None
+        raise explain_validation(error, where, ModelFile) from None
     values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"}, exclude_none=True)
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:
