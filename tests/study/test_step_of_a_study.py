@@ -41,4 +41,4 @@ def test_a_record_whose_motion_needs_a_shorter_step_is_named(swing, step, warned
     assert len(lines) == warned
     if warned:
         assert lines[0].startswith("warning: fit first: the simulated tip of record swing may be wrong by")
-        assert "the step of 5 ms is too long for its motion; set step =" in lines[0]
+        assert "the step of 5 ms is too long for its motion; set time_step =" in lines[0]
