@@ -110,7 +110,7 @@ def test_the_drafted_study_finds_the_body(folder):
     draft = draft_study([folder / "run0.nc", folder / "run1.nc"], folder / "s.toml", mass=0.1, gravity=GRAVITY)
     text = draft.text.replace("links = 5", "links = 3")
     text = text.replace("[fits.first]\n", "[fits.first]\nstarts = 1\n")
-    text = text.replace("time_step = 0.002", "time_step = 0.005")
+    text = f"time_step = 5e-3\n{text}"
     (folder / "s.toml").write_text(text)
     outcome = run_study(load_study(folder / "s.toml"))
     fit = outcome.fits[0].result

@@ -78,7 +78,7 @@ class Design:
 
 def design(
     fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
-    time_step: float = 2e-3, candidates: Sequence[Candidate] | None = None,
+    time_step: float | None = None, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
     """Rank pressure inputs for the next recording by the standard errors that the parameters would have after it.
 
@@ -94,6 +94,8 @@ def design(
         Highest pressure that the actuator may get, Pa; default: the highest recorded one.
     criterion : {"E", "D"}
         "E" minimises the error along the least certain direction, "D" the geometric mean over all directions.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     candidates : sequence of Candidate, optional
         Default: pulses of four pressure levels and four widths and, where the pressure is measured, chirps through the
         first mode. With several chambers, each excitation drives every chamber alone, then all together.
@@ -128,7 +130,7 @@ def design(
     found, refused = [], []
     for candidate in offered:
         try:
-            more = information_gain(fitted, experiments, candidate, sizes, time_step)
+            more = information_gain(fitted, experiments, candidate, sizes, time_step or fitted.time_step)
         except SimulationError as error:
             refused.append(f"{candidate.words}: {error}")
             continue

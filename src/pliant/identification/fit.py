@@ -13,6 +13,7 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import LONGEST, fit_step, values_of
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
@@ -41,14 +42,14 @@ NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 class FitOptions(TypedDict, total=False):
     """Keyword options shared by `fit` and `select_model`, where they are documented."""
 
-    time_step: float
+    time_step: float | None
     loss: str
     starts: int
     weighting: str
     rng: np.random.Generator | int | None
 
 
-FIT_OPTIONS: FitOptions = {"time_step": 2e-3, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
+FIT_OPTIONS: FitOptions = {"time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
 
 
 def fit(
@@ -74,7 +75,8 @@ def fit(
         A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
         times of a pulse or release are added.
     time_step : float
-        Integration step, s; default: 2e-3.
+        Longest time step, s; default: the longest one, at most 2 ms, that resolves the modes of the model at the
+        start values (`pliant.simulation.time_step.resolving_step`).
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
         Robust losses limit the weight of outliers beyond 1 % of the peak displacement, or three standard deviations of
         the noise.
@@ -112,18 +114,20 @@ def fit(
     """
     began = clock.perf_counter()
     how = with_defaults(fit, options, FIT_OPTIONS)
-    time_step, loss, weighting = how["time_step"], how["loss"], how["weighting"]
+    loss, weighting = how["loss"], how["weighting"]
     check_choices(loss, weighting)
     if len({e.without_positions for e in experiments}) > 1:
         raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
                          "others angles alone: fit them separately")  # fmt: skip
     given = model
-    model, filled = searched(experiments, given, parameters, time_step, weighting)
+    searching = how["time_step"] or LONGEST
+    model, filled = searched(experiments, given, parameters, searching, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
+    time_step = how["time_step"] or fit_step(model, values_of(filled))
     check_step(model, time_step, "midpoint")
     problem = Problem(list(experiments), model, filled, time_step, weighting)
-    second = independent_start(problem, given, parameters, time_step, weighting) if how["starts"] > 1 else None
+    second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), second)
     if regularise:
         problem.hold_to_start()
@@ -183,14 +187,15 @@ def check_identifiable(problem: Problem) -> None:
 
 
 def predict_held_out(
-    experiment: Experiment, fitted: FitResult, *, time_step: float = 2e-3,
+    experiment: Experiment, fitted: FitResult, *, time_step: float | None = None,
 ) -> tuple[dict[str, Any], FitResult]:
     """Predict an experiment that was not fitted. The fitted parameters are held constant. Only the experiment's edge
     times, at which its pressure switches or its body is let go, are fitted to it.
 
-    `time_step` is in s. Returns the prediction (see `predict`) and the result of fitting the edge times;
-    nothing is fitted for an experiment without edge times.
+    `time_step` is in s; default: that of the fit. Returns the prediction (see `predict`) and the result of fitting the
+    edge times; nothing is fitted for an experiment without edge times.
     """
+    time_step = time_step or fitted.time_step
     fixed = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in fitted.parameters]
     if not experiment.own_parameters:
         values = fitted.values
@@ -198,7 +203,8 @@ def predict_held_out(
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
         note = "nothing was fitted to this recording"
         return prediction, FitResult(
-            fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions
+            fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions,
+            time_step=time_step,
         )
     moments = best_edges(experiment, fitted, time_step)
     span = float(np.ptp(experiment.time))
@@ -297,6 +303,7 @@ def finished(
         model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
         best.status > 0 and not far,
         found, tuple(notes), float(bic), turns=problem.experiments[0].without_positions,
+        time_step=problem.time_step,
     )
 
 

@@ -61,7 +61,7 @@ class Band(Shown):
 
 
 def prediction_band(
-    experiment: Experiment, fitted: FitResult, *, time_step: float = 2e-3, level: float = 0.95,
+    experiment: Experiment, fitted: FitResult, *, time_step: float | None = None, level: float = 0.95,
     noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
     """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
@@ -74,8 +74,8 @@ def prediction_band(
     experiment : Experiment
         A recording that was not used in the fit, or a planned one.
     fitted : FitResult
-    time_step : float
-        Longest step of the integration, s.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     level : float
         Probability that the band contains a coordinate.
     noise : float or array (T, S, 2 or 1)
@@ -100,6 +100,7 @@ def prediction_band(
         raise InputError("a prediction band needs the covariance of a fit: fit with at least one free parameter")
     if not 0 < level < 1:
         raise InputError(f"the level of a band must lie between 0 and 1, got {level}")
+    time_step = time_step or fitted.time_step
     own = own or predict_held_out(experiment, fitted, time_step=time_step)[1]
     shared = [k for k, n in enumerate(fitted.covariance.names) if "." not in n or n.partition(".")[0] not in
               {e.partition(".")[0] for e in fitted.rmse}]
@@ -127,8 +128,8 @@ def prediction_band(
 
 
 def residual_noise(
-    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, time_step: float = 2e-3,
-    weighting: str = "travel",
+    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *,
+    time_step: float | None = None, weighting: str = "travel",
 ) -> Array:
     """Return the standard deviation of a prediction's residuals at T times and S stations, learnt from training
     recordings: (T, S, 2 or 3) [m], or (T, S, 1) [rad] if only angles were recorded.
@@ -139,8 +140,9 @@ def residual_noise(
 
     With `weighting` "travel", residuals and displacements are taken relative to each recording's peak displacement and
     scaled back by that of the prediction `modelled` (T, S, ...). A station without training data gets the mean of all
-    stations.
+    stations. `time_step` is in s; default: that of the fit.
     """
+    time_step = time_step or fitted.time_step
     shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
     for exp in train:
         rows, unit = predict(fitted.model, exp, fitted.values, time_step)["compared"], exp.travel if shares else 1.0

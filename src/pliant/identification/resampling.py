@@ -22,7 +22,7 @@ FEWEST = 20  # replicates that a covariance needs
 
 
 def bootstrapped(
-    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, time_step: float = 2e-3,
+    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, time_step: float | None = None,
     weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
 ) -> FitResult:
     """Return the fit with covariance and standard errors estimated by a block bootstrap of its residuals.
@@ -50,7 +50,7 @@ def bootstrapped(
 
 def bootstrap(
     experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, block: int | None = None,
-    time_step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
+    time_step: float | None = None, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
 ) -> tuple[tuple[str, ...], Array]:
     """Return the names of P free parameters, and their values (replicates, P) from refits to synthetic data: the
@@ -65,8 +65,8 @@ def bootstrap(
         Number R of refits.
     block : int, optional
         Frames in a block; default: twice the correlation length of the residuals.
-    time_step : float
-        Integration step, s.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     weighting, loss : str
         Those of the fit.
     rng : numpy.random.Generator, int or None
@@ -81,6 +81,7 @@ def bootstrap(
     """
     free = [p for p in fitted.parameters if p.free]
     generator = np.random.default_rng(rng)
+    time_step = time_step or fitted.time_step
     base = Problem(list(experiments), fitted.model, list(fitted.parameters), time_step, weighting)
     parts = np.split(base.data_residual(base.start), base.ends[:-1])
     frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]

@@ -14,6 +14,7 @@ from pliant.errors import FitError, PliantError
 from pliant.failures import Failures, NotComputed
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitOptions, fit
+from pliant.identification.fit_step import LONGEST, values_of
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
@@ -99,6 +100,11 @@ class StageFitter:
     model: Model
     options: FitOptions
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
+
+    @property
+    def time_step(self) -> float:
+        """Return the time step [s] of all stages."""
+        return self.options["time_step"] or LONGEST
 
     def fit_stage(
         self, stage: Stage, below: StageResult, free: dict[str, Entry],
@@ -195,7 +201,7 @@ class StageFitter:
         """Return the parameter; a joint stiffness gets an upper bound, above which the time step would be too long."""
         if not p.name.startswith("stiffness"):
             return p
-        most = min(p.upper, simulable(self.model, self.options["time_step"]))
+        most = min(p.upper, simulable(self.model, self.time_step))
         return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))
 
     def fitted(self, listed: list[Parameter], most: int = 200) -> FitResult:
@@ -203,17 +209,19 @@ class StageFitter:
         if any(p.free for p in listed) or any(e.own_parameters for e in self.train):
             return fit(self.train, self.model, listed, **self.options, max_evaluations=most)
         model, filled = prepare(self.train, self.model, listed)
-        values = {p.name: float(p.value) for p in filled if p.value is not None}
+        values = values_of(filled)
         rmse = {
-            e.name: root_mean_square(predict(model, e, values, self.options["time_step"])["compared"], e.compared)
+            e.name: root_mean_square(predict(model, e, values, self.time_step)["compared"], e.compared)
             for e in self.train
         }
-        return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
-                         turns=self.train[0].without_positions)  # fmt: skip
+        return FitResult(
+            model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
+            turns=self.train[0].without_positions, time_step=self.time_step,
+        )
 
     def judged(self, stage: Stage, result: FitResult) -> StageResult:
         """Return the result of a fitted stage with its errors on all recordings and its simulation cost."""
-        time_step = self.options["time_step"]
+        time_step = self.time_step
         failures, unseen = Failures(f"of stage {stage.title}"), {}
         for e in self.held_out:
             row = failures.attempt("prediction", e.name, partial(missed, e, result, time_step), "held_out")

@@ -12,6 +12,7 @@ from pliant.display import Card, Shown
 from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FIT_OPTIONS, FitOptions
+from pliant.identification.fit_step import starting_step
 from pliant.identification.model_selection import DETERMINED, lead, shared_bic
 from pliant.identification.result import FitResult
 from pliant.identification.stage_fit import StageFitter, StageResult, entry_name
@@ -100,7 +101,7 @@ def select_model(
         Whether a stage that replaces parameters by finer ones, as `joints` does, is tried again at the end, as
         ``NAME_late``, if it was passed over and later stages were accepted.
     time_step : float, s
-        Longest integration step; default: 2e-3.
+        Longest time step of all stages; default: that of a fit of the first stage.
     weighting, loss, starts, rng
         As in `fit`, for each stage; the default of `starts` is 1.
     progress : callable, optional
@@ -129,8 +130,10 @@ def select_model(
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
         free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
-    fitter = StageFitter(train, held_out, model, how, tuple(free))
     each = [of_chambers(r, model) for r in stages]
+    first = {**free, **{entry_name(e): e for choice in each[0].frees[:1] for e in choice}}
+    how["time_step"] = how["time_step"] or starting_step(train, model, list(first.values()))
+    fitter = StageFitter(train, held_out, model, how, tuple(free))
     results = fit_stages(fitter, each, free, late=late, progress=progress or (lambda _line: None))
     return chosen(results, choose_by)
 

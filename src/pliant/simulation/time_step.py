@@ -28,7 +28,9 @@ DURATION = 1.0  # s, over which an undamped mode keeps its phase
 NICE = (5.0, 2.0, 1.0)
 
 
-def resolving_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
+def resolving_step(
+    model: Model, displacement: Array | None = None, duration: float = DURATION, longest: float = EVERY,
+) -> float:
     """Return the longest time step [s] that resolves every mode of vibration which noticeably moves the tip.
 
     A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
@@ -42,11 +44,13 @@ def resolving_step(model: Model, displacement: Array | None = None, duration: fl
         Joint coordinates at the start of a free motion, from equilibrium, rad (and strains).
     duration : float
         Time for which a mode without damping must keep its phase, s.
+    longest : float
+        Upper bound of the step, s; default: 1 ms.
 
     Returns
     -------
     float
-        1, 0.5, 0.2, 0.1, ... ms, in s.
+        1, 0.5, 0.2, 0.1, ... ms, in s (2 ms for `longest` = 2e-3).
 
     Raises
     ------
@@ -58,15 +62,17 @@ def resolving_step(model: Model, displacement: Array | None = None, duration: fl
     >>> resolving_step(pliant.actuators.chen2018.model())
     0.001
     """
-    return nice(min(EVERY, longest_step(model, displacement, duration)))
+    return nice(min(longest, longest_step(model, displacement, duration)))
 
 
-def shared_step(models: Iterable[Model]) -> float:
-    """Return the shortest `resolving_step` [s] of several models; for one without a stable equilibrium, 1 ms counts."""
-    steps = [EVERY]
+def shared_step(models: Iterable[Model], longest: float = EVERY) -> float:
+    """Return the shortest `resolving_step` [s] of several models, at most `longest` (default: 1 ms). A model without a
+    stable equilibrium does not shorten it.
+    """
+    steps = [longest]
     for model in models:
         with suppress(SimulationError):
-            steps.append(resolving_step(model))
+            steps.append(resolving_step(model, longest=longest))
     return min(steps)
 
 

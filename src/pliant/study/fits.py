@@ -84,10 +84,10 @@ def fit_outcome(
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
     if entry.bootstrap and result.covariance is not None:
         notify(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
-        drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap, time_step=study.time_step,
+        drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap,
                         weighting=entry.weighting, loss=entry.loss, rng=study.seed)
         result = failures.attempt("bootstrap of standard errors", "", drawn) or result
-    records = records_of(train, held_out, result, study.time_step, entry.weighting, failures)
+    records = records_of(train, held_out, result, result.time_step, entry.weighting, failures)
     notify(f"fit {name}: {result.status}")
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 

@@ -77,7 +77,7 @@ def run_forecast(
     seen: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
-        motion = predict(result.model, case, {**values, **own}, study.time_step)
+        motion = predict(result.model, case, {**values, **own}, result.time_step)
         tip, grown = motion["compared"][:, -1], {} if case.without_positions else growth(motion["position"], NAMES)
         traits = {**response(template.synchronised(values), tip), **grown}
         seen[:] = seen or [k for k, v in traits.items() if v is not None]
@@ -96,7 +96,7 @@ def run_forecast(
     def half_width() -> np.ndarray:
         if problems:
             raise SimulationError(problems[0])
-        lacks = tip_lacks(result, case, {**result.values, **own}, training, study.time_step)
+        lacks = tip_lacks(result, case, {**result.values, **own}, training, result.time_step)
         return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)

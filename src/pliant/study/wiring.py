@@ -110,7 +110,7 @@ def fit_statistics(study: Study, name: str, training: list[Experiment], model: M
         loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
     )
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
-    return follows(training, result, study.time_step, entry.weighting), error
+    return follows(training, result, result.time_step, entry.weighting), error
 
 
 def wiring_warnings(wirings: Wirings | None) -> tuple[str, ...]:

@@ -107,8 +107,7 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
         raise ValueError("a bootstrap needs the fit whose residuals it resamples")
     values = base.values
     start = list(base.parameters)
-    time_step = float((campaign.fit_options or {}).get("time_step", 2e-3))
-    modelled = [predict(base.model, exp, values, time_step)["compared"] for exp in campaign.experiments]
+    modelled = [predict(base.model, exp, values, base.time_step)["compared"] for exp in campaign.experiments]
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)

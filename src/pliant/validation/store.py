@@ -315,7 +315,7 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
-        turns=any("rmse_deg" in r for r in entry["records"].values()),
+        turns=any("rmse_deg" in r for r in entry["records"].values()), time_step=entry["time_step_s"],
     )
 
 
