@@ -63,10 +63,10 @@ def simulated(task: SweepTask, first: int, last: int) -> Arrays:
     pressures = [tuple(pulse_of(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
     pressures = pressures[:1] if len(set(pressures)) == 1 else pressures
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
-    step = sweep.step or shared_step([task.model])  # one for all chunks
+    time_step = sweep.time_step or shared_step([task.model])  # one for all chunks
     run = simulate_batch(
         task.model, pressures, parameters=everything or {"tip_mass": np.full(count, task.model.tip_mass)},
-        times=times, step=step, variables=("tip_position",), threads=task.threads, failures="mark",
+        times=times, time_step=time_step, variables=("tip_position",), threads=task.threads, failures="mark",
     )
     tip = run["tip_position"].values[:, :, -1]
     moved = np.linalg.norm(tip - tip[:, :1], axis=-1)
@@ -104,8 +104,7 @@ def bootstrap(task: SweepTask, first: int, last: int) -> Arrays:
         raise ValueError("a bootstrap needs the fit whose residuals it resamples")
     values = base.values
     start = list(base.parameters)
-    step = float((task.fit_options or {}).get("step", 2e-3))
-    modelled = [predict(base.model, exp, values, step)["compared"] for exp in task.experiments]
+    modelled = [predict(base.model, exp, values, base.time_step)["compared"] for exp in task.experiments]
     rows = []
     for sample in range(first, last):
         rng = generator(task.sweep.seed, sample)
