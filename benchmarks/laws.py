@@ -6,7 +6,7 @@ damping, torque, the edges of the pulse and the parameters of the law. All laws 
 ratio is the median over the rounds of the processor time over that of the plain model in the same round, so that other
 load affects both.
 
-Usage: python benchmarks/laws.py [rounds, default 30]
+Usage: python benchmarks/laws.py [rounds, default 30] [laws, default all]
 """
 
 # ruff: noqa: E402
@@ -125,16 +125,16 @@ def ratio(times: dict[str, np.ndarray], name: str) -> str:
     return f"{middle:5.2f} ({low:.2f} to {high:.2f})"
 
 
-def main(rounds: int) -> None:
+def main(rounds: int, names: list[str]) -> None:
     """Print the ratios of both kinds, with quartiles over the rounds."""
-    stepped = {name: job for name, law in LAWS.items() if (job := stepping(law)) is not None}
-    steps = times_of(stepped, rounds)
-    evaluations = times_of({name: evaluating(law) for name, law in LAWS.items()}, rounds)
+    laws = {name: LAWS[name] for name in ("plain", *(names or list(LAWS)[1:]))}
+    steps = times_of({name: job for name, law in laws.items() if (job := stepping(law)) is not None}, rounds)
+    evaluations = times_of({name: evaluating(law) for name, law in laws.items()}, rounds)
     print(f"plain: a step {1e6 * steps['plain'].min() / STEPS:.2f} us, "
           f"an evaluation {1e3 * evaluations['plain'].min():.2f} ms, the shortest of {rounds}")  # fmt: skip
-    for name in LAWS:
+    for name in laws:
         print(f"{name:<36} step {ratio(steps, name):<22} evaluation {ratio(evaluations, name)}", flush=True)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 30)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 30, sys.argv[2:])
