@@ -76,8 +76,9 @@ def recorded(case: Case, truth: dict[str, float], rng: np.random.Generator) -> l
     body, records = apply(case.body, truth), []
     times = np.arange(0.0, 1.6 * case.width, case.every)
     for level in case.levels:
-        motion = simulate(body, Pulse(level, BEGIN, case.width), times=times, step=STEP / 4)["station_position"].values
-        noisy = motion + rng.normal(0.0, NOISE, motion.shape)
+        motion = simulate(body, Pulse(level, BEGIN, case.width), times=times, time_step=STEP / 4)
+        position = motion["station_position"].values
+        noisy = position + rng.normal(0.0, NOISE, position.shape)
         records.append(Experiment(f"at_{level:.0f}", times, noisy, ("mid", "tip"), "pulse", level=level))
     return records
 
@@ -89,7 +90,7 @@ def fitted(case: Case, records: list[Experiment]) -> FitResult:
     edges = (("start", BEGIN), ("stop", BEGIN + case.width))
     parameters += [Parameter(f"{r.name}.{edge}", value) for r in records for edge, value in edges]
     middle = {p.name: p.value for p in parameters if p.value is not None}
-    return fit(records, apply(case.body, middle), parameters, starts=1, step=STEP)
+    return fit(records, apply(case.body, middle), parameters, starts=1, time_step=STEP)
 
 
 def errors(case: Case, seed: int) -> dict[str, float]:

@@ -74,7 +74,7 @@ def body(law: dict[str, float]) -> Model:
 def stepping(law: dict[str, float]) -> Callable[[], None] | None:
     """Return a function that takes `STEPS` steps from rest; None for a valve that a `Stepper` refuses."""
     try:
-        stepper = Stepper(apply(body(law), law), step=1e-3)
+        stepper = Stepper(apply(body(law), law), time_step=1e-3)
     except InputError:
         return None
 
@@ -90,8 +90,9 @@ def evaluating(law: dict[str, float]) -> Callable[[], None]:
     plain = body(law)
     entries = [*(Parameter(name) for name in SHARED), Parameter("e.start", BEGIN), Parameter("e.stop", BEGIN + WIDTH)]
     entries += [Parameter(name, value, free=not name.endswith(("_low", "_high"))) for name, value in law.items()]
-    truth = simulate(apply(plain, law), Pulse(LEVEL, BEGIN, WIDTH), times=TIMES, step=1e-3)["station_position"].values
-    record = Experiment("e", TIMES, truth, tuple(p.name for p in plain.points), "pulse", level=LEVEL)
+    motion = simulate(apply(plain, law), Pulse(LEVEL, BEGIN, WIDTH), times=TIMES, time_step=1e-3)
+    positions, names = motion["station_position"].values, tuple(p.name for p in plain.points)
+    record = Experiment("e", TIMES, positions, names, "pulse", level=LEVEL)
     made, parameters = prepare([record], plain, entries)
     problem, calls = Problem([record], made, parameters, 2e-3, "travel"), iter(range(1, sys.maxsize))
 
