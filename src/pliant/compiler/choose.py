@@ -199,7 +199,7 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
     if kernel is remembering and (lines or sizes[3]):
         steps = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
     elif kernel is jacobian and sizes[3]:
-        steps = {spatial.step: twin(tendon.step)}  # on complex numbers
+        steps, sizes = {spatial.step: twin(tendon.step)}, (1, 0, 2, 1)  # on complex numbers, the same for any size
     if not steps:
         return twin(kernel)
     return compiled_twin(
