@@ -6,18 +6,18 @@ import dataclasses
 import json
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field_validator
 
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
 from pliant.model.chamber import Chamber
-from pliant.model.extension import Extension
+from pliant.model.extension import CURVES, Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station
 from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
@@ -38,6 +38,19 @@ MIRRORED = (  # D4
     "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
     "shapes and targets in the base frame"
 )
+
+
+if TYPE_CHECKING:
+
+    class JointCurve(BaseModel):
+        """Entries of the nonlinear terms of the joints' springs."""
+
+    class AxialCurve(BaseModel):
+        """Entries of the nonlinear terms of an axial spring."""
+
+else:  # one entry for each term of `SPRING_TERMS`
+    JointCurve = create_model("JointCurve", **dict.fromkeys(CURVES, (list[float], [0.0])))
+    AxialCurve = create_model("AxialCurve", **dict.fromkeys(CURVES, (float | None, None)))
 
 
 class StationEntry(BaseModel):
@@ -115,7 +128,7 @@ class TendonEntry(BaseModel):
     valve: ValveEntry = ValveEntry()
 
 
-class ExtensionEntry(BaseModel):
+class ExtensionEntry(AxialCurve, BaseModel):
     """Table of one extensible segment in a model file."""
 
     model_config = ConfigDict(extra="forbid")
@@ -124,9 +137,6 @@ class ExtensionEntry(BaseModel):
     damping: float = 0.0
     start: float = 0.0
     stop: float | None = None
-    stiffening: float | None = None
-    cubic_stiffening: float | None = None
-    stiffening_bound: float | None = None
 
 
 class MemoryEntry(BaseModel):
@@ -147,7 +157,7 @@ class MemoryEntry(BaseModel):
     axial_slip_strain: list[float] = []
 
 
-class ModelFile(BaseModel):
+class ModelFile(JointCurve, BaseModel):
     """All entries of a model file, with their types and default values."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
@@ -160,9 +170,6 @@ class ModelFile(BaseModel):
     link_mass: list[float]
     stiffness: list[float]
     damping: list[float]
-    stiffening: list[float] = [0.0]
-    cubic_stiffening: list[float] = [0.0]
-    stiffening_bound: list[float] = [0.0]
     mass_at: Literal["rod", "tip"] = "rod"
     tip_mass: float = 0.0
     base_length: float = 0.0
