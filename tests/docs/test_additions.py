@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import typing
 from pathlib import Path
 
 import pytest
 
+from pliant.cli.export import export as export_command
 from pliant.control import registry as controllers
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.estimation import registry as estimators
@@ -40,3 +42,9 @@ def test_the_page_names_each(name, listed):
 def test_every_parameter_of_a_fit_is_explained():
     words = {re.sub(r"<\w>", "1", word.strip('"')) for word in re.findall(r"`([^`\s]+)`", page("studies"))}
     assert [kind for kind in KNOWN if not any(re.fullmatch(kind, word) for word in words)] == []
+
+
+def test_help_and_docstring_name_every_target():
+    option = typing.get_type_hints(export_command, include_extras=True)["to"].__metadata__[0]
+    for text in (option.help, exporters.export.__doc__):
+        assert [name for name in exporters.BUILT_IN if name not in text] == []
