@@ -89,12 +89,12 @@ def test_a_motion_is_that_of_an_adaptive_solver_of_the_stepper_and_of_a_batch(te
     models = [bent(term, spatial, factor) for factor in (1.0, 0.4, 0.2, 0.0, 0.7)]
     times, pulse = np.linspace(0.0, 0.2, 21), Pulse(LEVEL, 0.0, 1.0)
     exact = simulate(models[0], pulse, times=times, method="LSODA", rtol=1e-9)
-    runs = [simulate(m, pulse, times=times, step=1e-3, check=False) for m in models]
+    runs = [simulate(m, pulse, times=times, time_step=1e-3, check=False) for m in models]
     assert np.abs(runs[0].tip_position - exact.tip_position).max() < 1e-4
     assert np.abs(runs[0].tip_position - runs[3].tip_position).max() > 2e-3
-    many = simulate_batch(models, pulse, times=times, step=1e-3)
+    many = simulate_batch(models, pulse, times=times, time_step=1e-3)
     alike = simulate_batch(models[3], pulse, parameters={term: [getattr(m, term)[0] for m in models]}, times=times,
-                           step=1e-3)  # fmt: skip
+                           time_step=1e-3)  # fmt: skip
     for i, run in enumerate(runs):
         np.testing.assert_allclose(many.tip_position.values[i], run.tip_position.values, atol=1e-12)
         np.testing.assert_allclose(alike.tip_position.values[i], run.tip_position.values, atol=1e-12)
@@ -136,7 +136,7 @@ def test_springs_lose_their_stiffness_where_their_slope_first_vanishes(term):
 @SLOW_IN_SPACE
 def test_a_fit_has_the_derivative_of_differences_and_a_filter_follows(term, spatial):
     model, times = bent(term, spatial), np.arange(0.0, 0.4, 0.01)
-    seen = simulate(model, Pulse(LEVEL, 0.1, 1.0), times=times, step=STEP, check=False)
+    seen = simulate(model, Pulse(LEVEL, 0.1, 1.0), times=times, time_step=STEP, check=False)
     tip = seen.station_position.values
     exp = Experiment("e", times, tip, ("tip",), "trace", pressure=Trace([0.0, 0.1, 0.1], [0.0, 0.0, LEVEL]))
     value = float(getattr(model, term)[0])
@@ -149,8 +149,8 @@ def test_a_fit_has_the_derivative_of_differences_and_a_filter_follows(term, spat
         times, tip, station=["tip"], frame="spatial" if spatial else "planar", pressure_time=times,
         pressure=np.where(times >= 0.1, LEVEL, 0.0), source="simulated",
     )
-    found = pliant.estimate(recording, model, step=STEP)
-    wrong = pliant.estimate(recording, model.with_(**{term: 0.0}), step=STEP)
+    found = pliant.estimate(recording, model, time_step=STEP)
+    wrong = pliant.estimate(recording, model.with_(**{term: 0.0}), time_step=STEP)
     torque = mechanics_of(model).kinds[0].names[2]
     off, far = (np.abs(f[torque].values[-5:]).max() for f in (found, wrong))
     assert off < 0.2 * far

@@ -26,7 +26,7 @@ def wire(rows):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_the_length_of_a_wire_has_the_derivative_of_differences(known):
-    seen = simulate(BODY, Pulse(3e4, START, 1.0), times=TIMES, step=2e-3, check=False).station_position.values
+    seen = simulate(BODY, Pulse(3e4, START, 1.0), times=TIMES, time_step=2e-3, check=False).station_position.values
     exp = Experiment("e", TIMES, seen, ("tip",), "trace", pressure=Trace([0.0, START, START], [0.0, 0.0, 3e4]))
     problem = Problem([exp], BODY, [Parameter("stiffness", 0.6), Parameter("damping", 0.005)], 2e-3, "metre")
     observed = problem.observed[0]

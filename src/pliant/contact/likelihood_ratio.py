@@ -73,14 +73,16 @@ def windows_of(period: float) -> list[int]:
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
-def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
+def innovation_response(
+    model: Model, noise: Noise, measurement: Measurement, *, time_step: float,
+) -> InnovationResponse:
     """Return the response of the filter's innovations to a step of the joint torques, for each mean square joint rate
     in `MOTIONS`. The body is linearised at rest: only the filter's assumed noise depends on the joint rate.
     """
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
-    made = [response_of(model, one, measurement, period, max(1, int(np.ceil(period / step)))) for one in cases]
+    made = [response_of(model, one, measurement, period, max(1, int(np.ceil(period / time_step)))) for one in cases]
     return InnovationResponse(np.array(MOTIONS), np.stack(made), period)
 
 
