@@ -260,6 +260,12 @@ def setup(app: Any) -> dict[str, Any]:
             for name, content in schemas().items():
                 Path(app.outdir, name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
+    def shapes(_app: Any, *details: Any) -> tuple[str | None, str | None]:
+        """Show the shape of an array with one dimension without the blank that annotations need."""
+        given, result = (text and text.replace("[Array, ' ", "[Array, '") for text in details[-2:])
+        return given, result
+
+    app.connect("autodoc-process-signature", shapes)
     app.connect("source-read", read)
     app.connect("env-get-outdated", outdated)
     app.connect("build-finished", write)

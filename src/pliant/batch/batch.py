@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -24,6 +24,9 @@ from pliant.simulation.result import LABELS
 from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
 from pliant.simulation.time_step import shared_step
 from pliant.version import __version__
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 
@@ -49,7 +52,7 @@ def simulate_batch(
     *,
     parameters: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    times: Array | None = None,
+    times: Float[Array, " T"] | None = None,
     time_step: float | None = None,
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],

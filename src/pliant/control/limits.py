@@ -5,10 +5,14 @@ and the slew rate.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 
@@ -47,7 +51,7 @@ class Limits:
                 f"{self.chambers}"
             )
 
-    def each(self, count: int) -> Array:
+    def each(self, count: int) -> Float[Array, " C"]:
         """Return the highest command of each of `count` inputs, as an array (count,) in the inputs' SI units.
 
         Raises InputError when the limits are given for another number of chambers.

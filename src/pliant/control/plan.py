@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 TIP = ("tip_x", "tip_y")
@@ -85,8 +89,8 @@ class Task:
         link; in space among tip_x, tip_y and tip_z.
     """
 
-    time: Array
-    displacement: Array
+    time: Float[Array, " P"]
+    displacement: Float[Array, " P"]
     duration: float
     path: bool = False
     ramp: float = 0.03

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from pliant.estimation.registry import estimator_kind
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 
@@ -81,8 +84,8 @@ RIG: Rig = {"late": 0, "supply": None, "estimator": "observer", "rides": False}
 
 
 def prepare_control(
-    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
-    **rig: Unpack[Rig],
+    model: Model, arc_length: Float[Array, " S"], frames: Float[Array, "T S d"], task: Task, limits: Limits,
+    period: float, **rig: Unpack[Rig],
 ) -> Prepared:
     """Return a control loop ready to run: rest shape calibrated, controller designed, estimator created, loop tested in
     simulation.

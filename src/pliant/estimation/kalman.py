@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace,
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body no longer agree
@@ -119,7 +122,7 @@ class KalmanFilter:
 
     def __init__(
         self, model: Model, noise: Noise | None = None, *, time_step: float = 5e-3, latency: float = 0.0,
-        buffer: float = 0.2, pressure: float | Array = 0.0, time: float = 0.0,
+        buffer: float = 0.2, pressure: float | Float[Array, " C"] = 0.0, time: float = 0.0,
     ) -> None:
         if not time_step > 0:
             raise InputError(f"time_step must be > 0 s, got {time_step}")
@@ -151,7 +154,7 @@ class KalmanFilter:
         self.innovation = np.empty(0)
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
-    def push_pressure(self, time: float, pressure: float | Array) -> None:
+    def push_pressure(self, time: float, pressure: float | Float[Array, " C"]) -> None:
         """Take pressures (C,) [Pa] of C chambers at `time` [s]. They count as constant until the next sample.
 
         Raises
@@ -164,7 +167,9 @@ class KalmanFilter:
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s: leave this sample out")
         self._take(FilterEvent(float(time), held, None, None, None))
 
-    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+    def push_frame(
+        self, time: float, rows: Float[Array, "m 4"], values: Float[Array, " m"], variance: Float[Array, " m"],
+    ) -> None:
         """Take a frame of m measured values at `time` [s], with their variances. Each row of `rows` (m, 4) states what
         one value is: kind of quantity, link, and distances along and across the link [m].
 

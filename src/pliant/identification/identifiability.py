@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from pliant.identification.problem import Problem
 from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak
@@ -77,7 +80,7 @@ class Identifiability(Shown):
 
     names: tuple[str, ...]
     expected_std: tuple[float | None, ...]
-    information: Array
+    information: Float[Array, "P P"]
     directions: tuple[Direction, ...]
 
     @property

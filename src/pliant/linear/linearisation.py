@@ -9,7 +9,7 @@ of a controller.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Valve
 from pliant.simulation import state
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
@@ -121,7 +124,7 @@ class LinearModel:
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
 
 
-def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
+def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> LinearModel:
     """Linearise a model, valves included, about its equilibrium under constant pressures.
 
     Parameters

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.numerics.ringdown import peak
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 
@@ -22,11 +25,11 @@ class Input(Protocol):
     """Interface of a pressure input for `simulate`: pressure [Pa] as a function of time, with its jumps and kinks."""
 
     @property
-    def jumps(self) -> Array:
+    def jumps(self) -> Float[Array, " J"]:
         """Times [s] at which the pressure jumps."""
 
     @property
-    def breakpoints(self) -> Array:
+    def breakpoints(self) -> Float[Array, " B"]:
         """Times [s] at which the pressure jumps or has a kink."""
 
     def __call__(self, t: Any) -> Array:
@@ -126,10 +129,10 @@ class Trace:
     10000.0
     """
 
-    time: Array
-    pressure: Array
-    jumps: Array = field(init=False)
-    breakpoints: Array = field(init=False)
+    time: Float[Array, " P"]
+    pressure: Float[Array, " P"]
+    jumps: Float[Array, " J"] = field(init=False)
+    breakpoints: Float[Array, " B"] = field(init=False)
 
     def __post_init__(self) -> None:
         t = np.array(self.time, dtype=float)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,9 @@ from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
 from pliant.simulation.result import Motion, trajectory
 from pliant.simulation.time_step import EVERY, nice, resolving_step
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: fewer steps do not resolve its oscillation
@@ -48,12 +51,12 @@ def simulate(
     pressure: Input | Sequence[Input],
     *,
     duration: float | None = None,
-    times: Array | None = None,
+    times: Float[Array, " T"] | None = None,
     time_step: float | None = None,
     method: str = "midpoint",
-    initial_angle: Array | None = None,
-    initial_rate: Array | None = None,
-    initial_memory: Array | None = None,
+    initial_angle: Float[Array, " N"] | None = None,
+    initial_rate: Float[Array, " N"] | None = None,
+    initial_memory: Float[Array, "N M"] | None = None,
     forces: Sequence[PointForce] = (),
     rtol: float = 1e-8,
     tolerance: float = 1e-4,
