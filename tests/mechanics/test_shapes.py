@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,18 +101,3 @@ def test_statics_and_inputs_have_the_annotated_shapes(case: str) -> None:
     ):
         made = result if isinstance(result, tuple) else (result,)
         assert [np.shape(a) for a in made] == [shape(text, letters) for text in returned(call)], call
-
-
-def test_shapes_need_nothing_at_run_time() -> None:
-    """The library whose types carry the shapes is imported for type checkers alone."""
-    texts = {path: path.read_text(encoding="utf-8") for path in Path(pliant.__file__).parent.rglob("*.py")}
-    shaped = {path: text for path, text in texts.items() if "jaxtyping" in text}
-    assert len(shaped) > 20
-    for path, text in shaped.items():
-        tree = ast.parse(text)
-        guarded = {
-            id(node) for branch in ast.walk(tree) if isinstance(branch, ast.If) for node in ast.walk(branch)
-            if ast.unparse(branch.test) == "TYPE_CHECKING"
-        }  # fmt: skip
-        loose = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == "jaxtyping"]
-        assert all(id(node) in guarded for node in loose), path

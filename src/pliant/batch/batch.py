@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -18,15 +18,13 @@ from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
+from pliant.shapes import Float
 from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS
 from pliant.simulation.solve import STEPS_PER_PERIOD, output_times
 from pliant.simulation.time_step import shared_step
 from pliant.version import __version__
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pliant.compiler.choose import twin
@@ -12,9 +10,7 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
 from pliant.model.statics import joint_torques_over
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 

@@ -5,14 +5,11 @@ and the slew rate.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,7 @@ from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 TIP = ("tip_x", "tip_y")

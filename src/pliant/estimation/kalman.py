@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,10 +25,8 @@ from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.shapes import Float
 from pliant.simulation import state
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body no longer agree

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,11 +14,9 @@ from pliant.drawing import body_svg
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
 from pliant.preprocessing.detectors import without_spikes
+from pliant.shapes import Float
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 UNIT = 1e-3  # largest difference of a quaternion's length from 1

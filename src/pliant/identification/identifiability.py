@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,7 @@ from pliant.identification.problem import Problem
 from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from pliant.identification.fit_step import fit_step
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.model import Model
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 

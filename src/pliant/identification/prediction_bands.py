@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,7 @@ from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,7 @@ from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 FEWEST = 20  # replicates that a covariance needs

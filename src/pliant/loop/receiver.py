@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +16,8 @@ from pliant.loop.endings import ended_by_signals
 from pliant.loop.keyed import read_key
 from pliant.loop.network import UdpSource
 from pliant.loop.sample import COMMAND, Sample, Sender, Source, nanoseconds
+from pliant.shapes import Float
 from pliant.units import PASCAL
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 MOST = 256  # most samples read at once, so that a flood cannot delay the receiver

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.estimation.contract import State
+from pliant.shapes import Float
 from pliant.units import KIND_OF, shown_in
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 

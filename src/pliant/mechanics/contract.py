@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from pliant.model import Model, Station
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Inexact
+from pliant.shapes import Float, Inexact
 
 Array = np.ndarray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.tendon import Tendon
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one of the two is taut

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.numerics.ringdown import peak
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from pliant.shapes import Float
 
 Array = np.ndarray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ import xarray as xr
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.shapes import Float
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
 from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
@@ -23,9 +24,6 @@ from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
 from pliant.simulation.result import Motion, trajectory
 from pliant.simulation.time_step import EVERY, nice, resolving_step
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: fewer steps do not resolve its oscillation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,15 +11,13 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
+from pliant.shapes import Float
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
 from pliant.simulation.time_step import warn_too_coarse
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Array = np.ndarray
 
