@@ -16,7 +16,7 @@ import types
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
-SHAPED = re.compile(r"Annotated\[(?:\w+\.)*ndarray(?:\[[^']*\])?, ' ?([^']*)'\]")
+SHAPED = re.compile(r"\w+\[[~\w.]*(?:ndarray|Array), ' ?([^']*)'\]")  # evaluated, or as it is written
 MARK = re.compile(r"<!-- made from the code: ([\w-]+) -->")
 PACKAGES = (
     "recording", "reduction", "sensing", "model", "simulation", "linear", "identification", "estimation", "contact",

@@ -110,7 +110,7 @@ def identifiability(
     Parameters
     ----------
     experiments, model, parameters, time_step
-        As in `fit`.
+        As in `fit`; `time_step` in s.
 
     Returns
     -------
