@@ -16,6 +16,7 @@ import types
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
+SHAPED = re.compile(r"\w+\[[~\w.]*(?:ndarray|Array), ' ?([^']*)'\]")  # evaluated, or as it is written
 MARK = re.compile(r"<!-- made from the code: ([\w-]+) -->")
 PACKAGES = (
     "recording", "reduction", "sensing", "model", "simulation", "linear", "identification", "estimation", "contact",
@@ -260,6 +261,12 @@ def setup(app: Any) -> dict[str, Any]:
             for name, content in schemas().items():
                 Path(app.outdir, name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
+    def shapes(_app: Any, *details: Any) -> tuple[str | None, str | None]:
+        """Show types of arrays with their shapes as they are written, without the blank that a single letter needs."""
+        given, result = (text and SHAPED.sub(r"Float[Array, '\1']", text) for text in details[-2:])
+        return given, result
+
+    app.connect("autodoc-process-signature", shapes)
     app.connect("source-read", read)
     app.connect("env-get-outdated", outdated)
     app.connect("build-finished", write)

@@ -57,9 +57,10 @@ def explain_validation(error: Any, what: str, model: Any = None) -> InputError:
     where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
     more = len(error.errors()) - 1
     came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {shown(first['input'])})"
+    remedy = similar_entry(model, first["loc"]) if first["type"] == "extra_forbidden" else ""
     reason = {
         "missing": "is missing: add it",
-        "extra_forbidden": f"is not a known entry: {similar_entry(model, first['loc'])}",
+        "extra_forbidden": f"is not a known entry: {remedy}",
     }.get(first["type"], first["msg"].removeprefix("Value error, ").removeprefix("Input "))
     others = f"; {more} more such problem{'s' * (more > 1)}" if more else ""
     return InputError(f"{what}: '{where}' {reason}{came}{others}")

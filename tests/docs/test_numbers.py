@@ -36,7 +36,7 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     },
     "time_step.md": {
         "time-step-and-accuracy": "a bound that is set", "energy": "bounds that are set",
-        "where-a-step-is-fixed": "defaults",
+        "where-a-time-step-is-fixed": "defaults",
     },
     "your_own_camera.md": {"filming": "1.5 m/s times 1 ms"},
     "your_own_data.md": {"a-table-and-its-mapping": "an example"},

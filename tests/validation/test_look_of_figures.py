@@ -375,7 +375,7 @@ def test_a_film_frames_its_body(tmp_path, monkeypatch):
 def test_a_model_selection_in_bars():
     steps = [SimpleNamespace(stage=SimpleNamespace(name=n, title=n), train={"x": 2.0}, held_out={}, seconds=s,
                              step_ns=100 * s, result=True) for n, s in (("a", 1.0), ("b", 2.0))]  # fmt: skip
-    figure = selection_figure(SimpleNamespace(steps=steps, chosen="a"))
+    figure = selection_figure(SimpleNamespace(stages=steps, chosen="a"))
     assert tuple(figure.get_size_inches()) == pytest.approx((7.16, 0.9 + 0.64))
     errors, *costs = figure.axes
     assert list(errors.get_subplotspec().get_gridspec().get_width_ratios()) == [2, 1, 1]

@@ -126,7 +126,7 @@ def test_a_model_selection_shows_mean_errors_costs_and_the_choice(held_out):
     seen = {"a": 6.0, "b": 8.0} if held_out else {}
     steps = [stage("linear", {"x": 9.0}, seen, 1.5, 300.0), stage("failed", {}, {}, 0.0, 0.0, result=None),
              stage("creep", {"x": 3.0}, {k: 0.5 * v for k, v in seen.items()}, 4.0, 700.0)]  # fmt: skip
-    selection = SimpleNamespace(steps=steps, chosen="creep")
+    selection = SimpleNamespace(stages=steps, chosen="creep")
     errors, time, cost = selection_figure(selection).axes
     lines = {line.get_label(): line.get_xdata() for line in errors.lines}
     np.testing.assert_allclose(lines["training"], [9.0, 3.0])

@@ -18,6 +18,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.parallel import cores
+from pliant.shapes import Float
 from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS
@@ -49,7 +50,7 @@ def simulate_batch(
     *,
     parameters: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    times: Array | None = None,
+    times: Float[Array, " T"] | None = None,
     time_step: float | None = None,
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],

@@ -10,13 +10,15 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
 from pliant.model.statics import joint_torques_over
+from pliant.shapes import Float
 
 Array = np.ndarray
 
 
 def momentum_residual(
-    model: Model, time: Array, angle: Array, rate: Array, pressure: Array, *, bandwidth: float = 40.0
-) -> Array:
+    model: Model, time: Float[Array, " T"], angle: Float[Array, "T N"], rate: Float[Array, "T N"],
+    pressure: Float[Array, "T C"], *, bandwidth: float = 40.0,
+) -> Float[Array, "T N"]:
     """Estimate the external torques (T, n) [N m] of n joints over T frames by a generalised-momentum observer.
 
     r = K_O [p - p(0) - int(p_dot of the model + r) dt],  so that dr/dt = K_O (tau_ext - r)
@@ -68,7 +70,7 @@ def momentum_residual(
     return np.asarray(np.cumsum(r[:, ::-1], axis=1)[:, ::-1])
 
 
-def static_residual(model: Model, angle: Array, pressure: Array) -> Array:
+def static_residual(model: Model, angle: Float[Array, "T N"], pressure: Float[Array, "T C"]) -> Float[Array, "T N"]:
     """Return the external torques (T, n) [N m] of n joints for T shapes of a body at rest: stiffness torque - actuation
     torque - torque of the weight.
 

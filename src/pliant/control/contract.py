@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.control.plan import Plan
 from pliant.estimation.contract import Estimator, Measure, State
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -34,13 +35,13 @@ class Controller(Protocol):
     chambers: int
 
     @property
-    def target(self) -> float | Array:
+    def target(self) -> float | Float[Array, " m"]:
         """Present target. For a controller of the tip displacement by one chamber, this is that displacement [m].
         For a controller of m outputs it is their change from rest (m,), such as of a tip coordinate [m] or angle [rad].
         """
 
     @property
-    def error(self) -> float | Array:
+    def error(self) -> float | Float[Array, " m"]:
         """Control error at the last step, actual value minus target. For a controller of the tip displacement by one
         chamber, this is one error [m]. For a controller of m outputs it is the error of each (m,) [m or rad].
         """
@@ -53,7 +54,7 @@ class Controller(Protocol):
     def fault(self) -> str:
         """Sentence that explains why the last command deviates from the control law; empty if it does not."""
 
-    def step(self, time: float, state: State, pressure: float | Array) -> Array:
+    def step(self, time: float, state: State, pressure: float | Float[Array, " C"]) -> Float[Array, " C"]:
         """Return the commands (C,) [Pa] of the C chambers for the control period that starts at `time` [s].
 
         They follow from the estimated state and the pressure readings (C,) [Pa].

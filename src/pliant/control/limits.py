@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -47,7 +48,7 @@ class Limits:
                 f"{self.chambers}"
             )
 
-    def each(self, count: int) -> Array:
+    def each(self, count: int) -> Float[Array, " C"]:
         """Return the highest command of each of `count` inputs, as an array (count,) in the inputs' SI units.
 
         Raises InputError when the limits are given for another number of chambers.

@@ -19,6 +19,7 @@ from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.shapes import Float
 
 Array = np.ndarray
 TIP = ("tip_x", "tip_y")
@@ -85,8 +86,8 @@ class Task:
         link; in space among tip_x, tip_y and tip_z.
     """
 
-    time: Array
-    displacement: Array
+    time: Float[Array, " P"]
+    displacement: Float[Array, " P"]
     duration: float
     path: bool = False
     ramp: float = 0.03

@@ -25,6 +25,7 @@ from pliant.estimation.registry import estimator_kind
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -81,8 +82,8 @@ RIG: Rig = {"late": 0, "supply": None, "estimator": "observer", "rides": False}
 
 
 def prepare_control(
-    model: Model, arc_length: Array, frames: Array, task: Task, limits: Limits, period: float,
-    **rig: Unpack[Rig],
+    model: Model, arc_length: Float[Array, " S"], frames: Float[Array, "T S d"], task: Task, limits: Limits,
+    period: float, **rig: Unpack[Rig],
 ) -> Prepared:
     """Return a control loop ready to run: rest shape calibrated, controller designed, estimator created, loop tested in
     simulation.

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pliant.model import Model
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -44,16 +45,16 @@ class State(NamedTuple):
     """
 
     time: float
-    angle: Array
-    rate: Array
-    rest_shift: Array
-    disturbance: Array
-    covariance: Array
+    angle: Float[Array, " N"]
+    rate: Float[Array, " N"]
+    rest_shift: Float[Array, " N"]
+    disturbance: Float[Array, " N"]
+    covariance: Float[Array, "K K"]
     torque_scale: float = 1.0
     fault: str = ""
-    strain: Array = np.zeros(0)
-    strain_rate: Array = np.zeros(0)
-    strain_shift: Array = np.zeros(0)
+    strain: Float[Array, " S"] = np.zeros(0)
+    strain_rate: Float[Array, " S"] = np.zeros(0)
+    strain_shift: Float[Array, " S"] = np.zeros(0)
 
     @property
     def consistent(self) -> bool:
@@ -66,9 +67,9 @@ class Frame(NamedTuple):
     quantity each value is.
     """
 
-    rows: Array  # (m, 4) of (kind, link, along, across), in space aside: the quantity of each value, by `rows_of`
-    values: Array  # (m,) m or rad, in the model's base frame; NaN where one is missing
-    variance: Array  # (m,) m^2 or rad^2
+    rows: Float[Array, "m 4"]  # (kind, link, along, across), in space aside: the quantity of each value
+    values: Float[Array, " m"]  # m or rad, in the model's base frame; NaN where one is missing
+    variance: Float[Array, " m"]  # m^2 or rad^2
 
 
 Measure = Callable[[Array], Frame]  # points of the body (S, 2) [m] to a frame, such as `LinkAngles.frame`
@@ -77,12 +78,14 @@ Measure = Callable[[Array], Frame]  # points of the body (S, 2) [m] to a frame, 
 class Estimator(Protocol):
     """Interface of an estimator, which turns pressure samples and measured frames into states of the body."""
 
-    def push_pressure(self, time: float, pressure: float | Array) -> None:
+    def push_pressure(self, time: float, pressure: float | Float[Array, " C"]) -> None:
         """Take a pressure sample at `time` [s]: gauge pressures (C,) [Pa] of C chambers, or a
         number for one chamber.
         """
 
-    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+    def push_frame(
+        self, time: float, rows: Float[Array, "m 4"], values: Float[Array, " m"], variance: Float[Array, " m"],
+    ) -> None:
         """Take a frame of the measured shape at `time` [s]. A lost frame is pushed too, with NaN as values."""
 
     def state(self, time: float) -> State:

@@ -24,6 +24,7 @@ from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.shapes import Float
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -118,7 +119,7 @@ class KalmanFilter:
 
     def __init__(
         self, model: Model, noise: Noise | None = None, *, time_step: float = 5e-3, latency: float = 0.0,
-        buffer: float = 0.2, pressure: float | Array = 0.0, time: float = 0.0,
+        buffer: float = 0.2, pressure: float | Float[Array, " C"] = 0.0, time: float = 0.0,
     ) -> None:
         if not time_step > 0:
             raise InputError(f"time_step must be > 0 s, got {time_step}")
@@ -150,7 +151,7 @@ class KalmanFilter:
         self.innovation = np.empty(0)
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
 
-    def push_pressure(self, time: float, pressure: float | Array) -> None:
+    def push_pressure(self, time: float, pressure: float | Float[Array, " C"]) -> None:
         """Take pressures (C,) [Pa] of C chambers at `time` [s]. They count as constant until the next sample.
 
         Raises
@@ -163,7 +164,9 @@ class KalmanFilter:
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s: leave this sample out")
         self._take(FilterEvent(float(time), held, None, None, None))
 
-    def push_frame(self, time: float, rows: Array, values: Array, variance: Array) -> None:
+    def push_frame(
+        self, time: float, rows: Float[Array, "m 4"], values: Float[Array, " m"], variance: Float[Array, " m"],
+    ) -> None:
         """Take a frame of m measured values at `time` [s], with their variances. Each row of `rows` (m, 4) states what
         one value is: kind of quantity, link, and distances along and across the link [m].
 

@@ -14,6 +14,7 @@ from pliant.drawing import body_svg
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
 from pliant.preprocessing.detectors import without_spikes
+from pliant.shapes import Float
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
@@ -95,21 +96,21 @@ class Experiment(Shown):
     """
 
     name: str
-    time: Array
-    position: Array
+    time: Float[Array, " T"]
+    position: Float[Array, "T S d"]
     stations: tuple[str, ...]
     excitation: Excitation
     pressure: Trace | None = None
     level: float = 0.0
     known: Mapping[str, float] = field(default_factory=dict)
-    angle: Array | None = None
+    angle: Float[Array, "T S"] | None = None
     angle_reference: AngleReference = ""
     noise: Mapping[str, float] = field(default_factory=dict)
     angle_noise: float | None = None
-    orientation: Array | None = None
+    orientation: Float[Array, "T S 4"] | None = None
     orientation_noise: float | None = None
-    arc_length: Array | None = None
-    held: Array | None = None
+    arc_length: Float[Array, " S"] | None = None
+    held: Float[Array, "S d"] | None = None
     forces: tuple[PointForce, ...] = ()
     angles_alone: bool = False
     own_places: bool = False
@@ -185,7 +186,7 @@ class Experiment(Shown):
         return int(self.position.shape[2])
 
     @property
-    def compared(self) -> Array:
+    def compared(self) -> Float[Array, "T S k"]:
         """Return the observed values of S stations in T frames that a fit compares with the model: positions (T, S, 2
         or 3) [m], or angles (T, S, 1) [rad] if only these were recorded.
         """

@@ -19,6 +19,7 @@ from pliant.identification.problem import Problem
 from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
+from pliant.shapes import Float
 
 Array = np.ndarray
 WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak
@@ -77,7 +78,7 @@ class Identifiability(Shown):
 
     names: tuple[str, ...]
     expected_std: tuple[float | None, ...]
-    information: Array
+    information: Float[Array, "P P"]
     directions: tuple[Direction, ...]
 
     @property
@@ -109,7 +110,7 @@ def identifiability(
     Parameters
     ----------
     experiments, model, parameters, time_step
-        As in `fit`.
+        As in `fit`; `time_step` in s.
 
     Returns
     -------

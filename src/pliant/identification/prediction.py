@@ -12,6 +12,7 @@ from pliant.identification.fit_step import fit_step
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.model import Model
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -34,7 +35,9 @@ def predict(
     }
 
 
-def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], time_step: float) -> Array:
+def predict_body(
+    model: Model, exp: Experiment, values: Mapping[str, float], time_step: float,
+) -> Float[Array, "T n+2 d"]:
     """Predict the positions (T, n + 2, d) [m] of base, first joint and n link tips of a chain in an experiment, in T
     frames and d dimensions.
     """

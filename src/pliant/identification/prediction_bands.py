@@ -18,6 +18,7 @@ from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.uncertainty import HIDDEN
+from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
@@ -38,15 +39,15 @@ class Band(Shown):
         Probability that the band contains a coordinate.
     """
 
-    position: Array
-    std: Array
-    lower: Array
-    upper: Array
+    position: Float[Array, "T S k"]
+    std: Float[Array, "T S k"]
+    lower: Float[Array, "T S k"]
+    upper: Float[Array, "T S k"]
     level: float
     unit: str = "mm"
     factor: float = 1e3
 
-    def holds(self, position: Array) -> float:
+    def holds(self, position: Float[Array, "T S k"]) -> float:
         """Return the fraction of the observed values in `position` that lie within the prediction interval."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
@@ -62,7 +63,7 @@ class Band(Shown):
 
 def prediction_band(
     experiment: Experiment, fitted: FitResult, *, time_step: float | None = None, level: float = 0.95,
-    noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
+    noise: float | Float[Array, "T S k"] = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
     """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
 
@@ -128,9 +129,9 @@ def prediction_band(
 
 
 def residual_noise(
-    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *,
+    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Float[Array, "T S k"], *,
     time_step: float | None = None, weighting: str = "travel",
-) -> Array:
+) -> Float[Array, "T S k"]:
     """Return the standard deviation of a prediction's residuals at T times and S stations, learnt from training
     recordings: (T, S, 2 or 3) [m], or (T, S, 1) [rad] if only angles were recorded.
 

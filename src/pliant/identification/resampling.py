@@ -16,6 +16,7 @@ from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult
+from pliant.shapes import Float
 
 Array = np.ndarray
 FEWEST = 20  # replicates that a covariance needs
@@ -52,7 +53,7 @@ def bootstrap(
     experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, block: int | None = None,
     time_step: float | None = None, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
-) -> tuple[tuple[str, ...], Array]:
+) -> tuple[tuple[str, ...], Float[Array, "R P"]]:
     """Return the names of P free parameters, and their values (replicates, P) from refits to synthetic data: the
     modelled motion plus residuals resampled in blocks of frames.
 

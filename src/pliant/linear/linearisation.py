@@ -16,6 +16,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Valve
+from pliant.shapes import Float
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -28,7 +29,7 @@ class LinearModel:
 
     Attributes
     ----------
-    A, B, C, D : array (N, N), (N, chambers), (outputs, N), (outputs, chambers)
+    A, B, C, D : array (K, K), (K, chambers), (outputs, K), (outputs, chambers)
         System matrices in SI units (rad, rad/s, Pa, Pa/s). u are the commanded pressures, Pa. D is zero: no output
         responds at once.
     outputs : tuple of str
@@ -45,15 +46,15 @@ class LinearModel:
         Strains of the extensible segments at the equilibrium.
     """
 
-    A: Array
-    B: Array
-    C: Array
+    A: Float[Array, "K K"]
+    B: Float[Array, "K C"]
+    C: Float[Array, "m K"]
     outputs: tuple[str, ...]
     states: tuple[str, ...]
-    angle: Array
-    pressures: Array
-    dead_times: Array
-    strain: Array = field(default_factory=lambda: np.zeros(0))
+    angle: Float[Array, " N"]
+    pressures: Float[Array, " C"]
+    dead_times: Float[Array, " C"]
+    strain: Float[Array, " S"] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def pressure(self) -> float:
@@ -121,7 +122,7 @@ class LinearModel:
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
 
 
-def linearise(model: Model, pressure: float | Array = 0.0) -> LinearModel:
+def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> LinearModel:
     """Linearise a model, valves included, about its equilibrium under constant pressures.
 
     Parameters

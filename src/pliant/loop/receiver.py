@@ -16,6 +16,7 @@ from pliant.loop.endings import ended_by_signals
 from pliant.loop.keyed import read_key
 from pliant.loop.network import UdpSource
 from pliant.loop.sample import COMMAND, Sample, Sender, Source, nanoseconds
+from pliant.shapes import Float
 from pliant.units import PASCAL
 
 Array = np.ndarray
@@ -83,8 +84,8 @@ class ValveReceiver:
     """
 
     def __init__(
-        self, source: Source, drive: Callable[[Array], None], highest: float | Sequence[float], clock: Clock,
-        *, hold: float = 0.1, longest_hold: float = 0.5, window: float | None = None,
+        self, source: Source, drive: Callable[[Float[Array, " C"]], None], highest: float | Sequence[float],
+        clock: Clock, *, hold: float = 0.1, longest_hold: float = 0.5, window: float | None = None,
     ) -> None:
         limits = np.array(highest, dtype=float, ndmin=1)
         if limits.ndim > 1 or not (limits.size and np.isfinite(limits).all() and (limits > 0).all()):
@@ -106,7 +107,7 @@ class ValveReceiver:
         self._vent = self.command = vent
         self.rejected = self.late = self.ahead = self.foreign = self.shortened = self.vented = 0
 
-    def poll(self) -> Array:
+    def poll(self) -> Float[Array, " C"]:
         """Read the commands that have arrived, set the valves of the C chambers, and return the present commands (C,)
         [Pa].
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.estimation.contract import State
+from pliant.shapes import Float
 from pliant.units import KIND_OF, shown_in
 
 Array = np.ndarray
@@ -106,7 +107,7 @@ class Watchdog:
         if not self.fault:
             self.fault, self.fault_time = sentence, now
 
-    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Array) -> None:
+    def readings(self, now: int, shape_time: int, pressure_time: int, pressure: Float[Array, " C"]) -> None:
         """Set a fault if the last complete reading of the shape or of the pressure is too old at the time `now` [ns],
         or if a pressure is outside its limits.
         """
@@ -127,7 +128,7 @@ class Watchdog:
             if 0 < most < count:
                 self.trip(f"frozen {what}: {count} consecutive readings are identical, {most} allowed", now)
 
-    def pressure(self, now: int, pressure: Array) -> None:
+    def pressure(self, now: int, pressure: Float[Array, " C"]) -> None:
         """Set a fault if one of the pressures (C,) [Pa] measured in C chambers is not finite or outside the limits."""
         b = self.bounds
         for p in pressure.tolist():
@@ -165,7 +166,7 @@ class Watchdog:
             self.trip(f"in {self._in_a_row} periods in a row {fault}", now)
         return begins
 
-    def command(self, now: int, command: Array) -> Array:
+    def command(self, now: int, command: Float[Array, " C"]) -> Float[Array, " C"]:
         """Return the commands to send to C chambers, (C,) [Pa]. All are 0 after a fault. A command that is not finite
         or out of limits is a fault.
         """

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from pliant.model import Model, Station
+from pliant.shapes import Float, Inexact
 
 Array = np.ndarray
 
@@ -159,7 +160,7 @@ class Mechanics(ABC):
         return bool(self.model.extensions)
 
     @property
-    def lever(self) -> Array:
+    def lever(self) -> Float[Array, " N"]:
         """Factors (N,) from forces as stored in datasets to generalized forces [N m]: 1 for the torque [N m] of a joint
         angle, the segment's length [m] for the axial force [N] of a strain.
         """
@@ -168,7 +169,7 @@ class Mechanics(ABC):
             lever[kind.rows] = kind.lever
         return lever
 
-    def gathered(self, data: Any, which: int) -> Array:
+    def gathered(self, data: Any, which: int) -> Float[Array, "T N"]:
         """Return one quantity of a dataset (the coordinates, their rates, the disturbances or the forces) for all N
         coordinates at T instants, as an array (T, N).
 
@@ -180,7 +181,7 @@ class Mechanics(ABC):
             values[:, rows] = column
         return values
 
-    def variables(self, x: Array, v: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+    def variables(self, x: Float[Array, "T N"], v: Float[Array, "T N"]) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Return a motion as dataset variables {name: (dimensions, values)}, from coordinates x and rates v (T, N) over
         T instants.
         """
@@ -206,50 +207,50 @@ class Mechanics(ABC):
         return (kind,) if self.lengthens else ()
 
     @abstractmethod
-    def coordinates(self, q: Array) -> Array:
+    def coordinates(self, q: Float[Array, "... N"]) -> Float[Array, "... N"]:
         """Return the coordinates x (..., N) of the compiled kernels for joint coordinates q (..., N): joint angles
         [rad], then strains.
         """
 
     @abstractmethod
-    def joint_coordinates(self, x: Array) -> Array:
+    def joint_coordinates(self, x: Float[Array, "... N"]) -> Float[Array, "... N"]:
         """Return the joint coordinates q (..., N), joint angles [rad] then strains, for the kernels' coordinates x
         (..., N).
         """
 
     @abstractmethod
-    def joint_angles(self, x: Array) -> Array:
+    def joint_angles(self, x: Float[Array, "... N"]) -> Float[Array, "... n"]:
         """Return the joint angles [rad], measured from the rest shape, for the kernels' coordinates x (..., N)."""
 
     @abstractmethod
-    def rates(self, dq: Array) -> Array:
+    def rates(self, dq: Float[Array, "... N"]) -> Float[Array, "... N"]:
         """Return the rates v (..., N) of the kernels' coordinates for the rates dq (..., N) of joint angles and
         strains.
         """
 
     @abstractmethod
-    def joint_rates(self, v: Array) -> Array:
+    def joint_rates(self, v: Float[Array, "... N"]) -> Float[Array, "... N"]:
         """Return the rates dq (..., N) of joint angles and strains for the rates v (..., N) of the kernels'
         coordinates.
         """
 
     @cached_property
     @abstractmethod
-    def to_joints(self) -> Array:
+    def to_joints(self) -> Float[Array, "N N"]:
         """Constant matrix dq/dx (N, N), which maps rates of the kernels' coordinates to rates of joint angles and
         strains.
         """
 
     @cached_property
     @abstractmethod
-    def from_joints(self) -> Array:
+    def from_joints(self) -> Float[Array, "N N"]:
         """Constant matrix dx/dq (N, N), which maps rates of joint angles and strains to rates of the kernels'
         coordinates.
         """
 
     @cached_property
     @abstractmethod
-    def stuck_stiffness(self) -> Array:
+    def stuck_stiffness(self) -> Float[Array, " N"]:
         """Stiffness (N,) [N m/rad] that hysteresis adds at each coordinate for fast small motions, without slip or
         creep.
         """
@@ -269,23 +270,25 @@ class Mechanics(ABC):
 
     @cached_property
     @abstractmethod
-    def length(self) -> Array:
+    def length(self) -> Float[Array, " n+1"]:
         """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
 
     @abstractmethod
-    def stretches(self, x: Array) -> Array:
+    def stretches(self, x: Float[Array, "... N"]) -> Float[Array, "... n+1"]:
         """Return the stretch ratios (..., n + 1) of the part before the first joint and of the n links, at coordinates
         x (..., N).
         """
 
     @abstractmethod
-    def link_frames(self, x: Array) -> Array:
+    def link_frames(self, x: Float[Array, "... N"]) -> Float[Array, "... n+1 d d"]:
         """Return the axes of the base part and the n links as columns of matrices (..., n + 1, d, d) in d = 2 or 3
         dimensions.
         """
 
     @abstractmethod
-    def turning_moments(self, x: Array, arm: Array, force: Array) -> Array:
+    def turning_moments(
+        self, x: Float[Array, "T N"], arm: Float[Array, "T P n d"], force: Float[Array, "T P d K"],
+    ) -> Float[Array, "T P K J"]:
         """Return the moments [N m] about all joint axes of K forces at each of P points, at T instants: an array (T, P,
         K, joint axes).
 
@@ -296,23 +299,25 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def directions(self, x: Array) -> Array:
+    def directions(self, x: Float[Array, "... N"]) -> Float[Array, "... n+1 d"]:
         """Return the unit vectors (..., n + 1, 2 or 3) along the base part and the n links, at
         coordinates x (..., N).
         """
 
     @abstractmethod
-    def tips(self, x: Array) -> Array:
+    def tips(self, x: Float[Array, "... N"]) -> Float[Array, "... n d"]:
         """Return the tip positions of the n links (..., n, 2 or 3) [m] in the base frame, at coordinates x (..., N)."""
 
     @abstractmethod
-    def nodes(self, x: Array) -> Array:
+    def nodes(self, x: Float[Array, "... N"]) -> Float[Array, "... n+2 d"]:
         """Return the positions (..., n + 2, 2 or 3) [m] of the origin, the first joint and all n link tips, in the base
         frame.
         """
 
     @abstractmethod
-    def stations(self, x: Array, tips: Array | None = None) -> tuple[Array, Array]:
+    def stations(
+        self, x: Float[Array, "... N"], tips: Float[Array, "... n d"] | None = None,
+    ) -> tuple[Float[Array, "... S d"], Float[Array, "... S"]]:
         """Return positions (..., S, 2 or 3) [m] and angles (..., S) [rad] of the S observed points, at coordinates x
         (..., N).
 
@@ -320,10 +325,10 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def position_jacobian(self, x: Array, point: Station) -> Array:
+    def position_jacobian(self, x: Float[Array, " N"], point: Station) -> Float[Array, "d N"]:
         """Return the derivatives (2 or 3, N) [m/rad] of a point's position by the N coordinates, at x (N,)."""
 
-    def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
+    def points_and_slopes(self, x: Float[Array, " N"]) -> tuple[Float[Array, "S d"], Float[Array, "S d N"]]:
         """Return positions (S, d) [m] and Jacobians (S, d, N) of the model's S points at the coordinates x (N,), in d =
         2 or 3 dimensions.
         """
@@ -331,7 +336,9 @@ class Mechanics(ABC):
         return self.stations(x)[0], np.stack(slopes)
 
     @abstractmethod
-    def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:
+    def beside_links(
+        self, x: Float[Array, " N"], points: Float[Array, "P d"], lengths: Any = None,
+    ) -> Float[Array, "P n+1 3"]:
         """Return the positions of P points relative to the base part and each of n links (P, n + 1, 3) [m]: along,
         across and aside.
 
@@ -339,7 +346,9 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def tip_jacobian(self, x: Array, v: Array) -> tuple[Array, Array]:
+    def tip_jacobian(
+        self, x: Float[Array, "K N"], v: Float[Array, "K N"],
+    ) -> tuple[Float[Array, "K d N"], Float[Array, "K d N"]]:
         """Return the derivatives (K, 2 or 3, N) of the tip position with respect to the N coordinates at K states, and
         the rates of change of these derivatives at the rates v (K, N).
         """
@@ -347,11 +356,11 @@ class Mechanics(ABC):
     # forces and energies
 
     @abstractmethod
-    def inertia(self, x: Array) -> Array:
+    def inertia(self, x: Float[Array, " N"]) -> Float[Array, "N N"]:
         """Return the inertia matrix M (N, N) of the kernels' coordinates, at x (N,)."""
 
     @abstractmethod
-    def energy(self, x: Array, v: Array) -> Energy:
+    def energy(self, x: Float[Array, "... N"], v: Float[Array, "... N"]) -> Energy:
         """Return kinetic, elastic and gravitational energy [J] at coordinates x and rates v (N,), or at T instants (T,
         N) as arrays (T,).
         """
@@ -361,7 +370,7 @@ class Mechanics(ABC):
         """Return an array of zeros for external loads on the links, in the shape that the kernels take."""
 
     @abstractmethod
-    def link_loads(self, points: list[Station], forces: Array) -> Array:
+    def link_loads(self, points: list[Station], forces: Float[Array, "T P d"]) -> Array:
         """Return the loads on the links [N m] as the kernels take them, for forces (T, P, 2 or 3) [N] at P points over
         T instants.
 
@@ -369,13 +378,13 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def load_forces(self, x: Array, load: Array) -> Array:
+    def load_forces(self, x: Inexact[Array, " N"], load: Array) -> Inexact[Array, " N"]:
         """Return the generalized forces (N,) [N m] of external loads on the links, at real or complex coordinates x
         (N,).
         """
 
     @abstractmethod
-    def load_stiffness(self, x: Array, load: Array) -> Array:
+    def load_stiffness(self, x: Float[Array, " N"], load: Array) -> Float[Array, "N N"]:
         """Return the derivative (N, N) of the generalized forces of external loads with respect to the coordinates x
         (N,).
 
@@ -383,7 +392,7 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def static_forces(self, x: Array, torque: Array) -> Array:
+    def static_forces(self, x: Inexact[Array, " N"], torque: Float[Array, " N"]) -> Inexact[Array, " N"]:
         """Return the net generalized force (N,) [N m] of inputs, springs and gravity on the chain at rest at
         coordinates x (N,).
 
@@ -391,7 +400,9 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
+    def static_slope(
+        self, x: Float[Array, " N"], load: Array | None = None, torque: Float[Array, " N"] | None = None,
+    ) -> Float[Array, "N N"]:
         """Return the derivative (N, N) of the net generalized force on the chain at rest with respect to the
         coordinates x (N,).
 
@@ -403,11 +414,13 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+    def equilibrium(
+        self, torque: Float[Array, " N"], tip_force: Float[Array, " d"], link_load: Array | None,
+    ) -> Float[Array, " N"]:
         """Return the static joint coordinates q (N,), angles [rad] then strains, under torques (N,) [N m], gravity and
         external loads.
         """
 
     @abstractmethod
-    def linear_parts(self, q: Array) -> tuple[Array, Array]:
+    def linear_parts(self, q: Float[Array, " N"]) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
         """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,)."""

@@ -14,6 +14,7 @@ from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.tendon import Tendon
+from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one of the two is taut
@@ -83,7 +84,7 @@ class Actuation:
         return [quantity] if self.count == 1 else [f"{quantity}_{name}" for name in self.names]
 
     @cached_property
-    def gain(self) -> Array:
+    def gain(self) -> Float[Array, "C N"]:
         """Gains (C, N) of C inputs at N coordinates: the torque at each coordinate for a torque of 1 N m of each
         chamber, or a tension of 1 N of each tendon.
 
@@ -113,7 +114,7 @@ class Actuation:
         return [(i, c, sign) for i, c in each for sign in ((1.0, -1.0) if c.pair else (1.0,))]
 
     @cached_property
-    def levers(self) -> Array:
+    def levers(self) -> Float[Array, "R N"]:
         """Lever arm (R, N) [m] of each of R tendons at each of the N coordinates of the chain. At the joints, the two
         tendons of a pair have opposite signs.
         """
@@ -122,7 +123,7 @@ class Actuation:
         return levers
 
     @cached_property
-    def tendon_constants(self) -> tuple[Array, Array, Array, Array]:
+    def tendon_constants(self) -> tuple[Float[Array, " R"], Float[Array, " R"], Float[Array, " R"], Float[Array, " R"]]:
         """Stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s] of the R tendons, as four arrays
         (R,).
         """
@@ -131,7 +132,7 @@ class Actuation:
         return k, T0, mu, w0
 
     @cached_property
-    def columns(self) -> Array:
+    def columns(self) -> Float[Array, "C N+R"]:
         """Gains (C, N + R) of C inputs as the compiled kernels take them: first at the N coordinates of the chain, then
         at R tendons.
 
@@ -146,7 +147,7 @@ class Actuation:
             drawn[i, r] = sign
         return np.hstack([gain, drawn])
 
-    def axial_gains(self, chamber: Chamber) -> Array:
+    def axial_gains(self, chamber: Chamber) -> Float[Array, " S"]:
         """Return the axial force of one input on each of S extensible segments, divided by the input's torque: an array
         (S,) [1/m].
 
@@ -160,7 +161,7 @@ class Actuation:
             return np.array([gain[0] * turned[list(inside)].any() for inside in self.segment_joints])
         return np.broadcast_to(gain, (len(self.segment_length),))
 
-    def drawn_in(self, tendon: Tendon) -> Array:
+    def drawn_in(self, tendon: Tendon) -> Float[Array, " S"]:
         """Return the axial force of a tendon on each of S extensible segments, divided by its tension: -1 where it
         spans the whole segment.
 
@@ -191,7 +192,7 @@ class Actuation:
         law = np.stack([np.pad(c.torque, (0, longest - c.torque.size)) for c in self.inputs])
         return symbols.ActuationConstants(law, np.array(self.columns), np.array([c.kernel()[1:] for c in self.inputs]))
 
-    def pressures(self, value: Any) -> Array:
+    def pressures(self, value: Any) -> Float[Array, " C"]:
         """Return `value` as an array (C,) with one value in SI units for each of C inputs. A single number is enough
         for a single input, and a single 0 sets any number of inputs to 0.
 
@@ -209,13 +210,13 @@ class Actuation:
             )
         return p
 
-    def torques(self, pressure: Any) -> Array:
+    def torques(self, pressure: Any) -> Float[Array, " C"]:
         """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon as an array (C,).
         `pressure` (C,) has the values of the C inputs in SI units.
         """
         return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
-    def joint_torques(self, pressure: Any) -> Array:
+    def joint_torques(self, pressure: Any) -> Float[Array, " N+R"]:
         """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
         tendons [N]. `pressure` (C,) has the values of the C inputs in SI units.
 
@@ -233,7 +234,7 @@ class Actuation:
         said = (c.no_rest(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True))
         return next(filter(None, said), "")
 
-    def rest_state(self, pressure: Any) -> Array:
+    def rest_state(self, pressure: Any) -> Float[Array, "C 2"]:
         """Return the slow states of C chambers in equilibrium at the pressures `pressure` (C,) [Pa]. Each row of the
         array (C, 2) holds the lagged pressure [Pa] and the fourth power of the wall's hoop stretch.
         """

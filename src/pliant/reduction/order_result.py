@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.display import Card, Shown
+from pliant.shapes import Float
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import NDArray
 
+Array = np.ndarray
 FEW_STATIONS = 3  # inside a segment; with fewer, the largest error at the stations may be 20 % too low
 
 
@@ -29,8 +30,8 @@ class OrderResult(Shown):
         Numbers of segments n.
     time : (T,) array, s
         Times of the frames that were used.
-    max_error, mean_error : (N, T) arrays, m
-        Largest and mean error over the stations, for each order and frame.
+    max_error, mean_error : (R, T) arrays, m
+        Largest and mean error over the stations, for each of R orders and each frame.
     node_arc_length : tuple of (n + 1,) arrays, m
         Arc lengths of the joints, base and tip included, for each order.
     stations_between : tuple of int
@@ -50,10 +51,10 @@ class OrderResult(Shown):
     """
 
     orders: tuple[int, ...]
-    time: NDArray[np.float64]
-    max_error: NDArray[np.float64]
-    mean_error: NDArray[np.float64]
-    node_arc_length: tuple[NDArray[np.float64], ...]
+    time: Float[Array, " T"]
+    max_error: Float[Array, "R T"]
+    mean_error: Float[Array, "R T"]
+    node_arc_length: tuple[Float[Array, " n+1"], ...]
     stations_between: tuple[int, ...]
     bound: float | None
     boundary: str

@@ -14,6 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.numerics.ringdown import peak
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -22,11 +23,11 @@ class Input(Protocol):
     """Interface of a pressure input for `simulate`: pressure [Pa] as a function of time, with its jumps and kinks."""
 
     @property
-    def jumps(self) -> Array:
+    def jumps(self) -> Float[Array, " J"]:
         """Times [s] at which the pressure jumps."""
 
     @property
-    def breakpoints(self) -> Array:
+    def breakpoints(self) -> Float[Array, " B"]:
         """Times [s] at which the pressure jumps or has a kink."""
 
     def __call__(self, t: Any) -> Array:
@@ -126,10 +127,10 @@ class Trace:
     10000.0
     """
 
-    time: Array
-    pressure: Array
-    jumps: Array = field(init=False)
-    breakpoints: Array = field(init=False)
+    time: Float[Array, " P"]
+    pressure: Float[Array, " P"]
+    jumps: Float[Array, " J"] = field(init=False)
+    breakpoints: Float[Array, " B"] = field(init=False)
 
     def __post_init__(self) -> None:
         t = np.array(self.time, dtype=float)

@@ -12,6 +12,7 @@ import xarray as xr
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.shapes import Float
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
 from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
@@ -48,12 +49,12 @@ def simulate(
     pressure: Input | Sequence[Input],
     *,
     duration: float | None = None,
-    times: Array | None = None,
+    times: Float[Array, " T"] | None = None,
     time_step: float | None = None,
     method: str = "midpoint",
-    initial_angle: Array | None = None,
-    initial_rate: Array | None = None,
-    initial_memory: Array | None = None,
+    initial_angle: Float[Array, " N"] | None = None,
+    initial_rate: Float[Array, " N"] | None = None,
+    initial_memory: Float[Array, "N M"] | None = None,
     forces: Sequence[PointForce] = (),
     rtol: float = 1e-8,
     tolerance: float = 1e-4,

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Model
+from pliant.shapes import Float
 
 Array = np.ndarray
 
@@ -42,8 +43,9 @@ def vector(model: Model, value: Any) -> Array:
 
 
 def equilibrium(
-    model: Model, pressure: float | Array = 0.0, tip_force: Array | None = None, link_load: Array | None = None,
-) -> Array:
+    model: Model, pressure: float | Float[Array, " C"] = 0.0, tip_force: Float[Array, " d"] | None = None,
+    link_load: Array | None = None,
+) -> Float[Array, " N"]:
     """Return the joint angles (n,) [rad] in equilibrium under constant `pressure` [Pa], gravity and a tip force.
 
     Paper: Eq. (5) [eq:eom] without motion.
@@ -118,7 +120,7 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
-def modes(model: Model, q: Array | None = None) -> tuple[Array, Array]:
+def modes(model: Model, q: Float[Array, " N"] | None = None) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
     """Return undamped natural frequencies (n,) [Hz], in ascending order, and damping ratios (n,) of the n modes of
     small vibrations about the shape `q`.
 

@@ -11,6 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
+from pliant.shapes import Float
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
 from pliant.simulation.chamber_course import lag_of
@@ -87,7 +88,7 @@ class Stepper:
     True
     """
 
-    def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Array = 0.0) -> None:
+    def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Float[Array, " C"] = 0.0) -> None:
         for chamber in model.chambers:
             v = chamber.valve
             if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
@@ -114,7 +115,8 @@ class Stepper:
         self.reset(pressure)
 
     def reset(
-        self, pressure: float | Array = 0.0, *, joint_angle: Array | None = None, joint_rate: Array | None = None
+        self, pressure: float | Float[Array, " C"] = 0.0, *, joint_angle: Float[Array, " N"] | None = None,
+        joint_rate: Float[Array, " N"] | None = None,
     ) -> None:
         """Reset the time to 0 and the state to equilibrium under `pressure` [Pa], or to the given joint angles and
         rates.
@@ -148,14 +150,14 @@ class Stepper:
         self._watch = EnergyWatch(self.model)
 
     @property
-    def position(self) -> Array:
+    def position(self) -> Float[Array, " N"]:
         """Present coordinates (N,) of the chain, absolute angles [rad] and then strains; `step` updates the array in
         place.
         """
         return self._x
 
     @property
-    def velocity(self) -> Array:
+    def velocity(self) -> Float[Array, " N"]:
         """Present rates (N,) of the chain's coordinates; `step` updates the array in place."""
         return self._v
 
@@ -174,16 +176,16 @@ class Stepper:
         return self._watch.loss
 
     @property
-    def pressure(self) -> Array:
+    def pressure(self) -> Float[Array, " C"]:
         """Present pressures (C,) [Pa] of C chambers behind their valves, as a copy."""
         return self._drives.pressure.copy()
 
     @property
-    def stretch(self) -> Array:
+    def stretch(self) -> Float[Array, " C"]:
         """Present hoop stretch (C,) of C chambers, 1 for a rigid wall."""
         return np.asarray(self._drives.state[:, 1] ** 0.25)
 
-    def push(self, force: Array | None, at: str | Station | None = None) -> None:
+    def push(self, force: Float[Array, " d"] | None, at: str | Station | None = None) -> None:
         """Apply a constant force (2,) [N], in the base frame, at a point of the body from now on.
         None removes the force.
 
@@ -208,7 +210,9 @@ class Stepper:
         pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), place), wanted)
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
-    def step(self, pressure: float | Array, steps: int = 1) -> tuple[Array, Array]:
+    def step(
+        self, pressure: float | Float[Array, " C"], steps: int = 1,
+    ) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
         """Advance by `steps` time steps (default 1) under a constant `pressure` [Pa], (C,) for C chambers.
 
         Returns
@@ -242,11 +246,11 @@ class Stepper:
         self._watch.look(self._x, self._v, self.memory, self.time_step, steps)
         return self.angle, self.rate
 
-    def tips(self) -> Array:
+    def tips(self) -> Float[Array, "n d"]:
         """Return the present positions (n, 2) [m] of the tips of the n links."""
         return mechanics_of(self.model).tips(self._x)
 
-    def stations(self) -> tuple[Array, Array]:
+    def stations(self) -> tuple[Float[Array, "S d"], Float[Array, " S"]]:
         """Return the present positions (S, 2) [m] and angles (S,) [rad] of the S observed points."""
         return mechanics_of(self.model).stations(self._x)
 

@@ -1,0 +1,48 @@
+"""The default time step of fits: from the modes of the starting model, at most 2 ms, and the same for predictions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.identification import fit, identifiability, predict, predict_held_out, select_model
+from pliant.identification.fit_step import LONGEST, fit_step, starting_step
+from pliant.identification.stages import STAGES
+from pliant.model import Model
+from pliant.simulation.time_step import longest_step
+
+STIFF = {"stiffness": 60.0, "damping": 1e-2}
+
+
+def test_a_slow_body_is_fitted_with_two_milliseconds_as_if_they_were_given(truth: Model, traced: Any) -> None:
+    seen, start = [traced(truth)], truth.with_(stiffness=1.2)
+    chosen, given = (fit(seen, start, ["stiffness"], starts=1, **more) for more in ({}, {"time_step": 2e-3}))
+    assert chosen.time_step == given.time_step == LONGEST == 2e-3
+    assert chosen.values == given.values
+    assert chosen.rmse == given.rmse
+
+
+def test_the_step_follows_the_values_at_the_start(truth: Model) -> None:
+    stiff = truth.with_(**STIFF)
+    assert fit_step(truth, {**STIFF, "t.start": 0.1}) == fit_step(stiff, {}) <= longest_step(stiff) < LONGEST
+    assert fit_step(stiff, {"stiffness": 0.9, "damping": 6e-3}) == LONGEST
+    assert starting_step([], truth, ["stiffness"]) == LONGEST, "without recordings nothing can be estimated"
+
+
+@pytest.mark.slow
+def test_predictions_and_stages_take_the_step_of_the_fit(truth: Model, traced: Any) -> None:
+    stiff = truth.with_(**STIFF)
+    seen, held = traced(stiff, times=np.arange(0.0, 0.6, 0.01)), traced(stiff, "h", 6e4, np.arange(0.0, 0.6, 0.01))
+    start = stiff.with_(stiffness=40.0)
+    fitted = fit([seen], start, ["stiffness"], starts=1)
+    assert fitted.time_step == fit_step(start, {}) < LONGEST
+    assert fitted.values["stiffness"] == pytest.approx(60.0, rel=1e-3)
+    told, own = predict_held_out(held, fitted)
+    assert own.time_step == fitted.time_step
+    at_its_step = predict(fitted.model, held, fitted.values, fitted.time_step)
+    np.testing.assert_array_equal(told["position"], at_its_step["position"])
+    chosen = select_model([seen], [], start, common=["torque_1"], stages=STAGES[:1])
+    assert chosen.result.time_step == starting_step([seen], start, ["torque_1"])
+    assert identifiability([seen], start, ["stiffness"]).identifiable
