@@ -1,4 +1,4 @@
-"""Measure how often 95 % intervals contain the true values of the laws of walls, regulators, springs and segments.
+"""Measure how often 95 % intervals contain the true values of the laws of regulators, lags, springs and segments.
 
 Each seed draws the parameters of one case from their ranges, and simulates pulses at three levels with a quarter of the
 step of the fit. Tip and middle are measured with white noise of 0.3 mm. A fit that starts in the middle of the ranges
@@ -20,36 +20,31 @@ from intervals import share
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit
 from pliant.identification.parameters import apply
-from pliant.model import Extension, Model, Station, Valve
+from pliant.model import Extension, Model, Station
 from pliant.simulation import Pulse, simulate
 
 Ranges = dict[str, tuple[float, float]]
 BODY = Model(link_length=[0.05, 0.05], link_mass=0.02, stiffness=0.5, damping=0.004, torque=[1e-6], tip_mass=0.01,
              stations=[Station("mid", 0, 0.05), Station("tip", 1, 0.05)])  # fmt: skip
-LAGGING = BODY.with_(valve=Valve(rise_time=0.03, fall_time=0.05))
 LONGER = BODY.with_(extensions=(Extension(stiffness=200.0, damping=2.0),))
 NOISE, STEP, BEGIN = 3e-4, 2e-3, 0.05  # m, s, s
 FREE: Ranges = {"stiffness": (0.4, 0.6), "damping": (3e-3, 5e-3), "torque_1": (0.8e-6, 1.2e-6)}
 LAG: Ranges = {"valve_rise": (0.02, 0.04), "valve_fall": (0.03, 0.06)}
-WALL: Ranges = {"torque_1": (0.9e-6, 1.1e-6), "inflation_limit": (4.8e4, 5.2e4), "inflation_time": (0.02, 0.04)}
 AXIAL: Ranges = {**FREE, "axial_gain": (80.0, 120.0), "axial_damping": (1.5, 2.5)}
 
 
 @dataclass(frozen=True)
 class Case:
-    """The laws of one virtual experiment: ranges and priors (mean, standard deviation) of parameters, and pulses."""
+    """The laws of one virtual experiment: the ranges of its parameters, the body and the pulses."""
 
     ranges: Ranges
     body: Model = field(default_factory=lambda: BODY)
-    priors: Ranges = field(default_factory=dict)
     levels: tuple[float, ...] = (3e4, 6e4, 9e4)  # Pa
     width: float = 0.4  # s
     every: float = 0.01  # s, between frames
 
 
 CASES = {
-    "wall": Case({**WALL, "inflation_jm": (2.0, 6.0)}, LAGGING),
-    "wall_prior": Case(WALL, LAGGING, {"inflation_jm": (20.0, 4.0)}, (2e4, 3.5e4, 4.5e4)),
     "dead_band": Case({**FREE, "valve_dead_band": (1e3, 3e3), "valve_rise_rate": (2e5, 4e5),
                        "valve_fall_rate": (2e5, 4e5)}, levels=(1e4, 2e4, 4e4)),
     "opening": Case({**FREE, "valve_opening_time": (0.05, 0.15)}),
@@ -63,12 +58,6 @@ CASES = {
                         width=2.0, every=0.02),
     "axial_slip": Case({**AXIAL, "axial_slip_share_1": (0.2, 0.6), "axial_slip_strain_1": (3e-3, 1e-2)}, LONGER),
 }  # fmt: skip
-
-
-def drawn(case: Case, rng: np.random.Generator) -> dict[str, float]:
-    """Return true parameters; those with a prior come from it, but at least a quarter of its mean."""
-    truth = {name: rng.uniform(low, high) for name, (low, high) in case.ranges.items()}
-    return truth | {name: max(rng.normal(mean, std), mean / 4) for name, (mean, std) in case.priors.items()}
 
 
 def recorded(case: Case, truth: dict[str, float], rng: np.random.Generator) -> list[Experiment]:
@@ -86,7 +75,6 @@ def recorded(case: Case, truth: dict[str, float], rng: np.random.Generator) -> l
 def fitted(case: Case, records: list[Experiment]) -> FitResult:
     """Return the fit of all parameters of a case and of the edges of its pulses."""
     parameters = [Parameter(name, (low + high) / 2) for name, (low, high) in case.ranges.items()]
-    parameters += [Parameter(name, mean, prior=mean, prior_std=std) for name, (mean, std) in case.priors.items()]
     edges = (("start", BEGIN), ("stop", BEGIN + case.width))
     parameters += [Parameter(f"{r.name}.{edge}", value) for r in records for edge, value in edges]
     middle = {p.name: p.value for p in parameters if p.value is not None}
@@ -96,7 +84,7 @@ def fitted(case: Case, records: list[Experiment]) -> FitResult:
 def errors(case: Case, seed: int) -> dict[str, float]:
     """Return the error of every parameter whose standard error the fit states, in standard errors; {} without a fit."""
     rng = np.random.default_rng([seed, 5])
-    truth = drawn(case, rng)
+    truth = {name: rng.uniform(low, high) for name, (low, high) in case.ranges.items()}
     try:
         result = fitted(case, recorded(case, truth, rng))
     except PliantError as error:
@@ -111,7 +99,7 @@ def main(seeds: int, names: list[str]) -> None:
     for name in names or CASES:
         found = [errors(CASES[name], seed) for seed in range(seeds)]
         print(f"{name}: {sum(map(bool, found))} fits of {seeds}")
-        for parameter in (*CASES[name].ranges, *CASES[name].priors):
+        for parameter in CASES[name].ranges:
             z = np.array([one[parameter] for one in found if parameter in one])
             if z.size:
                 print(f"  {parameter:<20} {share(np.abs(z) < 1.96)} % of {z.size}, mean z {z.mean():+.2f}", flush=True)
