@@ -253,6 +253,15 @@ def test_a_kernel_that_only_kernels_call_has_no_machine_code():
     assert any(not f.is_declaration and "doubled" in f.name for f in library._get_module_for_linking().functions)
 
 
+def test_what_is_compiled_knows_the_rules_of_all_numbers_from_the_beginning(monkeypatch):
+    loaded = []
+    monkeypatch.setattr(kernel_cache, "import_module", loaded.append)
+    kernel = cache.kept(doubled_0)
+    kernel._cache.disable()
+    kernel.compile((types.float64,))
+    assert loaded == ["pliant.compiler.dual_numbers"]
+
+
 def doubled_0(x):
     return 2.0 * x
 

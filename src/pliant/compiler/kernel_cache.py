@@ -21,6 +21,7 @@ from contextlib import suppress
 from functools import cache
 from glob import escape
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from time import time
 from typing import Any
@@ -154,11 +155,15 @@ class KernelCache(FunctionCache):
         compiler is avoided.
 
         Loading needs only the runtime for reference counts. The compiler is initialised when something must be
-        compiled.
+        compiled, with the rules for dual numbers and vectors. Otherwise a list of stored signatures that holds such
+        numbers would load these rules while a kernel is compiled, and Numba would mix them with the rules before.
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            if (found := self._load_overload(sig, target_context)) is not None:
+                return found
+        import_module("pliant.compiler.dual_numbers")
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store compiled machine code on disk, and remove outdated files of the same kernel."""
