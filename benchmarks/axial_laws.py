@@ -55,11 +55,11 @@ def compare(study: Study, ready: PreparedStudy, trained: Sequence[str], left: st
     for law in laws:
         try:
             made = fitted(study, ready, trained, LAWS[law])
-            record = predicted_outcome(ready.experiments[left], made, study.step)[0]
+            record = predicted_outcome(ready.experiments[left], made, study.time_step)[0]
         except PliantError as error:
             print(f"  {law:18s} {error}", flush=True)
             continue
-        kept[law] = follows(experiments, made, study.step, entry_of(study).weighting)
+        kept[law] = follows(experiments, made, study.time_step, entry_of(study).weighting)
         print(f"  {law:18s} {described(record)}  {values(made.values)}", flush=True)
     if kept:
         scores = dict(zip(kept, shared_bic(list(kept.values())), strict=True))
@@ -78,7 +78,7 @@ def fitted(study: Study, ready: PreparedStudy, trained: Sequence[str], law: Mapp
     own = Fit.model_validate({"train": list(trained), "parameters": dict(law)}).parameters
     parameters = {k: v for k, v in entry.parameters.items() if k not in AXIAL} | own
     experiments = [ready.experiments[t] for t in trained]
-    return fit(experiments, ready.model, parameters_from(parameters), step=study.step, loss=entry.loss,
+    return fit(experiments, ready.model, parameters_from(parameters), time_step=study.time_step, loss=entry.loss,
                starts=entry.starts, weighting=entry.weighting, rng=study.seed)  # fmt: skip
 
 

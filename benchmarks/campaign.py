@@ -120,17 +120,17 @@ def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False
     known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     train = [experiments[n] for n in TRAIN]
     selection = select_model(train, [], model, stages=[known[n]._replace(scan=()) for n in stages], late=late)
-    found: dict[str, Any] = {"stage": selection.chosen, "train_percent": selection.step.error, "told": ""}
+    found: dict[str, Any] = {"stage": selection.chosen, "train_percent": selection.chosen_stage.error, "told": ""}
     for case in HELD_OUT:
         try:
             failures = Failures("hierarchy")
-            records = records_of(train, [experiments[case]], selection.result, study.step, "travel", failures)
+            records = records_of(train, [experiments[case]], selection.result, study.time_step, "travel", failures)
             if failures:
                 found["told"] += " ".join(f.sentence for f in failures)
                 continue
             record = records[-1]
-            held = predict_held_out(experiments[case], selection.result, step=study.step)[1]
-            rows = predict(held.model, experiments[case], held.values, study.step)["position"]
+            held = predict_held_out(experiments[case], selection.result, time_step=study.time_step)[1]
+            rows = predict(held.model, experiments[case], held.values, study.time_step)["position"]
         except PliantError as problem:
             found["told"] += f"{case}: {problem}. "
             continue

@@ -66,7 +66,7 @@ def posted(name, share):
     along = x[j, i + 1] - x[j, i - 1]
     side = np.array([-along[1], along[0]]) / np.linalg.norm(along)
     post = Circle(tuple(rest + share * (held - rest) + 0.013 * side), 0.008)
-    return Scenario(f"mid_{share}", "", 4.5, scenario("pulse_119").command, (post,), step=1e-4)
+    return Scenario(f"mid_{share}", "", 4.5, scenario("pulse_119").command, (post,), time_step=1e-4)
 
 
 def poked(name, newton, begin, side, rate):

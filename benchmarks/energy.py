@@ -21,7 +21,7 @@ import numpy as np
 import pliant
 from pliant.errors import PliantError
 from pliant.model import Extension, Model
-from pliant.simulation import inputs, state
+from pliant.simulation import state
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.inputs import Input
@@ -71,7 +71,7 @@ def random_motion(rng: np.random.Generator, number: int) -> Motion | None:
             level = typical_pressure(model) * float(rng.uniform(0.2, 2.0))
             return Motion(model, pliant.Pulse(level, 0.05, 0.2), None, kind, how) if level else None
         bend = np.append(rng.uniform(-BENT[how], BENT[how], model.n), np.zeros(model.size - model.n))
-        return Motion(model, inputs.step(0.0), q + bend, kind, how)
+        return Motion(model, pliant.Step(0.0), q + bend, kind, how)
     except PliantError:
         return None
 
@@ -95,7 +95,7 @@ def judged(motion: Motion, truth: np.ndarray, step: float | None) -> tuple[str, 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            time, tip = tips(motion, duration=DURATION, step=step)
+            time, tip = tips(motion, duration=DURATION, time_step=step)
         except PliantError:
             return "refused", np.nan
     rows = np.flatnonzero(np.abs(time / EVERY - np.round(time / EVERY)) < 1e-6)

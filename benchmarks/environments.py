@@ -42,7 +42,7 @@ def best(run, repeats=5):
 
 
 def loaded(model, step, integrator="implicitfast"):
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), timestep=step))
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), time_step=step))
     m.opt.integrator = INTEGRATORS[integrator]
     m.geom_contype[:], m.geom_conaffinity[:] = 0, 0  # free motion: no collision is looked for
     return m
@@ -66,7 +66,7 @@ def mujoco_tips(model, step, integrator):
 def pliant_tips(model, step, method):
     edges = np.arange(ACTIONS + 1) * PERIOD
     held = Trace(np.repeat(edges, 2)[1:-1], np.repeat(pressures(), 2))
-    run = simulate(model, held, times=edges, step=step, method=method, initial_angle=np.zeros(model.n))
+    run = simulate(model, held, times=edges, time_step=step, method=method, initial_angle=np.zeros(model.n))
     return run.tip_position.values[1:, -1]
 
 

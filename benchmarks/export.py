@@ -110,7 +110,8 @@ def best(run, repeats=5):
 
 
 def arm_of(model, folder, name):
-    made = code(model, Provenance(model, "c99", "benchmark"), step=STEP, precision="double", pressure=0.0, prefix="arm")
+    origin = Provenance(model, "c99", "benchmark")
+    made = code(model, origin, time_step=STEP, precision="double", pressure=0.0, prefix="arm")
     (folder / "arm.h").write_text(made.header, encoding="utf-8")
     return compiled(made.source + MARCH, folder, name)
 
@@ -135,10 +136,10 @@ def times(model, library):
     library.arm_init(s)
     library.many.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_long]
     pulse, ends = pliant.Pulse(5e4), np.array([0.0, STEPS * STEP])
-    simulate(model, pulse, times=ends, step=STEP)
+    simulate(model, pulse, times=ends, time_step=STEP)
     return {
         "c99_ns": 1e9 / STEPS * best(lambda: library.many(s, p, 5e4, STEPS)),
-        "pliant_ns": 1e9 / STEPS * best(lambda: simulate(model, pulse, times=ends, step=STEP)),
+        "pliant_ns": 1e9 / STEPS * best(lambda: simulate(model, pulse, times=ends, time_step=STEP)),
     }
 
 
@@ -168,7 +169,7 @@ def mujoco_ns(model):
         return None
     import mujoco
 
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), timestep=STEP))
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), time_step=STEP))
     m.geom_contype[:], m.geom_conaffinity[:] = 0, 0
     d = mujoco.MjData(m)
     d.ctrl[:] = 5e4
@@ -180,7 +181,8 @@ def flash(folder):
     if shutil.which("arm-none-eabi-gcc") is None:
         return None
     model = chen2018.model()
-    made = code(model, Provenance(model, "c99", "benchmark"), step=STEP, precision="single", pressure=0.0, prefix="arm")
+    origin = Provenance(model, "c99", "benchmark")
+    made = code(model, origin, time_step=STEP, precision="single", pressure=0.0, prefix="arm")
     (folder / "arm.h").write_text(made.header, encoding="utf-8")
     (folder / "chip.c").write_text(
         made.source + "arm_state ram_state; arm_parameters ram_parameters;", encoding="utf-8"

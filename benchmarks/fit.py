@@ -127,7 +127,7 @@ def race() -> None:
     """Fit K and D from 3 s of five tips at 1 kHz with 0.3 mm of noise, with every program."""
     exp = recorded(body(), "p", PULSE, np.arange(0.0, 3.0005, 1e-3))
     started = [Parameter(n, v) for n, v in START.items()]
-    seconds, found = best_of(lambda: fit([exp], body(), started, step=1e-3, starts=1), 5)
+    seconds, found = best_of(lambda: fit([exp], body(), started, time_step=1e-3, starts=1), 5)
     shown("pliant, target 0.1 s", seconds, found.values["stiffness"], found.values["damping"])
     seconds, pair = best_of(lambda: with_scipy(exp), 1)
     shown("SciPy least squares around compiled LSODA", seconds, *pair)

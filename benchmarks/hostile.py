@@ -26,7 +26,6 @@ from pliant.loop.packet import pack, unpack
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model, save_model
 from pliant.model.physical import check_physical
-from pliant.simulation import inputs
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import in_play, stored_energy
 from pliant.study import load_study
@@ -85,7 +84,7 @@ def model_file(rng: np.random.Generator, folder: Path) -> Result:
         shape = pliant.equilibrium(model, 1e4)
         frequency = pliant.modes(model)[0]
         step = min(1e-3, 0.05 / float(frequency[0]))
-        motion = pliant.simulate(model, inputs.step(1e4), duration=20 * step, step=step)
+        motion = pliant.simulate(model, pliant.Step(1e4), duration=20 * step, time_step=step)
         finite = all(np.isfinite(v).all() for v in (shape, frequency, motion.tip_position.values))
         return "right" if finite else "silent"
 
@@ -159,7 +158,7 @@ def free_motion(rng: np.random.Generator, _folder: Path) -> Result:
         step = min(1e-3, 0.1 / float(frequencies[0]))
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            motion = pliant.simulate(model, inputs.step(0.0), duration=1.0, step=step, initial_angle=bent)
+            motion = pliant.simulate(model, pliant.Step(0.0), duration=1.0, time_step=step, initial_angle=bent)
         told = any(issubclass(w.category, AccuracyWarning) for w in caught)
         q, dq = motion.joint_angle.values, motion.joint_rate.values
         if not np.isfinite(q).all():
@@ -175,9 +174,9 @@ def free_motion(rng: np.random.Generator, _folder: Path) -> Result:
         if rng.random() > 0.1:
             return "right"
         same = {"times": [0.0, 0.05], "initial_angle": bent}
-        fine = pliant.simulate(model, inputs.step(0.0), **same, method="LSODA").tip_position
+        fine = pliant.simulate(model, pliant.Step(0.0), **same, method="LSODA").tip_position
         short = min(step / 8, 0.01 / float(frequencies[-1]))  # the fastest mode is to keep its phase too
-        mine = pliant.simulate(model, inputs.step(0.0), **same, step=short).tip_position
+        mine = pliant.simulate(model, pliant.Step(0.0), **same, time_step=short).tip_position
         return "right" if abs(fine - mine).max() < 0.02 * model.length else "silent"
 
     return judged(attempt)

@@ -71,7 +71,7 @@ def errors(body: str, kept: float, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 2])
     truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
     seen = records(apply(chain(body), truth), kept, rng)
-    found = fit(seen, chain(body), list(MIDDLE), step=STEP, starts=1)
+    found = fit(seen, chain(body), list(MIDDLE), time_step=STEP, starts=1)
     std = {p.name: p.std for p in found.parameters}
     return np.array([(found.values[name] - truth[name]) / std[name] for name in MIDDLE])
 

@@ -205,7 +205,7 @@ def main(seeds: int, first: int, *, twist: bool, stated: bool) -> None:
             records.append(record(name, seen(truth, levels, pull), levels, rng, pull))
         off = 1.0 if stated else 10.0 ** rng.uniform(-2, 2)
         model = chain().with_(stiffness=off * MIDDLE["stiffness"], damping=off * MIDDLE["damping"])
-        return truth, fit(records, model, start, step=STEP, starts=1)
+        return truth, fit(records, model, start, time_step=STEP, starts=1)
 
     count(range(first, first + seeds), list(begin), fitted)
 

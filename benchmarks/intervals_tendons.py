@@ -107,7 +107,7 @@ def main(seeds: int, first: int, parts: int) -> None:
         rng = np.random.default_rng([seed, 4])
         truth = drawn(rng)
         records = [record(name, seen(truth, levels, parts), levels, rng) for name, levels in RECORDS.items()]
-        return truth, fit(records, tendon_arm(), start, step=STEP, starts=1)
+        return truth, fit(records, tendon_arm(), start, time_step=STEP, starts=1)
 
     count(range(first, first + seeds), list(drawn()), fitted)
 

@@ -49,7 +49,7 @@ def selected(name: str) -> ModelSelection:
 def table(name: str, made: ModelSelection) -> str:
     """Return a model selection as a table."""
     lines = [f"{name}: {made.reason}", "", "| stage | free | training | held out | BIC | why not |", "|---" * 6 + "|"]
-    for s in made.steps:
+    for s in made.stages:
         train, held_out = (f"{np.mean(list(e.values())):.3g}" if e else "" for e in (s.train, s.held_out))
         chosen = ", chosen" * (s.stage.name == made.chosen)
         bic = "" if s.bic is None else f"{s.bic:.0f}"

@@ -63,7 +63,7 @@ def of_model(model: pliant.Model) -> Numbers:
     rest = pliant.equilibrium(model, pressure)
     numbers: Numbers = {"rest": rest, **dict(zip(("frequency", "damping"), pliant.modes(model), strict=True))}
     inputs = [pliant.Pulse(level=p, start=0.05, width=0.3) for p in levels]
-    motion = pliant.simulate(model, inputs if C > 1 else inputs[0], times=np.arange(121) * 2.5e-3, step=STEP)
+    motion = pliant.simulate(model, inputs if C > 1 else inputs[0], times=np.arange(121) * 2.5e-3, time_step=STEP)
     numbers |= {f"motion/{k}": v for k, v in of_dataset(motion).items()}
     linear = pliant.linearise(model, pressure)
     numbers |= {"linear/A": linear.A, "linear/B": linear.B, "linear/C": linear.C}
@@ -89,7 +89,7 @@ def estimated(model: pliant.Model, motion: xr.Dataset, C: int) -> Numbers:
     )
     shown = shown.isel(station=slice(0, 2))
     try:
-        found = pliant.estimate(shown, model, step=STEP)
+        found = pliant.estimate(shown, model, time_step=STEP)
     except pliant.PliantError as error:
         return {f"estimate refused: {error}"[:60]: np.zeros(1)}
     return {f"estimate/{k}": v for k, v in of_dataset(found).items()}

@@ -107,7 +107,7 @@ def rod_tips(turns: int) -> Array:
     bend = np.zeros(turns * MANY)
     bend[: 2 * MANY] = np.repeat(start(2).reshape(LINKS, 2) / scale, MANY // LINKS, axis=0).ravel()
     times = np.linspace(0.0, END, LOOKS + 1)
-    run = simulate(model, Pulse(0.0), times=times, step=2e-4, initial_angle=bend)
+    run = simulate(model, Pulse(0.0), times=times, time_step=2e-4, initial_angle=bend)
     return np.asarray(run.tip_position.values[1:, -1])
 
 

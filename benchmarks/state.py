@@ -147,12 +147,12 @@ def pushed(case, name, force, rate=RATE):
     first.
     """
     rod, lab = actuator(name), Laboratory()
-    fine = max(1, round(case.step / SUPPLY_STEP))
-    t = np.arange(round(case.duration / case.step) * fine + 1) * case.step / fine
+    fine = max(1, round(case.time_step / SUPPLY_STEP))
+    t = np.arange(round(case.duration / case.time_step) * fine + 1) * case.time_step / fine
     loads = np.zeros(((t.size - 1) // fine, 4))
     loads[:, 0] = supply_pressure(case.command, t, lab.valve)[fine::fine]
     loads[:, 1:3] = force(t[fine::fine])
-    motion = simulate(rod, loads, case.step, stride=max(1, round(RECORD / case.step)))
+    motion = simulate(rod, loads, case.time_step, stride=max(1, round(RECORD / case.time_step)))
     at = np.arange(0.0, case.duration - 0.5 * RECORD, 1 / rate)
     recording = record(motion, rod, lab, at, seed=1, attrs={"scenario": case.name})
     return body_of_fibre(recording, FIBRE.model_copy(update={"rest": REST}))[0]

@@ -54,12 +54,12 @@ def main() -> None:
     model, parameters = prepare(training, ready.model, wanted)
     began, parts = time.perf_counter(), {}
     if given.evaluations:
-        parameters = list(fit(training, ready.model, wanted, step=study.step, starts=1,
+        parameters = list(fit(training, ready.model, wanted, time_step=study.time_step, starts=1,
                               max_evaluations=given.evaluations).parameters)  # fmt: skip
     values = {p.name: p.value for p in parameters if p.value is not None}
     print(f"{sum(p.free for p in parameters)} parameters: {time.perf_counter() - began:.0f} s")
     for name, exp in ready.experiments.items():
-        modelled = predict(model, exp, values, study.step)["position"]
+        modelled = predict(model, exp, values, study.time_step)["position"]
         late = exp.time - exp.time[0] >= SETTLED
         size = 1e3 * np.sqrt(np.nanmean(np.sum((modelled - exp.position)[late] ** 2, axis=-1), axis=0))
         print(name, ", ".join(f"{s} {e:.1f} mm" for s, e in zip(exp.stations, size, strict=True)))

@@ -292,7 +292,7 @@ def main(driven_by: str, seeds: range, links: int, rods: int, coarse: int, gap: 
         truth = drawn(driven_by, links, np.random.default_rng([seed, 5]))
         records = [record(name, motions[name], levels, rng) for name, levels in RECORDS[driven_by].items()]
         start = [Parameter(name, value) for name, value in begin.items()]
-        found = fit(records, arm(driven_by, links, coarse), start, step=STEP, starts=1)
+        found = fit(records, arm(driven_by, links, coarse), start, time_step=STEP, starts=1)
         if max(found.rmse.values()) <= FAR * NOISE:
             std = {p.name: p.std for p in found.parameters}
             off = {n: found.values[n] - truth[n] for n in begin}

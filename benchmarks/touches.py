@@ -248,7 +248,7 @@ def bound() -> None:
             chain = model(name)
             alone = replace(NOISE, torque=1e-7, random_walk=1e-5)
             for words, noise in (("model's errors as the filter has them", NOISE), ("the fibre's noise alone", alone)):
-                answer = innovation_response(chain, noise, measured(chain, rate), step=5e-3)
+                answer = innovation_response(chain, noise, measured(chain, rate), time_step=5e-3)
                 last = chain.n - 1
                 J = moment_arms(chain, np.cumsum(chain.rest_angle)[None], np.array([last]),
                                 np.array([chain.link_length[last]]))[0, 0, 0]  # fmt: skip

@@ -67,7 +67,7 @@ def settled(exp: Experiment, model: Model, values: dict[str, float], step: float
     began = Parameter(f"{exp.name}.release", edges(exp)["release"], free=False)
     fixed = [Parameter(n, v, free=False) for n, v in values.items() if not n.startswith("t_")]
     return fit([replace(exp, position=still)], model, [*fixed, began, *rest_turns(exp.name, model.n, {})],
-               step=step, starts=1, max_evaluations=30)  # fmt: skip
+               time_step=step, starts=1, max_evaluations=30)  # fmt: skip
 
 
 def predicted(exp: Experiment, model: Model, values: dict[str, float], step: float) -> tuple[Array, float]:
@@ -75,7 +75,7 @@ def predicted(exp: Experiment, model: Model, values: dict[str, float], step: flo
     rest, moment = settled(exp, model, values, step), f"{exp.name}.release"
     fixed = [p.with_(free=False, prior=None, prior_std=None) for p in rest.parameters if p.name != moment]
     began = Parameter(moment, edges(exp)["release"], lower=-1.0, upper=2.0)
-    let_go = fit([exp], rest.model, [*fixed, began], step=step, starts=1, max_evaluations=8)
+    let_go = fit([exp], rest.model, [*fixed, began], time_step=step, starts=1, max_evaluations=8)
     return predict(let_go.model, exp, let_go.values, step)["position"], let_go.values[moment]
 
 
@@ -88,11 +88,11 @@ def fitted(train: list[Experiment], model: Model, entries: dict, step: float, ev
         rest = settled(exp, model, {p.name: float(p.value) for p in fixed if p.value is not None}, step)
         began = Parameter(f"{exp.name}.release", edges(exp)["release"], lower=-1.0, upper=2.0)
         turns = rest_turns(exp.name, model.n, rest.values)
-        alone = fit([exp], rest.model, [*fixed, began, *turns], step=step, starts=1, max_evaluations=20,
+        alone = fit([exp], rest.model, [*fixed, began, *turns], time_step=step, starts=1, max_evaluations=20,
                     regularise=True).values  # fmt: skip
         own += [*rest_turns(exp.name, model.n, alone), began.with_(value=alone[began.name])]
     if evaluations:
-        return fit(train, model, [*shared, *own], step=step, starts=1, max_evaluations=evaluations)
+        return fit(train, model, [*shared, *own], time_step=step, starts=1, max_evaluations=evaluations)
     made, parameters = prepare(train, model, [*shared, *own])
     return FitResult(made, tuple(parameters), "the values of the study as they are", {}, 0, 0.0, True)
 
@@ -125,14 +125,14 @@ def main() -> None:
     for name in given.laws or study.fits:
         entry, began = study.fits[name], time.perf_counter()
         experiments = [ready.experiments[n] for n in entry.train]
-        result = fitted(experiments, ready.model, entry.parameters, study.step, given.evaluations)
-        quality: Follows = follows(experiments, result, study.step, "travel")
+        result = fitted(experiments, ready.model, entry.parameters, study.time_step, given.evaluations)
+        quality: Follows = follows(experiments, result, study.time_step, "travel")
         fits.append(quality)
         print(f"{name}: {time.perf_counter() - began:.0f} s, {result.status}")
         print("  " + ", ".join(f"{n} {v:.4g}" for n, v in result.values.items() if not n.startswith("t_")), flush=True)
         rows = []
         for n in entry.held_out:
-            modelled, release = predicted(ready.experiments[n], result.model, result.values, study.step)
+            modelled, release = predicted(ready.experiments[n], result.model, result.values, study.time_step)
             rows.append(missed(ready.experiments[n], modelled, release))
         errors[name] = np.array(rows)
         criteria[name] = 100 * np.sqrt(quality.mean_square)

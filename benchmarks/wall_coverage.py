@@ -31,12 +31,12 @@ def held(seed: int) -> tuple[str, dict[str, bool]]:
     true = {"inflation_limit": 5e4, "inflation_time": 0.03, "inflation_jm": bound}
     body, seen = BODY.with_(**true), []
     for level in LEVELS[kind]:
-        tip = simulate(body, Pulse(level, 0.05, 0.4), times=TIME, step=STEP)["station_position"].values
+        tip = simulate(body, Pulse(level, 0.05, 0.4), times=TIME, time_step=STEP)["station_position"].values
         noisy = tip + rng.normal(0.0, NOISE, tip.shape)
         seen.append(Experiment(f"at_{level:.0f}", TIME, noisy, ("tip",), "pulse", level=level))
     edges = [Parameter(f"{e.name}.{k}", v, free=False) for e in seen for k, v in (("start", 0.05), ("stop", 0.45))]
     wall = [Parameter("inflation_limit", 6e4), Parameter("inflation_time", 0.05), ENTRY[kind]]
-    result = fit(seen, BODY, ["torque_1", *wall, *edges], starts=1, step=STEP)
+    result = fit(seen, BODY, ["torque_1", *wall, *edges], starts=1, time_step=STEP)
     truth = {**true, "torque_1": 1e-6}
     return kind, {p.name: bool(abs(p.value - truth[p.name]) <= 1.96 * p.std) for p in result.parameters
                   if p.free and p.value is not None and p.std is not None}  # fmt: skip

@@ -22,7 +22,7 @@ NASTY = '<script>alert("x")</script> & $x_1'
 
 
 def motion(model: Model, level: float, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    found = simulate(model, Pulse(level, 0.1, 0.6), times=time, step=2e-3)
+    found = simulate(model, Pulse(level, 0.1, 0.6), times=time, time_step=2e-3)
     return found["tip_position"].values, found["pressure"].values
 
 

@@ -18,7 +18,7 @@ STIFFNESS, DAMPING, TORQUE = 0.5, 3e-3, 6e-7
 AXES = np.array([[0.0, -0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]])  # columns: x, y and z of the base in the tracker
 ORIGIN = np.array([0.3, -0.2, 1.1])
 STUDY: dict[str, Any] = {
-    "name": "small", "step": 2e-3,
+    "name": "small", "time_step": 2e-3,
     "actuator": {"length": 0.12, "mass": 0.05, "links": 2},
     "alignment": {"options": {"base": "base", "tangent": AXES[:, 1].tolist()}},
     "recordings": {name: {"file": f"{name}.csv"} for name in LEVELS_KPA},
@@ -41,7 +41,7 @@ def body() -> Model:
 def table(level_kpa: float) -> np.ndarray:
     """Columns t, p_kpa, then x y z of base and tip in the tracker's frame, m; the same in every run."""
     trace = Trace([0.2, 0.21, 0.9, 0.91], [0.0, level_kpa * 1e3, level_kpa * 1e3, 0.0])
-    run = simulate(body(), trace, times=TIMES, step=5e-4)
+    run = simulate(body(), trace, times=TIMES, time_step=5e-4)
     tip = run["station_position"].values[:, 0]
     seen = np.stack([np.zeros((TIMES.size, 3)), np.column_stack([tip, np.zeros(TIMES.size)])], axis=1) @ AXES.T + ORIGIN
     noise = 2e-5 * np.random.default_rng(int(level_kpa)).standard_normal(seen.shape)

@@ -55,10 +55,10 @@ def batches() -> dict[str, Any]:
     start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
 
     def batch(threads: int) -> Any:
-        return simulate_batch(model, pressure, parameters=changes, times=times, step=STEP, threads=threads)
+        return simulate_batch(model, pressure, parameters=changes, times=times, time_step=STEP, threads=threads)
 
     one = best(lambda: march(model, plan, start, times.size), clock=process_time)
-    single = best(lambda: simulate(model, pressure, times=times, step=STEP))
+    single = best(lambda: simulate(model, pressure, times=times, time_step=STEP))
     work = best(lambda: batch(1), seconds=2.0, clock=process_time) / SAMPLES
     most = max(2, cores())
     counts = sorted({1, 2, most})
@@ -67,7 +67,7 @@ def batches() -> dict[str, Any]:
     made, difference = batch(2), 0.0
     for i in range(0, SAMPLES, 73):
         alone = simulate(
-            model.with_(**{name: value[i] for name, value in changes.items()}), pressure, times=times, step=STEP
+            model.with_(**{name: value[i] for name, value in changes.items()}), pressure, times=times, time_step=STEP
         )
         difference = max(difference, float(np.abs(alone["tip_position"] - made["tip_position"][i]).max()))
     ns, memory, lanes_there = 1e9 * work / plan.h.size, bandwidth(), lanes_of(processor_flags())

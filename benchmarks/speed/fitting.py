@@ -20,7 +20,7 @@ def fitting() -> dict[str, Any]:
     """Return the time of the fit, its evaluations, and the errors of the two parameters."""
     model, pressure = chen2018.model(), Pulse(chen2018.PULSE_PRESSURE, 0.12, 1.5)
     times = np.arange(round(3.0 * RATE) + 1) / RATE
-    tips = simulate(model, pressure, times=times, step=5e-4)["tip_position"].values
+    tips = simulate(model, pressure, times=times, time_step=5e-4)["tip_position"].values
     seen = tips + NOISE * np.random.default_rng(3).standard_normal(tips.shape)
     edges = np.array([0.0, 0.12, 0.12, 1.62, 1.62, 3.0])
     recording = make_recording(
@@ -36,7 +36,7 @@ def fitting() -> dict[str, Any]:
     wrong = [Parameter("stiffness", 1.3 * 1.6067), Parameter("damping", 0.7 * 8e-3)]
 
     def run() -> Any:
-        return fit([record], model, wrong, step=2e-3, starts=1)
+        return fit([record], model, wrong, time_step=2e-3, starts=1)
 
     found = run()
     return {

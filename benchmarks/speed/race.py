@@ -70,7 +70,7 @@ def experiment() -> dict[str, Any]:
     ours = to_target(problem, pliant_midpoint(problem))
     if ours is None:
         raise RuntimeError("the midpoint rule does not reach the target at its finest step")
-    run = partial(simulate, problem.model, problem.pressure, times=problem.times, step=ours["setting"])
+    run = partial(simulate, problem.model, problem.pressure, times=problem.times, time_step=ours["setting"])
     labelled = best(run, clock=process_time)
     found: dict[str, Any] = {
         "experiment_ms": ours["ms"], "experiment_tip_error_mm": ours["error_mm"],

@@ -52,9 +52,9 @@ def foot(body: Any, name: str, place: Any, friction: float) -> None:
     )
 
 
-def world(rear: Finger, front: Finger, step: float = STEP) -> Any:
+def world(rear: Finger, front: Finger, time_step: float = STEP) -> Any:
     """Both bodies on the ground, with a time step, s."""
-    spec = empty_world(step=step)
+    spec = empty_world(time_step=time_step)
     spec.worldbody.add_geom(
         name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], friction=[0.01, 0, 0], contype=2,
         conaffinity=2,
@@ -96,10 +96,10 @@ def bend(phase: float) -> float:
 
 
 def crawl(
-    rear: Finger, front: Finger, gait: str = "forward", cycles: int = CYCLES, *, step: float = STEP,
+    rear: Finger, front: Finger, gait: str = "forward", cycles: int = CYCLES, *, time_step: float = STEP,
 ) -> Crawl:
     """Some cycles of a gait, with a time step, s."""
-    m = world(rear, front, step)
+    m = world(rear, front, time_step)
     d = mujoco.MjData(m)
     for finger in (rear, front):
         place_at_rest(m, d, finger)

@@ -64,10 +64,10 @@ def bodies(model: pliant.Model, fit: Any, count: int, seed: int = 1) -> list[Fin
     return [Finger(m, f"finger{k + 1}_") for k, m in enumerate(draw_models(model, fit, count, seed))]
 
 
-def empty_world(gravity: tuple[float, float, float] = (0.0, 0.0, -9.81), step: float = STEP) -> Any:
+def empty_world(gravity: tuple[float, float, float] = (0.0, 0.0, -9.81), time_step: float = STEP) -> Any:
     """A world of gravity whose contacts do not creep, with a time step, s."""
     world = mujoco.MjSpec()
-    world.option.timestep, world.option.gravity = step, gravity
+    world.option.timestep, world.option.gravity = time_step, gravity
     world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     world.option.cone, world.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 50.0
     return world
@@ -82,7 +82,7 @@ def attach(
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "finger.xml"
-        pliant.export(finger.model, "mjcf", path, timestep=world.option.timestep, radius=radius, highest=HIGHEST)
+        pliant.export(finger.model, "mjcf", path, time_step=world.option.timestep, radius=radius, highest=HIGHEST)
         own = mujoco.MjSpec.from_file(str(path))
     own.option = world.option
     for geom in own.geoms:

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from pliant.model import Chamber, Model, chain_model, load_model, save_model
     from pliant.preprocessing.align import align
     from pliant.recording import read, write
-    from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
+    from pliant.simulation import Pulse, Step, Stepper, equilibrium, modes, simulate
     from pliant.study import load_study, run_study
 
 _PAGE = {
     "pliant.recording": ("read", "write"),
     "pliant.preprocessing.align": ("align",),
     "pliant.model": ("Model", "Chamber", "chain_model", "load_model", "save_model"),
-    "pliant.simulation": ("Pulse", "simulate", "Stepper", "equilibrium", "modes"),
+    "pliant.simulation": ("Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes"),
     "pliant.identification": ("experiment", "fit", "select_model", "predict"),
     "pliant.study": ("load_study", "run_study"),
     "pliant.estimation": ("estimate",),
@@ -40,7 +40,7 @@ _HOME = {name: module for module, names in _PAGE.items() for name in names}
 __all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
-    "Pulse", "simulate", "Stepper", "equilibrium", "modes",
+    "Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes",
     "experiment", "fit", "select_model", "predict", "load_study", "run_study",
     "estimate", "linearise", "export",
     "PliantError", "InputError",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any, get_args
 
 from pliant.text import escaped
 
@@ -45,18 +47,42 @@ class FitError(PliantError):
     """Exception for a fit that cannot start or does not lead to a usable model."""
 
 
-def explain_validation(error: Any, what: str) -> InputError:
-    """Return an `InputError` that says which entry of the file or table `what` is wrong, why, and what was given."""
+def explain_validation(error: Any, what: str, model: Any = None) -> InputError:
+    """Return an `InputError` that says which entry of the file or table `what` is wrong, why, and what was given.
+
+    With the pydantic `model` of the file, the message proposes the known entry whose name is most similar to an unknown
+    one.
+    """
     first = error.errors()[0]
     where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
     more = len(error.errors()) - 1
     came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {shown(first['input'])})"
     reason = {
         "missing": "is missing: add it",
-        "extra_forbidden": "is not a known entry: remove it or correct its name",
+        "extra_forbidden": f"is not a known entry: {similar_entry(model, first['loc'])}",
     }.get(first["type"], first["msg"].removeprefix("Value error, ").removeprefix("Input "))
     others = f"; {more} more such problem{'s' * (more > 1)}" if more else ""
     return InputError(f"{what}: '{where}' {reason}{came}{others}")
+
+
+def similar_entry(model: Any, path: Sequence[Any]) -> str:
+    """Return the remedy for the unknown entry at `path` of a file: the known entry of the same table that has the most
+    similar name, if there is one.
+    """
+    for part in path[:-1]:  # keys of tables and positions in lists are not fields
+        if field := getattr(model, "model_fields", {}).get(part):
+            model = next(models_in(field.annotation), None)
+    name, known = str(path[-1])[:80], list(getattr(model, "model_fields", {}))
+    near = [k for k in known if name in k.split("_")] or get_close_matches(name, known, 1)
+    return f"use {near[0]!r}, or remove it" if near else "remove it or correct its name"
+
+
+def models_in(annotation: Any) -> Iterator[Any]:
+    """Yield the pydantic models that an annotation contains, as in ``dict[str, Fit]``."""
+    if hasattr(annotation, "model_fields"):
+        yield annotation
+    for part in get_args(annotation):
+        yield from models_in(part)
 
 
 def clipped(text: str, most: int = 80) -> str:

@@ -11,7 +11,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Space, Valve, chain_model
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, equilibrium, modes, simulate
-from pliant.simulation.time_step import time_step
+from pliant.simulation.time_step import resolving_step
 
 TIMES = np.arange(61) / 75.0
 EVERYTHING = ("joint_angle", "joint_rate", "tip_position")
@@ -45,9 +45,9 @@ def test_a_batch_without_a_step_takes_what_its_models_need(paper):
     """And gives a row for every millisecond, whatever the step."""
     ringing, pulse = paper.with_(damping=1e-5), Pulse(9e4, 0.01)
     batch = simulate_batch([paper, ringing], pulse, duration=0.1)
-    assert batch.attrs["step_s"] == time_step(ringing) < time_step(paper) == 1e-3
+    assert batch.attrs["step_s"] == resolving_step(ringing) < resolving_step(paper) == 1e-3
     assert batch.sizes["time"] == 101
-    alone = simulate(paper, pulse, times=batch.time.values, step=batch.attrs["step_s"])
+    alone = simulate(paper, pulse, times=batch.time.values, time_step=batch.attrs["step_s"])
     assert np.abs(alone.joint_angle.values - batch.joint_angle.values[0]).max() < 1e-12
 
 
@@ -55,19 +55,19 @@ def test_models_with_everything(awkward):
     valves = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(natural_frequency=6.0), Valve(dead_time=0.013)]
     models = [awkward.with_(valve=v, stiffness=awkward.stiffness * k) for v in valves for k in (1.0, 1.3, 1.7)]
     trace = Trace([0.0, 0.1, 0.1, 0.33, 0.5], [0.0, 2e4, 5e4, 6e4, 1e4])
-    batch = simulate_batch(models, trace, times=TIMES, step=2e-3, variables=EVERYTHING)
-    check_same(batch, models, [trace] * len(models), step=2e-3)
+    batch = simulate_batch(models, trace, times=TIMES, time_step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [trace] * len(models), time_step=2e-3)
 
 
 def test_chambers_that_swell(awkward):
     models = [awkward.with_(swell_share=share, swell_time=t) for share, t in ((0.0, 1.0), (0.4, 0.2), (0.8, 0.05))]
     pulse = Pulse(4e4, 0.1, 0.3)
-    batch = simulate_batch(models, pulse, times=TIMES, step=2e-3, variables=EVERYTHING)
-    check_same(batch, models, [pulse] * 3, step=2e-3)
+    batch = simulate_batch(models, pulse, times=TIMES, time_step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [pulse] * 3, time_step=2e-3)
     assert np.abs(batch["joint_angle"].values[0] - batch["joint_angle"].values[2]).max() > 1e-4
     again = simulate_batch(
         models[0], pulse, parameters={"swell_share": [0.0, 0.4, 0.8], "swell_time": [1.0, 0.2, 0.05]}, times=TIMES,
-        step=2e-3, variables=EVERYTHING,
+        time_step=2e-3, variables=EVERYTHING,
     )
     assert again.equals(batch)
 
@@ -76,8 +76,8 @@ def test_chambers_that_inflate(awkward):
     walls = ((0.0, 0.1, 0.0), (9e4, 0.05, 0.0), (2e5, 0.02, 0.0), (3e4, 0.05, 1.5))
     models = [awkward.with_(inflation_limit=limit, inflation_time=t, inflation_jm=jm) for limit, t, jm in walls]
     pulse = Pulse(4e4, -0.1, 0.3)  # they start at rest under pressure
-    batch = simulate_batch(models, pulse, times=TIMES, step=2e-3, variables=EVERYTHING)
-    check_same(batch, models, [pulse] * 4, step=2e-3)
+    batch = simulate_batch(models, pulse, times=TIMES, time_step=2e-3, variables=EVERYTHING)
+    check_same(batch, models, [pulse] * 4, time_step=2e-3)
 
 
 def test_own_pressures_with_and_without_common_edges(paper):
@@ -165,8 +165,8 @@ def test_first_frequencies_are_those_of_the_modes(awkward, paper):
     ({"parameters": {"stiffness": np.ones(3), "damping": np.ones(4)}}, "same number of samples"),
     ({"variables": ("energy",)}, "unknown variable"),
     ({"device": "tpu"}, "device must be 'cpu' or 'gpu'"),
-    ({"step": 0.1}, "too long"),
-    ({"step": -1.0}, "positive"),
+    ({"time_step": 0.1}, "too long"),
+    ({"time_step": -1.0}, "positive"),
     ({"initial_angle": np.zeros(3)}, "initial angles and rates must have the shape"),
     ({"failures": "hide"}, "'raise' or 'mark'"),
 ])
@@ -261,7 +261,7 @@ def test_bodies_that_lengthen_have_the_bits_of_single_runs(paper, memory):
 def test_a_law_of_two_powers_rests_under_its_pressure_and_says_its_units(paper):
     law, levels = paper.with_(torque=[1e-6, 4e-12]), (5e4, 9e4)
     runs = [Pulse(level, -1.0, 9.0) for level in levels]
-    batch = simulate_batch(law, runs, times=TIMES, step=2e-3, variables=EVERYTHING)
+    batch = simulate_batch(law, runs, times=TIMES, time_step=2e-3, variables=EVERYTHING)
     for k, level in enumerate(levels):
         np.testing.assert_allclose(batch["joint_angle"][k, 0], equilibrium(law, level), atol=1e-12)
     assert [batch[name].attrs["units"] for name in EVERYTHING] == ["rad", "rad/s", "m"]
@@ -275,7 +275,7 @@ def test_a_failure_is_told_with_its_time(paper, memory):
     """The pressure that no spring holds comes at 0.05 s; the step that fails ends soon after."""
     soft = paper.with_(stiffening=-0.45, memory=memory)
     runs = [Pulse(1e4, 0.05, 1.0), Pulse(1e9, 0.05, 1.0)]
-    batch = simulate_batch(soft, runs, times=np.arange(31) / 100, step=2e-3, failures="mark")
+    batch = simulate_batch(soft, runs, times=np.arange(31) / 100, time_step=2e-3, failures="mark")
     assert np.isnan(batch["failed_at"][0])
     assert 0.05 < float(batch["failed_at"][1]) < 0.12
 
@@ -288,10 +288,10 @@ def test_bodies_in_space_have_the_bits_of_single_runs():
                        chambers=(red, blue), space=Space(stiffness_ratio=1.2))  # fmt: skip
     inputs = (Pulse(3e4, 0.1, 0.3), Trace([0.0, 0.2, 0.4], [0.0, 2e4, 1e4]))
     values = {"stiffness_ratio": np.array([1.1, 0.8]), "blue.torque_1": np.array([1e-6, 3e-6])}
-    batch = simulate_batch(body, inputs, parameters=values, times=TIMES, variables=EVERYTHING, step=1e-3)
+    batch = simulate_batch(body, inputs, parameters=values, times=TIMES, variables=EVERYTHING, time_step=1e-3)
     assert list(batch.axis.values) == ["x", "y", "z"]
     for i in range(2):
-        alone = simulate(apply(body, {name: v[i] for name, v in values.items()}), inputs, times=TIMES, step=1e-3)
+        alone = simulate(apply(body, {name: v[i] for name, v in values.items()}), inputs, times=TIMES, time_step=1e-3)
         for name in ("joint_angle_x", "joint_angle_y", "joint_rate_x", "joint_rate_y", "tip_position"):
             np.testing.assert_array_equal(batch[name].values[i], alone[name].values, err_msg=name)
     assert np.abs(batch.joint_angle_y).max() > 0.01

@@ -40,7 +40,7 @@ def few():
 
 def everything(device, cases=cases):
     """All variables of all cases, one after the other."""
-    how = {"times": TIMES, "step": 5e-3, "variables": EVERYTHING, "failures": "mark", "device": device}
+    how = {"times": TIMES, "time_step": 5e-3, "variables": EVERYTHING, "failures": "mark", "device": device}
     runs = [simulate_batch(*given, **how | more) for given, more in cases()]
     return [run[name].values for run in runs for name in (*EVERYTHING, "failed_at")]
 

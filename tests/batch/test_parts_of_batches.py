@@ -403,7 +403,7 @@ def test_bodies_alone_fail_at_their_time_and_start_where_told(paper):
     body = chain_model(length=0.2, mass=0.05, links=paper.n, stiffness=1.0, damping=0.01,
                        chambers=(Chamber([1e-6], name="a"), Chamber([1e-6], name="b")))  # fmt: skip
     strong = [(Pulse(1e4, 5.02), Pulse(0.0)), (Pulse(1e9, 5.05), Pulse(0.0))]
-    found = simulate_batch([body] * 2, strong, times=5.0 + TIMES, step=1e-3, failures="mark")
+    found = simulate_batch([body] * 2, strong, times=5.0 + TIMES, time_step=1e-3, failures="mark")
     assert np.isnan(found["failed_at"][0])
     assert 5.05 < float(found["failed_at"][1]) < 5.08
     n = body.n

@@ -44,9 +44,9 @@ def test_a_march_in_plain_text_is_that_of_single_chains(uncompiled, law):
     models = [chain.with_(stiffness=k * chain.stiffness, valve=Valve(rise_time=r)) for k, r in ((1.0, 0.02), (1.5, 0))]
     source = Trace([0.0, 0.0013, 0.002, 0.0021, 0.5], [0.0, 2e4, 6e4, 1e4, 3e4])
     kept = ("joint_angle", "joint_rate", "tip_position")
-    found = simulate_batch(models, source, times=TIMES, step=2e-3, variables=kept, threads=1)
+    found = simulate_batch(models, source, times=TIMES, time_step=2e-3, variables=kept, threads=1)
     for k, model in enumerate(models):
-        alone = simulate(model, source, times=TIMES, step=2e-3)
+        alone = simulate(model, source, times=TIMES, time_step=2e-3)
         for name in kept:
             np.testing.assert_allclose(found[name][k], alone[name], rtol=1e-10, atol=1e-12, err_msg=name)
     assert np.isnan(found["failed_at"]).all()
@@ -57,11 +57,11 @@ def test_a_chain_that_fails_in_its_first_step_is_marked_there(uncompiled):
     """The others go on; a step that fails later has its own time."""
     chain = awkward_chain()
     sources = [Pulse(1e4, -1.0, 9.0), Pulse(1e9, 0.0), Pulse(1e9, 0.004)]
-    found = simulate_batch([chain] * 3, sources, times=TIMES, step=2e-3, failures="mark", threads=1)
+    found = simulate_batch([chain] * 3, sources, times=TIMES, time_step=2e-3, failures="mark", threads=1)
     assert np.isnan(found["failed_at"][0])
     assert found["failed_at"][1:].values.tolist() == pytest.approx([0.002, 0.006])
     assert np.isfinite(found["joint_angle"].values).all(axis=(1, 2)).tolist() == [True, False, False]
-    alone = simulate(chain, sources[0], times=TIMES, step=2e-3)
+    alone = simulate(chain, sources[0], times=TIMES, time_step=2e-3)
     np.testing.assert_allclose(found["joint_angle"][0], alone["joint_angle"], rtol=1e-10, atol=1e-12)
 
 

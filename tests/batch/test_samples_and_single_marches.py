@@ -47,11 +47,12 @@ def test_laws_of_other_lengths_are_filled_up(paper):
 def test_one_body_alone_is_a_batch_and_takes_no_step_that_is_too_long(paper):
     body = two_chambers(paper)
     inputs = (Pulse(3e4, 0.005), Pulse(1e4))
-    found = simulate_batch([body], [inputs], times=TIMES, step=1e-3)
-    np.testing.assert_allclose(found["joint_angle"][0], simulate(body, inputs, times=TIMES, step=1e-3)["joint_angle"],
+    found = simulate_batch([body], [inputs], times=TIMES, time_step=1e-3)
+    alone = simulate(body, inputs, times=TIMES, time_step=1e-3)
+    np.testing.assert_allclose(found["joint_angle"][0], alone["joint_angle"],
                                atol=1e-13)  # fmt: skip
     with pytest.raises(InputError, match="too long"):
-        simulate_batch([body, body.with_(stiffness=1e4)], [inputs] * 2, times=TIMES, step=1e-3)
+        simulate_batch([body, body.with_(stiffness=1e4)], [inputs] * 2, times=TIMES, time_step=1e-3)
 
 
 @pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")
@@ -62,7 +63,7 @@ def test_a_body_alone_may_fail_in_its_first_step(paper):
         (two_chambers(paper), [(sudden, Pulse(0.0)), (Pulse(1e4), Pulse(0.0))]),
         (paper.with_(memory=Memory(creep_share=(0.2,), creep_time=(0.3,))), [sudden, Pulse(1e4)]),
     ):
-        found = simulate_batch([body] * 2, inputs, times=TIMES, step=1e-3, failures="mark")
+        found = simulate_batch([body] * 2, inputs, times=TIMES, time_step=1e-3, failures="mark")
         assert found["failed_at"].values.tolist() == pytest.approx([1e-3, np.nan], nan_ok=True)
         assert np.isnan(found["joint_angle"].values).all(axis=(1, 2)).tolist() == [True, False]
 

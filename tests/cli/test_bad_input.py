@@ -166,7 +166,7 @@ BAD: dict[str, Case] = {
     "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
     "trajectory in another format": simulate_with("must end in .nc", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
-    "step that is too long": simulate_with("too long: the first mode rings at", "--step-ms", "50"),
+    "step that is too long": simulate_with("too long: the first mode rings at", "--time-step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, accurate, LSODA, BDF, Radau", "--method", "ode45"),
     "pressure that is no number": simulate_with("level must be finite", "--level-kpa", "nan"),
 }

@@ -238,7 +238,7 @@ with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     model = pliant.chain_model(length=0.1, mass=0.02, links=1, stiffness=0.5, damping=1e-3, torque=[1e-6])
     for stiffness in (0.5, 0.6):
-        pliant.simulate(model.with_(stiffness=stiffness), inputs.step(1e4), duration=0.02)
+        pliant.simulate(model.with_(stiffness=stiffness), pliant.Step(1e4), duration=0.02)
 print([str(w.message) for w in caught])
 """
 

@@ -81,7 +81,7 @@ class Pushed:
         self.model = model or arm()
         self.mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
         self.m = self.mujoco.MjModel.from_xml_string(
-            mjcf(self.model, Provenance(self.model, "mjcf", "test"), timestep=H / SUB, highest=1e6))
+            mjcf(self.model, Provenance(self.model, "mjcf", "test"), time_step=H / SUB, highest=1e6))
         self.d = self.mujoco.MjData(self.m)
 
     def step(self, levels, force=(0.0, 0.0, 0.0), link=3, along=0.02):

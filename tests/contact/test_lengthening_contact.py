@@ -117,7 +117,7 @@ def softer(arm, share):
 
 def free(arm, seed):
     times = PERIOD * np.arange(400)
-    run = pliant.simulate(arm, pulses(seed), times=times, step=1e-3)
+    run = pliant.simulate(arm, pulses(seed), times=times, time_step=1e-3)
     return seen(run.tip_position.values, pulses(seed), seed)
 
 

@@ -423,7 +423,7 @@ def test_unsolved_periods_are_in_the_summary_of_a_task(tmp_path):
 def test_the_model_as_a_plant_is_the_integrated_body():
     """Open loop: two commands through their valves and dead times, against LSODA."""
     body, rng = segments(), np.random.default_rng(1)
-    plant, exact = ModelPlant(body, step=5e-4, noise=0.0, pressure_noise=0.0), Lsoda(body)
+    plant, exact = ModelPlant(body, time_step=5e-4, noise=0.0, pressure_noise=0.0), Lsoda(body)
     for k in range(150):
         if k % 30 == 0:
             command = rng.uniform(0.0, 1.5e5, 2)

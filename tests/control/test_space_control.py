@@ -195,7 +195,7 @@ def test_the_loop_brings_an_unlike_body_to_its_place(feedback):
     """A body softer by a twelfth that rests elsewhere: the rest is measured, the rehearsal settles, the tip arrives."""
     model = arm(0.03)
     unlike = model.with_(stiffness=0.55, space=Space(stiffness_ratio=1.3, rest_turn=[[0.05, -0.03, 0.0]]))
-    plant = ModelPlant(unlike, period=PERIOD, step=2e-3)
+    plant = ModelPlant(unlike, period=PERIOD, time_step=2e-3)
     frames = np.array([plant.advance(np.zeros(3))[1] for _ in range(8)])
     level = rest_under(model, np.array([6e4, 2e4, 0.0]), ACROSS).value - tip_of(equilibrium(model), model)[:2]
     task = Task(np.zeros(1), level[None], 1.0, feedback=feedback, outputs=ACROSS)

@@ -158,13 +158,13 @@ def test_a_studys_arm_reaches_its_place_by_predictive_control(tmp_path, capsys):
     time = np.arange(0.0, 1.5, 5e-3)
     each = zip(AZIMUTHS, (3.0, 4.3, 5.1), strict=True)
     waves = {name: Trace(time, 3.0 * (1.0 - np.cos(rate * time)) ** 2) for name, rate in each}
-    seen = simulate(body, tuple(waves.values()), times=time, step=1e-3, check=False)
+    seen = simulate(body, tuple(waves.values()), times=time, time_step=1e-3, check=False)
     rng = np.random.default_rng(1)
     places = seen.tip_position.to_numpy()[:, [0, 2, 3]]  # 112.5, 262.5 and 300 mm along the body
     record = Experiment("waves", time, places + 2e-4 * rng.standard_normal(places.shape), ("first", "middle", "tip"),
                         excitation="trace", drives=waves)  # fmt: skip
     stations = [("first", 0, 0.0375), ("middle", 1, 0.0375), ("tip", 1, 0.075)]
-    found = fit([record], arm(2).with_(stations=stations), ["stiffness", "damping"], step=5e-3)
+    found = fit([record], arm(2).with_(stations=stations), ["stiffness", "damping"], time_step=5e-3)
     model = found.model.with_(stations=())
     assert model.stiffness[0] * LENGTH / 2 == pytest.approx(0.93 * STIFFNESS, rel=0.1)
     save_model(model, tmp_path / "model.json")

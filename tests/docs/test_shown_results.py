@@ -16,7 +16,7 @@ from pliant.identification import Experiment, Parameter
 from pliant.identification.identifiability import Direction, Identifiability
 from pliant.identification.prediction_bands import Band
 from pliant.identification.result import FitResult
-from pliant.identification.stepwise import STAGES, ModelSelection, Step
+from pliant.identification.stepwise import STAGES, ModelSelection, StageResult
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 from pliant.reduction import select_order
@@ -63,7 +63,7 @@ MADE = {
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
     "model_selection": (
         lambda: ModelSelection(
-            (Step(STAGES[0], result=fitted(), freed=("stiffness",), train={"low": 2.0}, held_out={"high": 3.0}),),
+            (StageResult(STAGES[0], fitted(), ("stiffness",), train={"low": 2.0}, held_out={"high": 3.0}),),
             STAGES[0].name, "it is the only one.",
         ),
         [STAGES[0].title, "3", "it is the only one."],

@@ -51,13 +51,13 @@ def models() -> pliant.Model:
 def motions(model: pliant.Model) -> float:
     """Every input, every way to move."""
     courses: list[Input] = [
-        pliant.Pulse(119e3, 0.12, 2.76), inputs.step(1e5), inputs.ramp(1e5, 0.1, 1.0), inputs.triangle(1e5, 2.0, 3),
+        pliant.Pulse(119e3, 0.12, 2.76), pliant.Step(1e5), inputs.ramp(1e5, 0.1, 1.0), inputs.triangle(1e5, 2.0, 3),
         Chirp(2e4, 1e5, 0.1, 5.0, 10.0), Multisine(1e3, 1e5, [0.5, 1.5]),
         Trace(np.array([0.0, 1.0]), np.array([0.0, 1e5])),
     ]
     motion = pliant.simulate(model, courses[0], duration=1.0)
     frequency, damping = pliant.modes(model, pliant.equilibrium(model, 1e5))
-    stepper = pliant.Stepper(model, step=1e-3)
+    stepper = pliant.Stepper(model, time_step=1e-3)
     angle, rate = stepper.step(1e5)
     many = simulate_batch(model, courses[0], parameters={"stiffness": np.array([1.5, 1.7])}, duration=1.0)
     sweep = {"kind": "monte_carlo", "samples": 8, "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}}}

@@ -187,7 +187,7 @@ def test_d14_the_default_rule_follows_the_stiff_reference():
 
     model, pulse = chen2018.model(), pliant.Pulse(119e3, 0.12, 2.76)
     runs = [
-        pliant.simulate(model, pulse, duration=0.4, step=2.5e-4, method=method).tip_position.to_numpy()
+        pliant.simulate(model, pulse, duration=0.4, time_step=2.5e-4, method=method).tip_position.to_numpy()
         for method in ("midpoint", "BDF")
     ]
     assert np.abs(runs[0] - runs[1]).max() < 5e-6

@@ -42,7 +42,7 @@ def test_creep_under_a_force_is_that_of_a_standard_linear_solid() -> None:
     share, time = 0.5, 0.4
     held = Trace([0.0, 1e-6, 2.0], [0.0, PUSH, PUSH])
     motion = simulate(bar(Memory(axial_creep_share=(share,), axial_creep_time=(time,))), held,
-                      times=np.linspace(0.0, 2.0, 201), step=2e-4)  # fmt: skip
+                      times=np.linspace(0.0, 2.0, 201), time_step=2e-4)  # fmt: skip
     t, strain = motion.time.values, motion.axial_strain.values[:, 0]
     expected = 0.05 * (1.0 - share / (1.0 + share) * np.exp(-t / (time * (1.0 + share))))
     np.testing.assert_allclose(strain[5:], expected[5:], rtol=2e-3)
@@ -55,7 +55,7 @@ def test_a_slip_element_leaves_a_set_after_the_first_load(limit: float, left: fl
     """Loaded to e_1 = F/K - s y, unloaded to s y where the element slips back, else to s (e_1 - y) / (1 + s)."""
     pulse = Trace([0.0, 0.5, 1.0, 1.5, 3.0], [0.0, PUSH, PUSH, 0.0, 0.0])
     motion = simulate(bar(Memory(axial_slip_share=(0.3,), axial_slip_strain=(limit,))), pulse,
-                      times=np.linspace(0.0, 3.0, 301), step=3e-4)  # fmt: skip
+                      times=np.linspace(0.0, 3.0, 301), time_step=3e-4)  # fmt: skip
     strain = motion.axial_strain.values[:, 0]
     assert strain[90] == pytest.approx(0.05 - 0.3 * limit, rel=1e-3)
     assert strain[-1] == pytest.approx(left, rel=1e-3)
@@ -68,7 +68,7 @@ def test_energy_balances_and_no_closed_cycle_gives_work(rng: np.random.Generator
     arm = ARM.with_(memory=AXIAL, extensions=tuple(replace(e, **curve) for e in ARM.extensions))
     for _ in range(3):
         level = np.append(np.append(0.0, rng.uniform(0.0, 6e4, 6)), [0.0, 0.0])
-        motion = simulate(arm, Trace(0.25 * np.arange(9), level), times=np.linspace(0.0, 2.0, 101), step=1e-3)
+        motion = simulate(arm, Trace(0.25 * np.arange(9), level), times=np.linspace(0.0, 2.0, 101), time_step=1e-3)
         assert max(energy_defects(motion)) < 2e-5
         assert (np.diff(motion.memory_dissipation.values) >= 0.0).all()
         work = motion.input_work.values[-1]
@@ -96,11 +96,11 @@ def test_compiled_steps_are_those_of_the_text(rng: np.random.Generator) -> None:
 def test_branches_without_stiffness_change_no_bit() -> None:
     """Shares of 0 and a spring that may soften but does not: the motion of the plain body, to the last bit."""
     push = Trace([0.0, 0.1, 0.5], [0.0, 5e4, 0.0])
-    plain = simulate(ARM, push, times=np.linspace(0.0, 0.5, 51), step=1e-3)
+    plain = simulate(ARM, push, times=np.linspace(0.0, 0.5, 51), time_step=1e-3)
     still = Memory(axial_creep_share=(0.0,), axial_creep_time=(1.0,))
     for other in (ARM.with_(memory=still),
                   ARM.with_(extensions=tuple(replace(e, stiffening=0.0) for e in ARM.extensions))):
-        motion = simulate(other, push, times=np.linspace(0.0, 0.5, 51), step=1e-3)
+        motion = simulate(other, push, times=np.linspace(0.0, 0.5, 51), time_step=1e-3)
         assert np.array_equal(motion.tip_position.values, plain.tip_position.values)
 
 

@@ -110,7 +110,7 @@ def test_parameters_are_found_again_from_poses_of_the_equilibrium():
     place = chain.stations(x)[0] + 1e-4 * np.random.default_rng(4).normal(size=(40, 2, 3))
     seen = Experiment("b", exp.time, place, exp.stations, "trace", drives=exp.drives, poses=True)
     given = {"stiffness": (0.02, 0.03), "left.pretension": (-0.5, 0.0), "right.gain_y": (np.cos(2.4), -0.5)}
-    found = fit([seen], blind, [Parameter(name, start) for name, (_, start) in given.items()], step=STEP, starts=1)
+    found = fit([seen], blind, [Parameter(name, start) for name, (_, start) in given.items()], time_step=STEP, starts=1)
     for p in found.parameters:
         assert p.std is not None
         assert abs(p.value - given[p.name][0]) < 4.0 * p.std

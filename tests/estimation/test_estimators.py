@@ -32,7 +32,7 @@ def body():
 @pytest.fixture(scope="module")
 def moved(body):
     """A simulated motion, and the points of its body (T, n + 1, 2) that a sensor shows."""
-    run = simulate(body, Trace(CLOCK, PRESSURE), times=CLOCK, step=1e-3)
+    run = simulate(body, Trace(CLOCK, PRESSURE), times=CLOCK, time_step=1e-3)
     tips = run.tip_position.values
     base = np.broadcast_to(body.first_joint, (len(tips), 1, 2))
     return run, np.concatenate([base, tips], axis=1)

@@ -68,7 +68,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(random_walk):
     ratios, innovations, smooth = [], [], []
     for seed in range(100, 200):
         truth, tips = noisy_run(seed, disturbance=noise.initial_disturbance, random_walk=random_walk)
-        found = estimate(recorded(tips), model(), noise=noise, step=H / SUB * 1.001, pressure_window=0.0)
+        found = estimate(recorded(tips), model(), noise=noise, time_step=H / SUB * 1.001, pressure_window=0.0)
         q, dq = mechanics_of(model()).joint_angles(truth[:, :3]), np.diff(truth[:, 3:6], axis=-1, prepend=0.0)
         parts = [found.joint_angle - q, found.joint_rate - dq]
         T = np.eye(3) - np.eye(3, k=-1)
@@ -95,7 +95,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(random_walk):
 
 def test_innovations_are_white_where_the_model_is_right():
     tips = noisy_run(3, frames=400)[1]
-    found = estimate(recorded(tips), model(), noise=NOISE, step=H / SUB * 1.001, pressure_window=0.0)
+    found = estimate(recorded(tips), model(), noise=NOISE, time_step=H / SUB * 1.001, pressure_window=0.0)
     assert abs(found.attrs["innovation_correlation"]) < 1.5 * found.attrs["innovation_correlation_bound"]
 
 
@@ -108,8 +108,8 @@ def test_whiteness_sees_what_lasts(rng):
 def test_a_perfect_start_and_no_noise_follow_the_simulation():
     m = model()
     time = H * np.arange(40)
-    run = simulate(m, Trace(CLOCK, pressure(CLOCK)), times=time, step=1e-3)
-    found = estimate(recorded(run.tip_position.values), m, noise=NOISE, step=1e-3, pressure_window=0.0)
+    run = simulate(m, Trace(CLOCK, pressure(CLOCK)), times=time, time_step=1e-3)
+    found = estimate(recorded(run.tip_position.values), m, noise=NOISE, time_step=1e-3, pressure_window=0.0)
     np.testing.assert_allclose(found.joint_rate, run.joint_rate, atol=2e-5)
 
 
@@ -117,7 +117,7 @@ def test_missing_rows_are_skipped_and_counted():
     truth, tips = noisy_run(5)
     tips[10] = np.nan
     tips[20, 1] = np.nan
-    found = estimate(recorded(tips), model(), noise=NOISE, step=H / SUB * 1.001, pressure_window=0.0)
+    found = estimate(recorded(tips), model(), noise=NOISE, time_step=H / SUB * 1.001, pressure_window=0.0)
     assert (found.attrs["frames_skipped"], found.attrs["frames_in_part"]) == (1, 1)
     assert np.isfinite(found.joint_rate.values).all()
     assert float(found.joint_angle_sd[10, 0]) > 1.05 * float(found.joint_angle_sd[9, 0])
@@ -134,7 +134,7 @@ def test_angles_and_a_tip_pose_do_as_well_as_tips():
         angle=angle + 2e-3 * rng.standard_normal(angle.shape), angle_reference="base",
         pressure=pressure(CLOCK), pressure_time=CLOCK,
     )
-    found = estimate(seen, m, noise=NOISE, step=H / SUB * 1.001, pressure_window=0.0)
+    found = estimate(seen, m, noise=NOISE, time_step=H / SUB * 1.001, pressure_window=0.0)
     assert list(found.row.values) == ["cap x", "cap y", "cap angle"]
     low, high = found.attrs["nis_bounds"]
     assert low < found.attrs["nis_ratio"] < high
@@ -210,7 +210,7 @@ def test_several_pressures_reach_the_filter_by_their_names():
     found = estimate(seen, m, noise=NOISE, pressure_window=0.0)
     assert found.pressure.dims == ("time", "input")
     assert np.abs(found.joint_angle.values - run.joint_angle.values)[-10:].max() < 4e-3  # as the tips' noise lets it
-    online = KalmanFilter(m, NOISE, step=2e-3)
+    online = KalmanFilter(m, NOISE, time_step=2e-3)
     rows = rows_of(m, m.points)
     pushed = 0
     for k, at in enumerate(time):

@@ -16,8 +16,8 @@ TIP = rows_of(ARM, ARM.points[-1:])
 @pytest.mark.parametrize("late", [False, True])
 def test_a_late_frame_goes_back_behind_a_state_that_was_asked_for(late):
     """The pressure at 60 ms finds the filter at 50 ms; a frame of 30 ms lies before both."""
-    live = KalmanFilter(ARM, Noise(random_walk=0.1), step=1e-3, buffer=1.0)
-    straight = KalmanFilter(ARM, Noise(random_walk=0.1), step=1e-3, buffer=1.0)
+    live = KalmanFilter(ARM, Noise(random_walk=0.1), time_step=1e-3, buffer=1.0)
+    straight = KalmanFilter(ARM, Noise(random_walk=0.1), time_step=1e-3, buffer=1.0)
     frames = {0.01: np.array([-2e-3, 0.3]), 0.03: np.array([-5e-3, 0.299])}
     first = ("frame", 0.03) if late else ("pressure", 0.03)
     for filtered, order in ((straight, (first, ("pressure", 0.06))), (live, (None, ("pressure", 0.06), first))):

@@ -16,13 +16,13 @@ def test_a_latency_that_is_given_cancels_late_stamps():
     """The same frames, stamped late and announced so: the same state. Stamped late and not announced: another one."""
     model = chain_model(length=0.15, mass=0.06, links=3, stiffness=1.2, damping=6e-3, torque=[1.2e-6])
     times = FRAME * np.arange(30)
-    motion = simulate(model, Trace([0.0, 0.1], [0.0, 1e5]), times=times, step=STEP)
+    motion = simulate(model, Trace([0.0, 0.1], [0.0, 1e5]), times=times, time_step=STEP)
     tips = motion.tip_position.values
     rows, variance = rows_of(model, model.points), np.full(2 * len(model.points), NOISE.position**2)
     points = tips[:, [s.link for s in model.points]].reshape(len(times), -1)
 
     def rates(latency, stamped):
-        filter_ = KalmanFilter(model, NOISE, latency=latency, step=STEP)
+        filter_ = KalmanFilter(model, NOISE, latency=latency, time_step=STEP)
         for k, time in enumerate(times):
             filter_.push_pressure(time, 1e5 * min(time / 0.1, 1.0))
             if k >= 2:

@@ -60,7 +60,7 @@ def test_errors_of_strains_are_as_large_as_the_filter_says(arm):
             initial_rate=from_links(0.1 * rng.standard_normal(5)),
             initial_angle=rest + from_links(0.02 * rng.standard_normal(5)),
         )
-        found = estimate(seen(run, rng), arm, noise=NOISE, step=5e-4, pressure_window=0.0)
+        found = estimate(seen(run, rng), arm, noise=NOISE, time_step=5e-4, pressure_window=0.0)
         for name in ("axial_strain", "axial_strain_rate"):
             off = found[name].values - run[name].values
             errors.append((off / found[f"{name}_sd"].values)[[1, 3, 6]] ** 2)
@@ -86,7 +86,7 @@ def test_a_known_start_follows_lsoda(arm, memory):
     body = arm.with_(memory=memory)
     run = pliant.simulate(body, TRACES, times=TIME, method="LSODA", rtol=1e-8)
     known = Noise(position=3e-4, torque=1e-5, initial_angle=1e-4, initial_rate=1e-3)
-    found = estimate(seen(run, np.random.default_rng(1)), body, noise=known, step=1e-3, pressure_window=0.0)
+    found = estimate(seen(run, np.random.default_rng(1)), body, noise=known, time_step=1e-3, pressure_window=0.0)
     low, high = found.attrs["nis_bounds"]
     assert low < found.attrs["nis_ratio"] < high
     assert float(run.axial_strain.max()) > 0.1
@@ -110,7 +110,7 @@ def test_a_pull_that_the_model_does_not_know_is_found(arm):
         initial_angle=equilibrium(arm),
     )
     noise = Noise(position=3e-4, torque=1e-5, initial_angle=1e-3, initial_rate=1e-2, initial_disturbance=0.2)
-    found = estimate(seen(run, np.random.default_rng(2)), arm, noise=noise, step=2e-3, pressure_window=0.0)
+    found = estimate(seen(run, np.random.default_rng(2)), arm, noise=noise, time_step=2e-3, pressure_window=0.0)
     last, sd = found.axial_disturbance[-1].values, found.axial_disturbance_sd[-1].values
     assert found.axial_disturbance.units == "N"
     assert (np.abs(last - [0.0, 2.4]) < 3.0 * sd).all()
@@ -137,8 +137,8 @@ def test_a_running_filter_finds_what_the_record_does(arm):
     """Frames one by one, one of them late."""
     run = pliant.simulate(arm, TRACES, times=TIME, method="LSODA")
     record = seen(run, np.random.default_rng(3))
-    whole = estimate(record, arm, noise=NOISE, step=2e-3, pressure_window=0.0)
-    live, rows = KalmanFilter(arm, NOISE, step=2e-3), rows_of(arm, arm.points)
+    whole = estimate(record, arm, noise=NOISE, time_step=2e-3, pressure_window=0.0)
+    live, rows = KalmanFilter(arm, NOISE, time_step=2e-3), rows_of(arm, arm.points)
     tips = record["position"].values
     events = sorted([(t, 0, k) for k, t in enumerate(CLOCK[: CLOCK.searchsorted(TIME[-1])])]
                     + [(t + 0.03 * (k == 20), 1, k) for k, t in enumerate(TIME)])  # fmt: skip

@@ -342,12 +342,12 @@ def test_a_frozen_model_is_stiffer_by_what_its_memory_holds():
 
 
 def test_an_observer_takes_steps_of_a_period_and_pressures_between_frames():
-    made = AdaptiveObserver(ARM, PERIOD, step=2e-3, late=1, scale_sd=0.3, scale_random_walk=0.1)
+    made = AdaptiveObserver(ARM, PERIOD, time_step=2e-3, late=1, scale_sd=0.3, scale_random_walk=0.1)
     assert (made.pace.parts, made.pace.h, made.pace.largest) == (3, pytest.approx(PERIOD / 3), 0.5)
     assert made.own.factor.tolist() == [1.0, pytest.approx(0.09)]
     assert made.gains.growth == pytest.approx(0.01 * PERIOD)
-    assert AdaptiveObserver(ARM, 6e-3, step=2e-3).pace.parts == 3
-    assert AdaptiveObserver(ARM, 1e-3, step=2e-3).pace.parts == 1
+    assert AdaptiveObserver(ARM, 6e-3, time_step=2e-3).pace.parts == 3
+    assert AdaptiveObserver(ARM, 1e-3, time_step=2e-3).pace.parts == 1
     rows, still, variance = joint_rows(ARM), np.zeros(3), np.full(3, 4e-6)
     means = []
     for k, p in enumerate((0.0, 4e4, 8e4, 8e4)):
@@ -374,26 +374,26 @@ def tip_rows():
 
 
 def test_a_filter_predicts_in_equal_steps_and_is_stopped_by_a_model_that_left():
-    live = KalmanFilter(ARM, Noise(), step=4e-3)
+    live = KalmanFilter(ARM, Noise(), time_step=4e-3)
     live.push_pressure(0.0, 5e4)
     live.advance(0.1)
-    fine = KalmanFilter(ARM, Noise(), step=1e-3)
+    fine = KalmanFilter(ARM, Noise(), time_step=1e-3)
     fine.push_pressure(0.0, 5e4)
     fine.advance(0.1)
     np.testing.assert_allclose(live.angle, fine.angle, rtol=2e-2)
-    coarse = KalmanFilter(ARM, Noise(), step=1.0)
+    coarse = KalmanFilter(ARM, Noise(), time_step=1.0)
     coarse.push_pressure(0.0, 5e4)
     coarse.advance(8e-3)
-    twice = KalmanFilter(ARM, Noise(), step=4.0000001e-3)  # 8 ms take two steps, not three
+    twice = KalmanFilter(ARM, Noise(), time_step=4.0000001e-3)  # 8 ms take two steps, not three
     twice.push_pressure(0.0, 5e4)
     twice.advance(8e-3)
-    halves = KalmanFilter(ARM, Noise(), step=1.0)
+    halves = KalmanFilter(ARM, Noise(), time_step=1.0)
     halves.push_pressure(0.0, 5e4)
     halves.advance(4e-3)
     halves.advance(8e-3)
     np.testing.assert_allclose(twice.angle, halves.angle, rtol=1e-9)
     assert np.abs(coarse.angle - halves.angle).max() > 1e-9
-    exact = KalmanFilter(ARM, Noise(), step=4e-3)
+    exact = KalmanFilter(ARM, Noise(), time_step=4e-3)
     exact.push_pressure(0.0, 5e4)
     exact.advance(8e-3)
     np.testing.assert_allclose(exact.angle, halves.angle, rtol=1e-9)
@@ -434,7 +434,7 @@ def test_frames_are_counted_as_what_became_of_them():
     live.push_pressure(0.0, 1e4)  # too late, and no frame
     assert live.counts.too_late == 1
     for wrong, message in (
-        ({"step": 0.0}, "step must be > 0 s"),
+        ({"time_step": 0.0}, "time_step must be > 0 s"),
         ({"latency": -1e-3}, "latency and buffer must be >= 0 s, got latency = -0"),
         ({"buffer": -1e-3}, "latency and buffer must be >= 0 s, got latency = 0.0 and buffer = -0"),
     ):

@@ -129,7 +129,7 @@ def test_it_is_the_textbook_filter_about_its_own_estimate():
     chain = mechanics_of(m)
     body, joints, work = chain.parts()
     noise = Noise(position=3e-4, torque=2e-3, random_walk=0.05, initial_disturbance=0.02)
-    run = KalmanFilter(m, noise, time=0.0, step=H)
+    run = KalmanFilter(m, noise, time=0.0, time_step=H)
     state, P, rng = np.concatenate([run.angle, np.zeros(8)]), run.covariance.copy(), np.random.default_rng(4)
     rows, variance, level = rows_of(m, m.points), np.full(6, noise.position**2), np.array([6e4, 1e4, 2e4])
     run.push_pressure(0.0, level)
@@ -196,7 +196,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says():
     for seed in range(60):
         truth, places = noisy_run(seed)
         seen = recorded(places, H * np.arange(40))
-        found = estimate(seen, arm(), noise=NOISE, step=H / SUB * 1.001, pressure_window=0.0)
+        found = estimate(seen, arm(), noise=NOISE, time_step=H / SUB * 1.001, pressure_window=0.0)
         named = ("joint_angle_x", "joint_angle_y", "joint_rate_x", "joint_rate_y")
         assert all(np.all(found[f"smooth_{n}_sd"] <= found[f"{n}_sd"] * (1 + 1e-9)) for n in named)
         error = np.zeros((40, 8))
@@ -216,16 +216,16 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says():
 @pytest.mark.slow
 def test_unseen_stations_are_skipped_and_latency_is_undone():
     time = H * np.arange(30)
-    motion = simulate(arm(), [Trace(CLOCK, p) for p in pressures().T], times=time, step=1e-3)
+    motion = simulate(arm(), [Trace(CLOCK, p) for p in pressures().T], times=time, time_step=1e-3)
     places = motion.station_position.values.copy()
     assert list(motion.station.values) == ["middle", "tip"]
     places[10], places[20, 1] = np.nan, np.nan
     late = recorded(places, time + 0.02)
-    found = estimate(late, arm(), noise=NOISE, step=2e-3, pressure_window=0.0, latency=0.02)
+    found = estimate(late, arm(), noise=NOISE, time_step=2e-3, pressure_window=0.0, latency=0.02)
     assert (found.attrs["frames_skipped"], found.attrs["frames_in_part"]) == (1, 1)
     assert list(found.row.values[:3]) == ["middle x", "middle y", "middle z"]
     assert float(np.abs(found.joint_rate_y - motion.joint_rate_y.values).max()) < 2e-3
-    wrong = estimate(late, arm(), noise=NOISE, step=2e-3, pressure_window=0.0)
+    wrong = estimate(late, arm(), noise=NOISE, time_step=2e-3, pressure_window=0.0)
     assert float(np.abs(wrong.joint_rate_y.values - motion.joint_rate_y.values).max()) > 0.05
 
 
@@ -286,7 +286,7 @@ def test_orientations_are_used_as_they_deserve_and_show_what_the_tip_does_not():
         runs = []
         for more in ({"quaternion": quaternion}, {}):
             seen = recorded(places, H * np.arange(40), **more)
-            runs.append(estimate(seen, arm(), noise=noise, step=H / SUB * 1.001, pressure_window=0.0,
+            runs.append(estimate(seen, arm(), noise=noise, time_step=H / SUB * 1.001, pressure_window=0.0,
                                  stations=("tip",)))  # fmt: skip
         error = [np.stack([r.joint_angle_x, r.joint_angle_y], axis=2).reshape(40, 4) - truth[:, :4] for r in runs]
         errors.append([np.mean(e[5:] ** 2) for e in error])

@@ -34,10 +34,11 @@ def compiled(folder: Path) -> Path:
 class Arm:
     """A compiled model: its state and parameters, and its functions."""
 
-    def __init__(self, model: Model, folder: Path, *, step: float = 1e-3, precision: str = "double") -> None:
+    def __init__(self, model: Model, folder: Path, *, time_step: float = 1e-3, precision: str = "double") -> None:
         if COMPILER is None:
             pytest.skip("no C compiler (cc) is on the path: the C is not compiled")
-        made = code(model, Provenance(model, "c99", "test"), step=step, precision=precision, pressure=0.0, prefix="arm")
+        origin = Provenance(model, "c99", "test")
+        made = code(model, origin, time_step=time_step, precision=precision, pressure=0.0, prefix="arm")
         (folder / "arm.h").write_text(made.header, encoding="utf-8")
         (folder / "arm.c").write_text(made.source, encoding="utf-8")
         text = (made.header, made.source)

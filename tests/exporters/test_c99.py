@@ -21,7 +21,7 @@ from pliant.mechanics import mechanics_of, planar
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, Trace, simulate
 from pliant.simulation.accuracy import AccuracyWarning
-from pliant.simulation.time_step import time_step
+from pliant.simulation.time_step import resolving_step
 
 VALVES = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(rise_time=0.02, rise_rate=4e5, fall_rate=8e5)]
 MEMORIES = [
@@ -111,7 +111,7 @@ def test_dead_time_is_that_of_simulate(dead, rng, tmp_path):
     edges = np.arange(levels.size + 1) * 1e-3
     trace = Trace(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2))
     before = Trace(np.concatenate([[-1.0, 0.0], trace.time]), np.concatenate([[0.0, 0.0], trace.pressure]))
-    run = simulate(model, before, times=edges, step=1e-3)
+    run = simulate(model, before, times=edges, time_step=1e-3)
     arm = Arm(model, tmp_path)
     rows = []
     for p in levels:
@@ -288,7 +288,8 @@ def test_a_microcontroller(tmp_path):
     compiler = shutil.which("arm-none-eabi-gcc")
     if compiler is None:
         pytest.skip("no arm-none-eabi-gcc: the cross-compile is not tried (Debian: gcc-arm-none-eabi)")
-    made = code(chen2018.model(), Provenance(chen2018.model(), "c99", "x"), step=1e-3, precision="single", pressure=0.0,
+    origin = Provenance(chen2018.model(), "c99", "x")
+    made = code(chen2018.model(), origin, time_step=1e-3, precision="single", pressure=0.0,
                 prefix="arm")  # fmt: skip
     (tmp_path / "arm.h").write_text(made.header, encoding="utf-8")
     (tmp_path / "arm.c").write_text(made.source, encoding="utf-8")
@@ -304,7 +305,8 @@ def test_a_microcontroller(tmp_path):
 
 
 def test_no_memory_no_globals():
-    made = code(chen2018.model(), Provenance(chen2018.model(), "c99", "x"), step=1e-3, precision="double", pressure=0.0,
+    origin = Provenance(chen2018.model(), "c99", "x")
+    made = code(chen2018.model(), origin, time_step=1e-3, precision="double", pressure=0.0,
                 prefix="arm")  # fmt: skip
     assert "malloc" not in made.source
     outside = [line for line in made.source.splitlines() if line and line[0] not in " {}/*#"]
@@ -320,7 +322,7 @@ def test_bad_input(tmp_path):
     with pytest.raises(InputError, match="second-order valve: not expressible in c99"):
         pliant.export(chen2018.model(valve=Valve(natural_frequency=9.0)), "c99", tmp_path / "a.c")
     with pytest.raises(InputError):
-        pliant.export(model, "c99", tmp_path / "a.c", step=1.0)
+        pliant.export(model, "c99", tmp_path / "a.c", time_step=1.0)
     assert not list(tmp_path.iterdir())
     for name in ('a"b.c', "a\nb.c", "a/*b.c".replace("/", "?"), "é.c"):
         with pytest.raises(InputError, match="use only letters, digits"):
@@ -338,9 +340,9 @@ def test_two_files_that_find_each_other(tmp_path):
 def test_an_export_without_a_step_takes_what_the_model_needs():
     ringing = chen2018.model(links=2, damping=1e-5)
     options = {"precision": "double", "pressure": 0.0, "prefix": "arm"}
-    step = time_step(ringing)
+    step = resolving_step(ringing)
     assert step < 1e-3
     origin = Provenance(ringing, "c99", "x")
-    assert f"#define ARM_STEP {step!r} /* s */" in code(ringing, origin, step=0.0, **options).header
+    assert f"#define ARM_STEP {step!r} /* s */" in code(ringing, origin, time_step=0.0, **options).header
     with pytest.warns(AccuracyWarning, match="a step of 5 ms is too long for the mode of"):
-        code(ringing, origin, step=5e-3, **options)
+        code(ringing, origin, time_step=5e-3, **options)

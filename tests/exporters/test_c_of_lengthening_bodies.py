@@ -138,7 +138,7 @@ def test_a_step_that_fails_says_so(tmp_path):
 
 def test_the_header_names_strains_and_their_memory():
     model = flat_longer(2).with_(memory=EVERY_BRANCH)
-    made = code(model, Provenance(model, "c99", "x"), step=1e-3, precision="double", pressure=0.0, prefix="arm")
+    made = code(model, Provenance(model, "c99", "x"), time_step=1e-3, precision="double", pressure=0.0, prefix="arm")
     assert "arm_real angle[4]; /* rad, strains 1, absolute angle" in made.header
     assert "of each joint; 1, creep_1, creep_2, slip_1, slip_2 of each segment */" in made.header
     for row in ("axial_stiffness[2]; /* N */", "axial_slip_strain[2]; /* 1 */", "axial_cubic_stiffening[2]; /* 1 */"):

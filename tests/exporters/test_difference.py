@@ -27,7 +27,8 @@ def test_both_move_under_the_first_ones_pulse():
     other = one.with_(stiffness=1.3 * one.stiffness)
     level = typical_pressure(one)
     tips = [
-        simulate(m, Pulse(level, 0.1, 1.0), duration=2.0, step=1e-3).tip_position.values[:, -1] for m in (one, other)
+        simulate(m, Pulse(level, 0.1, 1.0), duration=2.0, time_step=1e-3).tip_position.values[:, -1]
+        for m in (one, other)
     ]
     found = difference(one, other)
     assert found == of_tips(level, *tips)

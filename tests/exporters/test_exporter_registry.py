@@ -132,10 +132,10 @@ def test_bad_input(tmp_path):
         pliant.export(model, "mjcf", tmp_path / "a.urdf")
     with pytest.raises(pliant.InputError, match="does not exist; create it first"):
         pliant.export(model, "mjcf", tmp_path / "none" / "a.xml")
-    with pytest.raises(pliant.InputError, match="has no option 'colour': its options are prefix, timestep, radius"):
+    with pytest.raises(pliant.InputError, match="has no option 'colour': its options are prefix, time_step, radius"):
         pliant.export(model, "mjcf", tmp_path / "a.xml", colour="red")
-    with pytest.raises(pliant.InputError, match="timestep must be a float, got 'soon'"):
-        pliant.export(model, "mjcf", tmp_path / "a.xml", timestep="soon")
+    with pytest.raises(pliant.InputError, match="time_step must be a float, got 'soon'"):
+        pliant.export(model, "mjcf", tmp_path / "a.xml", time_step="soon")
     folder = tmp_path / "folder.xml"
     folder.mkdir()
     with pytest.raises(pliant.InputError, match="cannot write"):

@@ -184,7 +184,7 @@ def test_a_body_in_a_plane_that_lengthens(version, tmp_path):
     from fmpy.validation import validate_fmu
 
     model = flat_longer(2).with_(memory=EVERY_BRANCH)
-    file = str(pliant.export(model, "fmu", tmp_path / "arm.fmu", fmi=version, step=1e-3).files[0])
+    file = str(pliant.export(model, "fmu", tmp_path / "arm.fmu", fmi=version, time_step=1e-3).files[0])
     assert validate_fmu(file) == []
     units = {v.name: v.unit or "" for v in fmpy.read_model_description(file).modelVariables}
     names = ("strain_lower", "axial_stiffness[2]", "axial_damping[1]", "axial_stiffening[1]", "axial_creep_time[2]")

@@ -52,7 +52,7 @@ def test_the_motion_is_that_of_simulate():
         assert np.isfinite(seen).all()
     edges = np.arange(21) * 0.02
     levels = (actions.astype(np.float32).astype(float) + 1) * 1e5
-    run = simulate(model, Trace(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2)), times=edges, step=1e-3,
+    run = simulate(model, Trace(np.repeat(edges, 2)[1:-1], np.repeat(levels, 2)), times=edges, time_step=1e-3,
                    initial_angle=np.zeros(5))  # fmt: skip
     assert np.array(tips) == pytest.approx(run.tip_position.values[1:, -1], abs=1e-10)
 

@@ -82,8 +82,8 @@ def test_the_crawler_goes_where_its_wave_goes():
     from hand import bodies
 
     rear, front = bodies(demo(), ERRORS, 2)
-    assert crawler.crawl(rear, front, "forward", 1, step=5e-4).way > 5e-3
-    assert crawler.crawl(rear, front, "backward", 1, step=5e-4).way < -5e-3
+    assert crawler.crawl(rear, front, "forward", 1, time_step=5e-4).way > 5e-3
+    assert crawler.crawl(rear, front, "backward", 1, time_step=5e-4).way < -5e-3
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_the_crawlers_step_is_short_enough(tmp_path):
     fit = fit_of(tmp_path / "demo", "softening")
     rear, front = bodies(fit.model, fit, 2)
     long, chosen, half = (
-        crawler.crawl(rear, front, "together", 1, step=step).way for step in (1e-3, crawler.STEP, 0.5 * crawler.STEP)
+        crawler.crawl(rear, front, "together", 1, time_step=h).way for h in (1e-3, crawler.STEP, 0.5 * crawler.STEP)
     )
     assert abs(chosen - half) < 0.3e-3
     assert abs(long - half) > 3e-3

@@ -149,7 +149,7 @@ def test_mujoco_moves_as_pliant(make):
     """From rest, all inputs stepped; hinges are not swings, so within what they differ by."""
     model = make()
     levels, h = np.array(INPUTS[model.name]), 2e-4
-    mujoco, m, d = compiled(model, timestep=h, highest=1e6)
+    mujoco, m, d = compiled(model, time_step=h, highest=1e6)
     put(model, m, d, equilibrium(model, np.zeros(3)))
     stepper, rows = Stepper(model, h, np.zeros(3)), []
     driven(model, m, d, levels)
@@ -181,7 +181,7 @@ def test_hinges_the_other_way_round_at_half_of_the_joints_lie_nearer():
 def test_the_difference_of_hinges_is_that_of_mujoco_at_rest():
     """Bent by a torque without gravity, MuJoCo comes to rest as far from pliant's rest as the file says."""
     model = bent_alike(4, 0.5 / np.sqrt(2.0) / 4)
-    mujoco, m, d = compiled(model, timestep=1e-3, highest=1e6)
+    mujoco, m, d = compiled(model, time_step=1e-3, highest=1e6)
     put(model, m, d, equilibrium(model, 1e5))
     driven(model, m, d, [1e5])
     mujoco.mj_step(m, d, 2000)

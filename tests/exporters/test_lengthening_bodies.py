@@ -45,7 +45,7 @@ def in_space(links: int, *, turned: bool = False, **more):
 
 def compiled(model, **options):
     """A MuJoCo model and its state."""
-    xml = mjcf(model, Provenance(model, "mjcf", "test"), **{"timestep": 1e-4, "highest": 1e6, **options})
+    xml = mjcf(model, Provenance(model, "mjcf", "test"), **{"time_step": 1e-4, "highest": 1e6, **options})
     loaded = mujoco.MjModel.from_xml_string(xml)
     return loaded, mujoco.MjData(loaded)
 
@@ -82,7 +82,7 @@ def spots(model, m, d):
 
 def motion(model, pulses, step, integrator):
     """Positions of the observed points in MuJoCo, every millisecond, and by how much constraints were missed, m."""
-    m, d = compiled(model, timestep=step, integrator=integrator)
+    m, d = compiled(model, time_step=step, integrator=integrator)
     place(model, m, d, equilibrium(model, np.zeros(2)))
     path, missed = [spots(model, m, d)], 0.0
     for k in range(round(TIMES[-1] / step)):
@@ -163,7 +163,7 @@ def test_runge_and_kutta_keep_to_a_tenth_of_a_micrometre(case, links, bound):
 
 def moves_as_pliant(model, step, integrator, bound, reference=2e-5):
     """Run both; return the largest difference of a point, m."""
-    run = simulate(model, levels(model), times=TIMES, step=reference, check=False)
+    run = simulate(model, levels(model), times=TIMES, time_step=reference, check=False)
     seen, wanted = motion(model, levels(model), step, integrator), run.station_position.values
     assert np.ptp(wanted[:, -1], axis=0).max() > 0.05
     assert np.ptp(run.axial_strain.values, axis=0).max() > 0.04
@@ -190,7 +190,7 @@ def test_in_space_hinges_are_all_that_differs(links):
     """Turned, tilted and twisting: as far from the model as the same body where nothing lengthens."""
     model = in_space(links, turned=True)
     stiff = model.with_(extensions=())
-    run = simulate(stiff, levels(stiff), times=TIMES, step=1e-4, check=False)
+    run = simulate(stiff, levels(stiff), times=TIMES, time_step=1e-4, check=False)
     hinges = np.abs(motion(stiff, levels(stiff), 1e-4, "RK4")[0] - run.station_position.values).max()
     assert moves_as_pliant(model, 1e-4, "RK4", 3e-3, reference=1e-4) < 2.0 * hinges
 
@@ -217,7 +217,7 @@ def test_the_longest_step_is_the_longest(integrator, segments, tmp_path, monkeyp
     chosen = checked_step(chain, integrator, 0.0)
     assert chosen <= 0.5 * low
     for part, bounded in ((0.8, True), (2.5, False)):
-        m, d = compiled(model, timestep=chosen, integrator=integrator)
+        m, d = compiled(model, time_step=chosen, integrator=integrator)
         m.opt.timestep = part * low
         place(model, m, d, np.append([0.1, 0.1], np.full(len(segments), 1e-3)))
         mujoco.mj_step(m, d, 3000)

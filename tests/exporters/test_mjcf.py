@@ -23,7 +23,7 @@ STEP = 1e-4  # s
 
 
 def compiled(model, **options):
-    xml = mjcf(model, Provenance(model, "mjcf", "test"), **{"timestep": STEP, "highest": 1e6, **options})
+    xml = mjcf(model, Provenance(model, "mjcf", "test"), **{"time_step": STEP, "highest": 1e6, **options})
     loaded = mujoco.MjModel.from_xml_string(xml)
     return loaded, mujoco.MjData(loaded)
 
@@ -59,7 +59,7 @@ def test_pulses_within_a_tenth_of_a_millimetre(model, level, integrator, bound):
         mujoco.mj_step(m, d)
         mujoco.mj_kinematics(m, d)
         path.append(d.site_xpos[tip, :2].copy())
-    run = simulate(model, pulse, times=times, step=STEP)
+    run = simulate(model, pulse, times=times, time_step=STEP)
     apart = np.abs(np.array(path) - run.station_position.values[:, -1])
     assert np.abs(run.station_position.values[:, -1] - path[0]).max() > 0.02
     assert apart.max() < bound
@@ -104,7 +104,7 @@ def test_the_longest_step_is_the_longest(which, integrator, tmp_path, monkeypatc
             checked_step(chain, integrator, 0.0)
     else:
         assert checked_step(chain, integrator, 0.0) <= min(0.5 * low, 1e-3)
-        with pytest.raises(pliant.InputError, match="s this chain is unstable: use timestep="):
+        with pytest.raises(pliant.InputError, match="s this chain is unstable: use time_step="):
             checked_step(chain, integrator, 1.01 * low)
 
 
@@ -113,7 +113,7 @@ def test_the_longest_step_is_the_longest(which, integrator, tmp_path, monkeypatc
 ])
 def test_the_step_that_is_chosen_stays_near_the_model(which, integrator, step, bound):
     model = stiff() if which == "stiff" else MODELS[which]()
-    m, d = compiled(model, timestep=0.0, integrator=integrator)
+    m, d = compiled(model, time_step=0.0, integrator=integrator)
     assert m.opt.timestep == step
     mujoco.mj_resetDataKeyframe(m, d, m.key("rest").id)
     times, level = np.arange(0.0, 0.2, step), 8e4
@@ -123,7 +123,7 @@ def test_the_step_that_is_chosen_stays_near_the_model(which, integrator, step, b
         path.append(d.site_xpos[tip, :2].copy())
         drive(m, d, level)
         mujoco.mj_step(m, d)
-    run = simulate(model, pliant.Pulse(level, 0.0, 9.0), times=times, step=min(step, 1e-4))
+    run = simulate(model, pliant.Pulse(level, 0.0, 9.0), times=times, time_step=min(step, 1e-4))
     seen = run.station_position.values[:, -1]
     assert np.ptp(seen, axis=0).max() > 0.02
     assert np.abs(np.array(path) - seen).max() < bound
@@ -131,8 +131,8 @@ def test_the_step_that_is_chosen_stays_near_the_model(which, integrator, step, b
 
 def test_a_step_that_diverges_is_refused(tmp_path):
     """RK4 at 1 ms, which was written before; creep, whose hidden hinges no explicit method follows."""
-    with pytest.raises(pliant.InputError, match=r"timestep=0\.001 s this chain is unstable: use timestep=0\.000125"):
-        pliant.export(MODELS["paper"](), "mjcf", tmp_path / "a.xml", integrator="RK4", timestep=1e-3)
+    with pytest.raises(pliant.InputError, match=r"time_step=0\.001 s this chain is unstable: use time_step=0\.000125"):
+        pliant.export(MODELS["paper"](), "mjcf", tmp_path / "a.xml", integrator="RK4", time_step=1e-3)
     with pytest.raises(pliant.InputError, match="use integrator=implicitfast"):
         pliant.export(MODELS["creeping"](), "mjcf", tmp_path / "a.xml", integrator="RK4")
     assert not list(tmp_path.iterdir())
@@ -169,7 +169,7 @@ def test_two_chambers_and_creep(branched):
         mujoco.mj_step(m, d)
         mujoco.mj_kinematics(m, d)
         path.append(d.site_xpos[tip, :2].copy())
-    run = simulate(branched, pulses, times=times, step=STEP)
+    run = simulate(branched, pulses, times=times, time_step=STEP)
     seen = run.station_position.values[:, -1]
     assert np.ptp(seen, axis=0).max() > 0.02
     assert np.abs(np.array(path) - seen).max() < 1e-4
@@ -187,7 +187,7 @@ def test_slip_keeps_what_it_keeps_in_pliant():
             mujoco.mj_step(m, d)
         mujoco.mj_kinematics(m, d)
         paths[name] = d.site_xpos[m.site(model.points[-1].name).id, :2].copy()
-    run = simulate(model, pulse, duration=1.2, step=STEP)
+    run = simulate(model, pulse, duration=1.2, time_step=STEP)
     end = run.station_position.values[-1, -1]
     assert np.linalg.norm(paths["all"] - end) < 2e-5
     assert np.linalg.norm(paths["none"] - end) > 2e-4

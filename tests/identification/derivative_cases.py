@@ -266,7 +266,7 @@ def mismatch(problem: Problem, k: int, column: np.ndarray, longest: float) -> fl
 
     def residual(move: float) -> np.ndarray:
         x = problem.start + move * (np.arange(problem.start.size) == k)
-        made = forward_problem(problem.model, o.exp, problem.values(x), problem.step)
+        made = forward_problem(problem.model, o.exp, problem.values(x), problem.time_step)
         return o.residual(observed_rows(made, made.numbers, o.exp.time.size))
 
     for size in SIZES:

@@ -58,7 +58,7 @@ def test_two_antagonistic_chambers_are_found_again_within_their_intervals(body: 
     both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
     seen = [made(body, n, p, k) for k, (n, p) in enumerate({**ALONE, "both": both}.items())]
     start = apply(body, {"stiffness": 0.7, "damping": 4e-3, "valve_rise": 0.02, "valve_fall": 0.02})
-    found = fit(seen, start, FREE, step=2e-3, starts=1)
+    found = fit(seen, start, FREE, time_step=2e-3, starts=1)
     truth = dict(zip(FREE, (0.9, 6e-3, 6e-7, 4e-7, 0.03, 0.05, 0.05, 0.02), strict=True))
     assert found.converged
     for p in found.parameters:
@@ -90,7 +90,7 @@ def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
     body = apply(body, {"valve_rise": 0.03, "valve_fall": 0.05})  # valves that differ would tell them apart
     same = [0, 8e4, 8e4, 0, 0]
     together = made(body, "t", {"left": same, "right": [0.5 * p for p in same]})
-    told = identifiability([together], body, ["left.torque_1", "right.torque_1"], step=2e-3)
+    told = identifiability([together], body, ["left.torque_1", "right.torque_1"], time_step=2e-3)
     assert not told.identifiable
     assert "chambers left and right were never driven separately: their gains cannot be distinguished" in str(told)
     with pytest.raises(FitError, match="never driven separately"):
@@ -98,20 +98,21 @@ def test_chambers_that_were_never_driven_apart_are_named(body: Model) -> None:
     idle = made(body, "i", {"left": same})
     assert "chamber right is driven in no recording" in str(identifiability([idle], body, ["right.torque_1"]))
     apart = [together, made(body, "l", ALONE["l"])]
-    assert identifiability(apart, body, ["left.torque_1", "right.torque_1"], step=2e-3).identifiable
+    assert identifiability(apart, body, ["left.torque_1", "right.torque_1"], time_step=2e-3).identifiable
 
 
 def test_chambers_that_were_hardly_driven_or_hardly_apart_are_named(body: Model) -> None:
     """As a transducer shows them: no command leaves a little noise, one command two edges that differ."""
     idle = made(body, "i", {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 8e2, 0, 8e2, 0]})
-    found = fit([idle], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    found = fit([idle], body, ["left.torque_1", "right.torque_1"], time_step=2e-3, starts=1)
     note = "Chamber right was hardly driven: its pressure changes by only 0.89 % as much as that of left"
     assert any(n.startswith(note) for n in found.notes)
     same = made(body, "s", {"left": [0, 8e4, 8e4, 2e3, 0], "right": [0, 7.5e4, 8e4, 0, 0]})
     apart = "Chambers left and right turn the same joints and were hardly driven separately"
-    found = fit([same], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    found = fit([same], body, ["left.torque_1", "right.torque_1"], time_step=2e-3, starts=1)
     assert any(n.startswith(apart) for n in found.notes)
-    again = fit([same, made(body, "l", ALONE["l"])], body, ["left.torque_1", "right.torque_1"], step=2e-3, starts=1)
+    both = ["left.torque_1", "right.torque_1"]
+    again = fit([same, made(body, "l", ALONE["l"])], body, both, time_step=2e-3, starts=1)
     assert not any("hardly" in n for n in again.notes)
 
 
@@ -161,7 +162,7 @@ def test_a_shared_value_holds_for_all_chambers_and_a_chambers_own_overrules_it(b
 def test_a_free_law_and_all_gains_of_a_chamber_share_a_scale(body: Model) -> None:
     seen = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]
     free = ["right.torque_1", *(Parameter(f"right.joint_gain_{i}", -0.9) for i in (1, 2, 3))]
-    found = fit(seen, body, free, step=2e-3, starts=1)
+    found = fit(seen, body, free, time_step=2e-3, starts=1)
     gains = found.model.chambers[1].joint_gain
     assert gains.mean() == pytest.approx(-0.9, rel=1e-3)
     assert found.values["right.torque_1"] * gains.mean() == pytest.approx(-4e-7, rel=0.01)
@@ -194,7 +195,7 @@ def test_no_closed_cycle_of_two_pressures_gains_energy(body: Model, seed: int) -
     times = np.linspace(0.0, 4.0, 4001)
     knots = np.linspace(0.0, 2.5, 12)
     inputs = [Trace(knots, np.concatenate([[0.0], rng.uniform(0, 1e5, 10), [0.0]])) for _ in body.chambers]
-    run = simulate(body, inputs, times=times, method="midpoint", step=5e-4)
+    run = simulate(body, inputs, times=times, method="midpoint", time_step=5e-4)
     rate = run["joint_rate"].values
     gains = np.stack([c.joint_gain for c in body.chambers])
     laws = np.stack([c.torque_at(run["pressure"].values[:, k]) for k, c in enumerate(body.chambers)], axis=1)
@@ -214,8 +215,8 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
     weak = {"left": [0, 9e4, 9e4, 0, 0], "right": [0, 6e3, 6e3, 0, 0]}
     apart = {"left": [0, 0, 0, 0, 0], "right": [0, 0, 5e3, 5e3, 0]}
     seen = [made(body, "weak", weak), made(body, "apart", apart, 1)]
-    found = fit(seen, body, ["stiffness", "left.torque_1", "right.torque_1"], step=2e-3, starts=1)
-    proposals = design(found, seen, step=2e-3).proposals
+    found = fit(seen, body, ["stiffness", "left.torque_1", "right.torque_1"], time_step=2e-3, starts=1)
+    proposals = design(found, seen, time_step=2e-3).proposals
     assert "right" in proposals[0].words.partition(":")[0]
     assert {p.words.partition(":")[0] for p in proposals} == {"left", "right", "left, right"}
     again = Candidate("again", seen[0].drives["left"], 1.2, 9e4, ("left",))
@@ -243,10 +244,10 @@ def test_a_model_selection_finds_the_law_and_the_valve_of_each_chamber(body: Mod
     guess = apply(body, {"stiffness": 0.7, "damping": 4e-3, "left.torque_1": 3e-7, "valve_rise": 0, "valve_fall": 0})
     found = select_model(train, [made(body, "both", both, 5)], guess, stages=stages)
     assert found.chosen == "valves"
-    assert [s.stands_on for s in found.steps] == ["", "torque", "lag"]
-    assert {"left.torque_1", "right.torque_1"} <= set(found.steps[0].freed)
-    assert {"valve_rise", "valve_fall"} <= set(found.steps[1].freed)
-    assert "valve_rise" not in found.step.freed
+    assert [s.stands_on for s in found.stages] == ["", "torque", "lag"]
+    assert {"left.torque_1", "right.torque_1"} <= set(found.stages[0].freed)
+    assert {"valve_rise", "valve_fall"} <= set(found.stages[1].freed)
+    assert "valve_rise" not in found.chosen_stage.freed
     for name, true in {"left.torque_1": 6e-7, "right.torque_1": 4e-7, "left.valve_rise": 0.03, "right.valve_rise": 0.05,
                        "left.valve_fall": 0.05, "right.valve_fall": 0.02}.items():  # fmt: skip
         assert found.result.values[name] == pytest.approx(true, rel=0.1)
@@ -255,7 +256,7 @@ def test_a_model_selection_finds_the_law_and_the_valve_of_each_chamber(body: Mod
 def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(body: Model) -> None:
     blank = body.with_(chambers=tuple(replace(c, torque=np.zeros(1)) for c in body.chambers))
     found = select_model([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, stages=STAGES[:1])
-    assert found.step.freed == ("left.torque_1", "right.torque_1")
+    assert found.chosen_stage.freed == ("left.torque_1", "right.torque_1")
 
 
 def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:

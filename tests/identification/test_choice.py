@@ -11,7 +11,7 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.identification import FitResult, Parameter
 from pliant.identification.model_selection import Follows, error, lead, shared_bic, undetermined
-from pliant.identification.stage_fit import Step
+from pliant.identification.stage_fit import StageResult
 from pliant.identification.stages import Stage
 from pliant.identification.stepwise import chosen
 
@@ -62,11 +62,11 @@ def fitted(*parameters: Parameter) -> FitResult:
     return FitResult(chen2018.model(), parameters, "", {"p": 1e-3}, 1, 0.0, converged=True)
 
 
-def step(name: str, missed: float, *parameters: Parameter, added: set[str] | None = None) -> Step:
+def stage(name: str, missed: float, *parameters: Parameter, added: set[str] | None = None) -> StageResult:
     """A stage whose held-out record is missed by so much, % of travel, on every frame."""
     result = fitted(*parameters)
     square = missed**2 * np.random.default_rng(3).uniform(0.9, 1.1, 400)
-    return Step(
+    return StageResult(
         Stage(name, name), result, held_out={"h": missed}, missed={"h": square}, follows=Follows(missed, 100.0, 2),
         open=", ".join(undetermined(result, added or set()).values()),
     )
@@ -88,30 +88,31 @@ def test_a_parameter_is_determined_to_half_of_its_value() -> None:
 
 def test_the_best_stage_stands_back_where_it_is_not_determined_and_every_stage_says_why() -> None:
     vague = Parameter("creep_time_2", 359.0, std=19813.0)
-    steps = [step("low", 3.0), step("good", 1.0), step("more", 0.99), step("two", 0.5, vague, added={"creep_time_2"})]
-    found = chosen(steps)
+    two = stage("two", 0.5, vague, added={"creep_time_2"})
+    found = chosen([stage("low", 3.0), stage("good", 1.0), stage("more", 0.99), two])
     assert found.chosen == "good"
-    low, good, more, two = (s.reason for s in found.steps)
+    low, good, more, two = (s.reason for s in found.stages)
     assert low.startswith("its error on held-out recordings is 2 % of travel higher")
     assert not good
     assert more.startswith("its error on held-out recordings is 0.01 % of travel lower, less than 5 %")
     assert two == "not determined by the recordings (standard error over 50 %): creep_time_2 is known as 359 +- 2e+04 s"
     assert two in str(found)
     assert found.to_dict()["stages"]["two"]["not_determined"]
-    assert chosen([step("two", 0.5, vague, added={"creep_time_2"})]).chosen == "two", "no other is there"
+    assert chosen([stage("two", 0.5, vague, added={"creep_time_2"})]).chosen == "two", "no other is there"
 
 
 def test_by_training_the_lowest_bic_is_chosen_whatever_the_held_out_records_say() -> None:
-    steps = [replace(step(name, missed), follows=Follows(square, 100.0, free)) for name, missed, square, free in (
+    results = [replace(stage(name, missed), follows=Follows(square, 100.0, free)) for name, missed, square, free in (
         ("poor", 0.5, 9.0, 2), ("close", 2.0, 1.0, 4), ("more", 0.6, 0.99, 8))]  # fmt: skip
-    steps.append(replace(steps[1], stage=Stage("vague", "vague"), follows=Follows(0.5, 100.0, 5), open="creep_time_2"))
-    found = chosen(steps, "training")
+    vague = Stage("vague", "vague")
+    results.append(replace(results[1], stage=vague, follows=Follows(0.5, 100.0, 5), open="creep_time_2"))
+    found = chosen(results, "training")
     assert found.chosen == "close"
     assert found.reason == "close: lowest BIC of the training recordings; held-out recordings had no part in it."
-    said = {s.stage.name: s.reason for s in found.steps}
+    said = {s.stage.name: s.reason for s in found.stages}
     assert said["poor"] == said["more"] == "its BIC is higher"
     assert said["vague"].startswith("not determined by the recordings")
-    assert chosen(steps).chosen == "poor"
+    assert chosen(results).chosen == "poor"
 
 
 def test_records_that_scatter_widen_the_doubt() -> None:

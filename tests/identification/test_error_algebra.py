@@ -12,7 +12,7 @@ import pytest
 from pliant.identification import Parameter, Stage, uncertainty
 from pliant.identification.identifiability import combinations
 from pliant.identification.problem import scattered
-from pliant.identification.stage_fit import Step
+from pliant.identification.stage_fit import StageResult
 from pliant.identification.stepwise import MATERIAL, as_good
 from pliant.identification.uncertainty import HIDDEN, Covariance, covariance
 
@@ -58,19 +58,19 @@ def test_a_direction_is_hidden_by_its_share_of_the_largest_singular_value(
         np.testing.assert_allclose(found.matrix, expected, rtol=1e-3)
 
 
-def step(error: float, squares: tuple[float, ...] = ()) -> Step:
+def stage(error: float, squares: tuple[float, ...] = ()) -> StageResult:
     """A stage that misses one held-out record by `error` % in every frame, or by the roots of `squares` in turns."""
     missed = np.random.default_rng(1).permutation(np.resize(squares or (error**2,), 400))
-    return replace(Step(Stage(f"{error}", "")), held_out={"r": error}, missed={"r": missed})
+    return replace(StageResult(Stage(f"{error}", "")), held_out={"r": error}, missed={"r": missed})
 
 
 def test_a_gain_below_a_twentieth_of_the_error_buys_nothing() -> None:
-    best = step(5.0)
+    best = stage(5.0)
     assert pytest.approx(0.05) == MATERIAL
-    assert "less than 5 % of it" in as_good(step(5.24), best)
-    assert as_good(step(5.26), best) == ""
+    assert "less than 5 % of it" in as_good(stage(5.24), best)
+    assert as_good(stage(5.26), best) == ""
     assert as_good(best, best) == "no other stage has a lower error"
-    seldom = step(5.29, (280.0,) + 9 * (0.0,))  # 0.29 % more on average, with a standard error of 0.41 %
+    seldom = stage(5.29, (280.0,) + 9 * (0.0,))  # 0.29 % more on average, with a standard error of 0.41 %
     assert "standard error of the difference" in as_good(seldom, best)
 
 

@@ -23,7 +23,7 @@ def body():
 
 def stepped(body, excitation):
     """A level that comes on and stays on to the end of the recording."""
-    seen = simulate(body, Pulse(LEVEL, START), times=TIMES, step=5e-4)["station_position"].values
+    seen = simulate(body, Pulse(LEVEL, START), times=TIMES, time_step=5e-4)["station_position"].values
     noise = 2e-5 * np.random.default_rng(1).standard_normal(seen.shape)
     return Experiment("it", TIMES, seen + noise, ("tip",), excitation, None, LEVEL)
 

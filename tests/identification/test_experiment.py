@@ -114,7 +114,7 @@ def test_link_tips_are_known_by_name_and_the_last_station_is_the_tip(truth: Mode
 
 def test_a_base_among_the_stations_does_no_harm(truth: Model, traced: Any) -> None:
     exp = seen_at(truth, (Station("base", -1, 0.0), Station("tip", 2, 0.03)), like=traced)
-    found = fit([exp], truth.with_(stations=(), stiffness=1.4), ["stiffness"], step=1e-3, starts=1)
+    found = fit([exp], truth.with_(stations=(), stiffness=1.4), ["stiffness"], time_step=1e-3, starts=1)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     assert found.rmse["t"] < 1e-6
 
@@ -129,7 +129,7 @@ def test_a_coordinate_that_is_zero_throughout_does_not_spoil_the_fit(truth: Mode
     )
     aligned = align(flat, tangent=[0.0, 1.0, 0.0])
     again = experiment("t", aligned, stations=exp.stations)
-    found = fit([again], truth.with_(stiffness=1.4, damping=2e-3), ["stiffness", "damping"], step=2e-4, starts=1)
+    found = fit([again], truth.with_(stiffness=1.4, damping=2e-3), ["stiffness", "damping"], time_step=2e-4, starts=1)
     assert found.values == pytest.approx({"stiffness": 0.9, "damping": 6e-3}, rel=1e-4)
 
 
@@ -147,7 +147,7 @@ def test_the_frame_of_a_recording_may_be_offset_and_its_clock_late(truth: Model,
     exp = traced(truth)
     late = Trace(exp.pressure.time - 0.03, exp.pressure.pressure)
     off = replace(exp, position=exp.position + np.array([1e-3, -2e-3]), pressure=late)
-    found = fit([off], truth, ["stiffness", "t.base_x", "t.base_y", "t.start"], step=1e-3, starts=1)
+    found = fit([off], truth, ["stiffness", "t.base_x", "t.base_y", "t.start"], time_step=1e-3, starts=1)
     expected = {"stiffness": 0.9, "t.base_x": 1e-3, "t.base_y": -2e-3, "t.start": 0.03}
     assert found.values == pytest.approx(expected, rel=2e-3)
 

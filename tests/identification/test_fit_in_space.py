@@ -81,12 +81,12 @@ def test_stiffnesses_twist_and_azimuths_are_found_again():
     traces = [Trace(time, 40e3 * (1 + np.sin(2 * np.pi * f * time + f))) for f in (0.7, 1.1, 1.9)]
     places = [Station("mid", 2, 0.05), Station("tip", 5, 0.025)]
     finer = arm(links=2 * LINKS, stiffness=2 * 0.5, damping=2 * 5e-3, stations=places)
-    motion = pliant.simulate(finer, traces, times=time, step=STEP, check=False)
+    motion = pliant.simulate(finer, traces, times=time, time_step=STEP, check=False)
     seen = motion.station_position.values + rng.normal(0, 1e-4, (time.size, 2, 3))
     exp = Experiment("r", time, seen, ("mid", "tip"), "trace", drives=dict(zip(AZIMUTHS, traces, strict=True)))
     start = arm(stiffness=0.4, stations=[Station("mid", 1, 0.025), Station("tip", 2, 0.05)])
     gains = [f"{name}.gain_{axis}" for name in AZIMUTHS for axis in "xy"]
-    result = fit([exp], start, ["damping", "stiffness", "stiffness_ratio", *gains], step=STEP)
+    result = fit([exp], start, ["damping", "stiffness", "stiffness_ratio", *gains], time_step=STEP)
     assert result.converged
     found = {p.name: p.value for p in result.parameters}
     assert found["stiffness_ratio"] == pytest.approx(1.2, rel=0.01)

@@ -22,7 +22,7 @@ def exp(truth: Model, pulse: Any) -> Experiment:
 
 
 def run(exp: Experiment, model: Model, *parameters: Parameter | str, **options: Any) -> FitResult:
-    return fit([exp], model, parameters, **{"step": STEP, "starts": 1, **options})
+    return fit([exp], model, parameters, **{"time_step": STEP, "starts": 1, **options})
 
 
 def hidden(found: FitResult) -> set[str]:
@@ -157,7 +157,7 @@ def test_a_body_that_its_load_buckles_is_refused(exp: Experiment, truth: Model) 
 
 def test_a_step_that_cannot_draw_the_motion_is_refused(exp: Experiment, truth: Model) -> None:
     with pytest.raises(InputError, match="too long: the first mode rings at"):
-        run(exp, truth, "stiffness", step=0.05)
+        run(exp, truth, "stiffness", time_step=0.05)
 
 
 @pytest.mark.parametrize("options", [{"loss": "l7"}, {"weighting": "equal"}])

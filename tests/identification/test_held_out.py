@@ -20,9 +20,9 @@ fitting = sys.modules["pliant.identification.fit"]  # the module: the package ha
 
 @pytest.mark.parametrize("names", [("stiffness", "damping", "gain"), ("stiffness", "torque_1", "tip.across")])
 def test_only_the_edges_of_a_held_out_pulse_move(truth: Model, pulse: Any, names: tuple[str, ...]) -> None:
-    trained = fit([pulse(truth)], truth.with_(stiffness=1.2), names, step=STEP, starts=1)
+    trained = fit([pulse(truth)], truth.with_(stiffness=1.2), names, time_step=STEP, starts=1)
     other = pulse(truth, "new", 1.6e5, start=0.2011, stop=0.7503)
-    told, own = predict_held_out(other, trained, step=STEP)
+    told, own = predict_held_out(other, trained, time_step=STEP)
     assert {p.name for p in own.parameters if p.free} == {"new.start", "new.stop"}
     frozen = {n: v for n, v in own.values.items() if not n.startswith("new.")}
     assert frozen == trained.values
@@ -39,12 +39,12 @@ def test_a_first_guess_a_period_off_still_ends_at_the_right_edge(
 ) -> None:
     """As where frames are missing around the start: the error of a ringing body has a minimum at each period."""
     ringing = truth.with_(damping=0.15 * truth.damping)
-    trained = fit([pulse(ringing)], ringing.with_(stiffness=1.2), ["stiffness", "damping"], step=STEP, starts=1)
+    trained = fit([pulse(ringing)], ringing.with_(stiffness=1.2), ["stiffness", "damping"], time_step=STEP, starts=1)
     other = pulse(ringing, "new", 1.6e5, start=0.2511, stop=0.7503)
     off = periods / modes(trained.model)[0][0]
     found = edges(other)
     monkeypatch.setattr(fitting, "edges", lambda _exp: found | {"start": found["start"] + off})
-    _, own = predict_held_out(other, trained, step=STEP)
+    _, own = predict_held_out(other, trained, time_step=STEP)
     assert own.values["new.start"] == pytest.approx(0.2511, abs=2e-4)
     assert own.rmse["new"] < 1e-4
 
@@ -64,17 +64,17 @@ def test_edges_are_found_in_noise(truth: Model, pulse: Any) -> None:
 
 
 def test_a_wrong_model_stays_wrong_on_held_out_data(truth: Model, pulse: Any) -> None:
-    trained = fit([pulse(truth)], truth, ["stiffness", "damping"], step=STEP, starts=1)
+    trained = fit([pulse(truth)], truth, ["stiffness", "damping"], time_step=STEP, starts=1)
     softer = pulse(truth.with_(stiffness=0.7), "new")
-    _, own = predict_held_out(softer, trained, step=STEP)
+    _, own = predict_held_out(softer, trained, time_step=STEP)
     assert own.rmse["new"] > 1e-3
     assert own.values["stiffness"] == trained.values["stiffness"]
 
 
 def test_nothing_is_fitted_to_a_held_out_trace(truth: Model, traced: Any) -> None:
-    trained = fit([traced(truth)], truth.with_(stiffness=1.2), ["stiffness", "gain"], step=STEP, starts=1)
+    trained = fit([traced(truth)], truth.with_(stiffness=1.2), ["stiffness", "gain"], time_step=STEP, starts=1)
     other = traced(truth, "new", 6e4)
-    told, own = predict_held_out(other, trained, step=STEP)
+    told, own = predict_held_out(other, trained, time_step=STEP)
     assert own.evaluations == 1
     assert not any(p.free for p in own.parameters)
     assert own.rmse["new"] < 1e-5
@@ -85,21 +85,21 @@ def test_nothing_is_fitted_to_a_held_out_trace(truth: Model, traced: Any) -> Non
 def test_what_belonged_to_a_training_record_stays_there(truth: Model, released: Any) -> None:
     hanging = truth.with_(gravity=[5.0, 0.0])
     trained = fit([released(hanging, "first", turn=-0.03)], hanging, ["stiffness", Parameter("first.base_turn")],
-                  step=STEP, starts=1)
+                  time_step=STEP, starts=1)
     assert trained.values["first.base_turn"] == pytest.approx(-0.03, rel=1e-2)
     assert trained.model.base_angle == 0
-    _, own = predict_held_out(released(hanging, "second", release=0.3), trained, step=STEP)
+    _, own = predict_held_out(released(hanging, "second", release=0.3), trained, time_step=STEP)
     assert own.rmse["second"] < 1e-4
     assert own.values["second.release"] == pytest.approx(0.3, abs=1e-3)
 
 
 def test_a_held_out_load_is_known_not_fitted(truth: Model, released: Any) -> None:
     hanging = truth.with_(gravity=[5.0, 0.0])
-    trained = fit([released(hanging, "alone", known={"tip_mass": 0.0})], hanging, ["stiffness", "damping"], step=STEP,
-                  starts=1)
+    trained = fit([released(hanging, "alone", known={"tip_mass": 0.0})], hanging, ["stiffness", "damping"],
+                  time_step=STEP, starts=1)
     loaded = released(hanging, "loaded", known={"tip_mass": 0.03})
-    right = predict_held_out(loaded, trained, step=STEP)[1].rmse["loaded"]
-    wrong = predict_held_out(replace(loaded, known={"tip_mass": 0.0}), trained, step=STEP)[1].rmse["loaded"]
+    right = predict_held_out(loaded, trained, time_step=STEP)[1].rmse["loaded"]
+    wrong = predict_held_out(replace(loaded, known={"tip_mass": 0.0}), trained, time_step=STEP)[1].rmse["loaded"]
     assert right < 1e-5
     assert wrong > 1e-3
 
@@ -108,9 +108,9 @@ def test_a_held_out_release_takes_the_mean_release_time(truth: Model, released: 
     hanging = truth.with_(gravity=[5.0, 0.0])
     slow = [Parameter(f"{name}.release_time", 0.03) for name in ("first", "second")]
     trained = fit([released(hanging, "first"), released(hanging, "second")], hanging, ["stiffness", *slow],
-                  step=STEP, starts=1)  # fmt: skip
+                  time_step=STEP, starts=1)  # fmt: skip
     mean = np.mean([trained.values["first.release_time"], trained.values["second.release_time"]])
-    _, own = predict_held_out(released(hanging, "third", release=0.3), trained, step=STEP)
+    _, own = predict_held_out(released(hanging, "third", release=0.3), trained, time_step=STEP)
     taken = next(p for p in own.parameters if p.name == "third.release_time")
     assert not taken.free
     assert taken.value == pytest.approx(mean)

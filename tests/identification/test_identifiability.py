@@ -15,7 +15,7 @@ from pliant.model import Model
 
 def test_stiffness_damping_gain_and_mass_share_one_scale(truth: Model, pulse: Any) -> None:
     names = ["gain", "stiffness", "damping", "mass"]
-    told = identifiability([pulse(truth)], truth, names, step=1e-3)
+    told = identifiability([pulse(truth)], truth, names, time_step=1e-3)
     assert not told.identifiable
     (null,) = told.directions
     assert set(null.names) == set(names)
@@ -24,30 +24,30 @@ def test_stiffness_damping_gain_and_mass_share_one_scale(truth: Model, pulse: An
     assert "fix mass or gain" in null.cure
     assert "a known load at the tip" in null.cure
     with pytest.raises(FitError, match=r"share one scale.*fix mass or gain.*regularise=True"):
-        fit([pulse(truth)], truth, names, step=1e-3)
+        fit([pulse(truth)], truth, names, time_step=1e-3)
 
 
 def test_two_blind_directions_are_told_one_by_one(truth: Model, pulse: Any) -> None:
-    told = identifiability([pulse(truth)], truth, ["gain", "torque_1", "stiffness", "damping", "mass"], step=1e-3)
+    told = identifiability([pulse(truth)], truth, ["gain", "torque_1", "stiffness", "damping", "mass"], time_step=1e-3)
     sentences = [d.sentence for d in told.directions if d.kind == "null"]
     assert len(sentences) == 2
     assert str(told).count("fix") == 2
 
 
 def test_a_product_and_a_parameter_that_is_not_shown_are_named(truth: Model, pulse: Any, traced: Any) -> None:
-    told = identifiability([pulse(truth)], truth, ["gain", "torque_1", "stiffness"], step=1e-3)
+    told = identifiability([pulse(truth)], truth, ["gain", "torque_1", "stiffness"], time_step=1e-3)
     assert "gain and torque_1 act as one product" in str(told)
     whole = traced(truth)
     keep = whole.time < 0.45
     rising = replace(whole, time=whole.time[keep], position=whole.position[keep])
-    told = identifiability([rising], truth, ["stiffness", "valve_fall"], step=1e-3)
+    told = identifiability([rising], truth, ["stiffness", "valve_fall"], time_step=1e-3)
     assert "do not show valve_fall" in str(told)
     assert "record the fall of the pressure" in str(told)
     assert told.expected_std[1] is None
 
 
 def test_what_shows_is_not_complained_of(truth: Model, pulse: Any) -> None:
-    told = identifiability([pulse(truth)], truth, ["stiffness", "damping", "gain", "valve_rise"], step=1e-3)
+    told = identifiability([pulse(truth)], truth, ["stiffness", "damping", "gain", "valve_rise"], time_step=1e-3)
     assert told.identifiable
     assert not told.directions
     assert np.isclose(told.information.sum(), len(told.names))
@@ -55,13 +55,13 @@ def test_what_shows_is_not_complained_of(truth: Model, pulse: Any) -> None:
 
 def test_a_torque_of_zero_at_the_start_is_no_blindness(truth: Model, pulse: Any) -> None:
     started = [Parameter("torque_1", 0.0), Parameter("damping", 0.0), "stiffness"]
-    assert identifiability([pulse(truth)], truth, started, step=1e-3).identifiable
+    assert identifiability([pulse(truth)], truth, started, time_step=1e-3).identifiable
 
 
 def test_a_weak_direction_says_how_weak(truth: Model, pulse: Any) -> None:
     exp = pulse(truth)
     blurred = replace(exp, noise={"mid": 0.02, "tip": 0.02})
-    told = identifiability([blurred], truth, ["stiffness", "damping", "valve_rise"], step=1e-3)
+    told = identifiability([blurred], truth, ["stiffness", "damping", "valve_rise"], time_step=1e-3)
     assert told.identifiable
     assert [d.kind for d in told.directions] == ["weak"]
     assert "% of its size at best" in str(told)
@@ -73,8 +73,8 @@ def test_expected_errors_are_those_of_a_fit_under_that_noise(truth: Model, pulse
     rng = np.random.default_rng(3)
     seen = replace(exp, position=exp.position + noise * rng.standard_normal(exp.position.shape),
                    noise={"mid": noise, "tip": noise})
-    told = identifiability([seen], truth, ["stiffness", "damping"], step=1e-3)
-    found = fit([seen], truth, ["stiffness", "damping"], step=1e-3, starts=1, weighting="noise")
+    told = identifiability([seen], truth, ["stiffness", "damping"], time_step=1e-3)
+    found = fit([seen], truth, ["stiffness", "damping"], time_step=1e-3, starts=1, weighting="noise")
     errors = {p.name: p.std for p in found.parameters if p.free}
     for name, expected in zip(told.names, told.expected_std, strict=True):
         assert errors[name] == pytest.approx(expected, rel=0.25)

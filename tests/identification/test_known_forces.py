@@ -170,7 +170,7 @@ def test_known_pushes_tell_the_gain_of_each_joint_from_its_stiffness() -> None:
     seen = predict(truth, exp, {}, 1e-3)["position"] + noise
     free = ["stiffness_*", "damping_*", "joint_gain_*", "torque_1", "mass"]
     start = truth.with_(stiffness=0.7, damping=3e-3, torque=[1.4e-6], joint_gain=1.0, link_mass=1.3 * MASS)
-    found = fit([replace(exp, position=seen)], start, free, step=1e-3, starts=1)
+    found = fit([replace(exp, position=seen)], start, free, time_step=1e-3, starts=1)
     expected = {
         "stiffness_1": 0.5, "stiffness_2": 0.4, "joint_gain_1": 1.2, "joint_gain_2": 0.8, "torque_1": 1e-6,
         "mass": MASS.sum(),

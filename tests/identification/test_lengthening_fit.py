@@ -34,7 +34,7 @@ def body() -> Model:
 def seen(body: Model) -> Experiment:
     """Two levels of pressure, without noise."""
     pressure = Trace([0.1, 0.12, 0.4, 0.42, 0.7, 0.72], np.array([0.0, 4e4, 4e4, 8e4, 8e4, 0.0]))
-    motion = simulate(body, pressure, times=TIMES, step=STEP)
+    motion = simulate(body, pressure, times=TIMES, time_step=STEP)
     return Experiment("r", TIMES, motion.station_position.values, ("mid", "tip"), "trace", pressure)
 
 
@@ -51,7 +51,7 @@ def test_derivatives_agree_with_differences(body: Model, seen: Experiment, name:
 def test_the_truth_is_found_again(body: Model, seen: Experiment) -> None:
     """Dynamics alone tell axial stiffness: the body swings and bounces. Gain and law begin from statics."""
     start = body.with_(extensions=(Extension(120.0, 1.0),), chambers=(body.chamber,))
-    found = fit([seen], start, [n for n in VALUES if n != "torque_1"], step=STEP, starts=1)
+    found = fit([seen], start, [n for n in VALUES if n != "torque_1"], time_step=STEP, starts=1)
     for name, value in VALUES.items():
         if name in found.values:
             assert found.values[name] == pytest.approx(value, rel=1e-5)
@@ -76,9 +76,9 @@ def test_places_off_the_first_frames(body: Model, seen: Experiment) -> None:
 def test_what_cannot_be_told_is_said(body: Model, seen: Experiment) -> None:
     """Where neither inertia nor weight shows, axial stiffness, damping and gain have one scale too many."""
     free = body.with_(gravity=[0.0, 0.0], link_mass=0.02 * body.link_mass, damping=0.2)
-    motion = simulate(free, seen.pressure, times=TIMES, step=STEP)
+    motion = simulate(free, seen.pressure, times=TIMES, time_step=STEP)
     light = Experiment("light", TIMES, motion.station_position.values, ("mid", "tip"), "trace", seen.pressure)
-    told = identifiability([light], free, ["axial_stiffness", "axial_damping", "axial_gain"], step=STEP)
+    told = identifiability([light], free, ["axial_stiffness", "axial_damping", "axial_gain"], time_step=STEP)
     assert {"axial_stiffness", "axial_gain"} <= set(told.directions[0].names)
 
 

@@ -33,7 +33,7 @@ def arm():
 
 def recorded(model, noise=0.0):
     times = np.linspace(0.0, 2.0, 201)
-    position = simulate(model, Pulse(8e4, 0.1, 1.0), times=times, step=1e-3).station_position.values
+    position = simulate(model, Pulse(8e4, 0.1, 1.0), times=times, time_step=1e-3).station_position.values
     position = position + noise * np.random.default_rng(3).normal(size=position.shape)
     return Experiment("r", times, position, ("tip",), "pulse", level=8e4)
 
@@ -96,7 +96,7 @@ def test_creep_and_slip_come_back(arm):
     """From motion that `simulate` made, with 0.01 mm of noise, beside the stiffness that they trade with."""
     truth = apply(arm, TRUTH)
     exp = recorded(truth, 1e-5)
-    found = fit([exp], arm, ["stiffness", *TRUTH], step=1e-3, starts=1)
+    found = fit([exp], arm, ["stiffness", *TRUTH], time_step=1e-3, starts=1)
     for name, value in TRUTH.items():
         assert found.values[name] == pytest.approx(value, rel=0.1), (name, found.status)
     error = predict(found.model, exp, found.values, 1e-3)["position"] - exp.position

@@ -66,7 +66,7 @@ def test_a_joint_loses_what_masings_rule_says(exponent: float, amplitude: float)
     top = amplitude + float(laid(amplitude, made) - made.spring * amplitude)  # torque over K that leads it there
     t = np.linspace(0.0, 40.0, 2001)
     wave = Trace(t, 1e6 * top * np.interp(t, [0, 5, 15, 25, 35, 40], [0, 1, -1, 1, -1, -1]))
-    run = simulate(model, wave, times=[0.0, 5.0, 25.0], step=2e-3)
+    run = simulate(model, wave, times=[0.0, 5.0, 25.0], time_step=2e-3)
     assert run.joint_angle.values[1:, 0] == pytest.approx(amplitude, rel=0.02)
     lost = np.diff(run.memory_dissipation.values)[-1]
     assert lost == pytest.approx(expected, rel=0.1)
@@ -155,7 +155,7 @@ def test_the_curve_comes_back_from_two_releases() -> None:
         made.append(replace(exp, position=seen + noise))
     band = [Parameter(n, values[n], free=False) for n in ("payne_low", "payne_high")]
     found = fit(made, chain(), ["stiffness", "damping", "payne_share", "payne_angle", "payne_exponent", *band],
-                step=4e-3, starts=1)  # fmt: skip
+                time_step=4e-3, starts=1)  # fmt: skip
     truth = {**values, "stiffness": 0.15, "damping": 2e-3}
     for p in found.parameters:
         if p.name in truth and p.free:

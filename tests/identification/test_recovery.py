@@ -31,8 +31,8 @@ def wrong_model(truth: Model) -> Model:
 
 def fit_finely(exps: list[Experiment], model: Model, parameters: Any) -> FitResult:
     """The way from a wrong start at a step of 1 ms, and from where it ends at the fine one, which takes forty times."""
-    near = fit(exps, model, parameters, step=1e-3, starts=1)
-    return fit(exps, model, near.parameters, step=FINE, starts=1)
+    near = fit(exps, model, parameters, time_step=1e-3, starts=1)
+    return fit(exps, model, near.parameters, time_step=FINE, starts=1)
 
 
 @pytest.mark.parametrize("start", WRONG)
@@ -49,7 +49,7 @@ def test_a_pulse_without_noise_gives_every_parameter_and_its_edges(truth: Model,
 def test_the_step_of_the_fit_is_the_only_error_left(truth: Model, pulse: Any) -> None:
     parameters = ["stiffness", "damping", "gain", "valve_rise", "valve_fall"]
     exp = pulse(truth)
-    off = [fit([exp], wrong_model(truth), parameters, step=h, starts=1).values["stiffness"] / 0.9 - 1
+    off = [fit([exp], wrong_model(truth), parameters, time_step=h, starts=1).values["stiffness"] / 0.9 - 1
            for h in (1e-3, 5e-4)]
     assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)  # second order
     assert abs(off[0]) < 1e-3
@@ -104,7 +104,8 @@ def test_the_place_of_a_marker_and_the_base_tangent_can_be_freed(truth: Model, t
 
 def test_what_is_fixed_stays_to_the_last_bit(truth: Model, traced: Any) -> None:
     fixed = Parameter("damping", 6e-3, free=False)
-    found = fit([traced(truth)], wrong_model(truth).with_(valve=truth.valve), ["stiffness", fixed], step=1e-3, starts=1)
+    start = wrong_model(truth).with_(valve=truth.valve)
+    found = fit([traced(truth)], start, ["stiffness", fixed], time_step=1e-3, starts=1)
     assert found.values["damping"] == 6e-3
     assert (found.model.damping == 6e-3).all()
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
@@ -116,7 +117,7 @@ def test_frames_that_were_not_seen_change_nothing(truth: Model, pulse: Any, rng:
     holes[rng.random(holes.shape[:2]) < 0.3] = np.nan
     holes[:7, 0] = np.nan
     names = ["stiffness", "damping", "gain", "valve_rise", "valve_fall"]
-    whole, torn = (fit([e], wrong_model(truth), names, step=1e-4, starts=1)
+    whole, torn = (fit([e], wrong_model(truth), names, time_step=1e-4, starts=1)
                    for e in (exp, replace(exp, position=holes)))
     assert torn.values == pytest.approx(whole.values, rel=2e-5)
 
@@ -134,7 +135,7 @@ def test_under_noise_the_truth_lies_within_a_few_standard_errors(truth: Model, p
     exps = [pulse(truth, "small", 3e4), pulse(truth, "large", 1e5)]  # equal noise, unequal weights
     scores = []
     for seed in range(12):
-        found = fit([noisy(e, 3e-4, 2 * seed + k) for k, e in enumerate(exps)], model, names, step=1e-3, starts=1)
+        found = fit([noisy(e, 3e-4, 2 * seed + k) for k, e in enumerate(exps)], model, names, time_step=1e-3, starts=1)
         errors = {p.name: p.std for p in found.parameters}
         scores += [(found.values[n] - TRUE[n]) / errors[n] for n in names]
     assert np.abs(scores).max() < 4.5
@@ -148,7 +149,7 @@ def test_a_robust_loss_withstands_outliers(truth: Model, traced: Any, rng: np.ra
     hit = rng.random(exp.position.shape[:2]) < 0.04
     shot = replace(exp, position=np.where(hit[..., None], exp.position + 0.08, exp.position))
     model = wrong_model(truth).with_(valve=truth.valve)
-    fits = {name: fit([shot], model, ["stiffness", "damping"], step=1e-3, starts=1, loss=name)
+    fits = {name: fit([shot], model, ["stiffness", "damping"], time_step=1e-3, starts=1, loss=name)
             for name in ("linear", loss)}
     off = {name: found.values["stiffness"] / 0.9 - 1 for name, found in fits.items()}
     assert abs(off[loss]) < 0.01 < 0.05 < abs(off["linear"])
@@ -159,7 +160,7 @@ def test_many_frames_count_no_more_than_few(truth: Model, traced: Any) -> None:
     sparse = traced(stiff, "sparse", times=np.arange(0, 1, 0.02))
     dense = traced(soft, "dense", times=np.arange(0, 1, 0.005))
     model = wrong_model(truth).with_(valve=truth.valve)
-    between = fit([sparse, dense], model, ["stiffness", "damping"], step=1e-3, starts=1).values["stiffness"]
+    between = fit([sparse, dense], model, ["stiffness", "damping"], time_step=1e-3, starts=1).values["stiffness"]
     assert between == pytest.approx(0.85, abs=0.02)
 
 
@@ -180,7 +181,7 @@ def test_the_place_of_the_joints_can_be_fitted(traced: Any) -> None:
     guess = middle.with_(stations=nodes)
     exp = traced(guess)
     free = [Parameter("joint_share", 0.3), Parameter("damping", 4e-3), Parameter("torque_1", 5e-7)]
-    found = fit([exp], guess, free, step=1e-3, starts=1)
+    found = fit([exp], guess, free, time_step=1e-3, starts=1)
     assert found.values["joint_share"] == pytest.approx(0.5, abs=2e-3)
     assert apply(found.model, {"joint_share": 0.5}).length == pytest.approx(0.12, rel=1e-12)
     with pytest.raises(InputError, match="equal segments"):
@@ -195,7 +196,7 @@ def test_a_dense_and_a_sparse_recording_teach_one_fit(truth: Model, traced: Any)
     sparse = traced(truth, "sparse", 1.4e5)
     sparse = replace(sparse, position=sparse.position[:, 1:], stations=("tip",))
     guess = truth.with_(stiffness=1.2, damping=4e-3, stations=crowd)
-    found = fit([dense, sparse], guess, ["stiffness", "damping"], step=1e-3, starts=1)
+    found = fit([dense, sparse], guess, ["stiffness", "damping"], time_step=1e-3, starts=1)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     weights = length_weights(dense)
     assert weights[:5].sum() < 0.1 * weights.sum() < weights[-2]
@@ -207,7 +208,7 @@ def test_a_body_pulled_aside_begins_in_the_pose_that_was_measured(truth: Model, 
     exp = replace(exp, held=exp.position[0])
     begun = predict(truth, exp, {"r.release": 0.2071}, 1e-3)["position"][0]
     np.testing.assert_allclose(begun, exp.position[0], atol=1e-8)
-    found = fit([exp], truth.with_(stiffness=1.2, damping=4e-3), ["stiffness", "damping"], step=1e-3, starts=1)
+    found = fit([exp], truth.with_(stiffness=1.2, damping=4e-3), ["stiffness", "damping"], time_step=1e-3, starts=1)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     assert found.values["r.release"] == pytest.approx(0.2071, abs=5e-4)
     with pytest.raises(InputError, match=r"held must be \(station, axis\) = \(2, 2\), got \(1, 2\)"):
@@ -219,6 +220,6 @@ def test_softening_springs_from_two_levels(truth, pulse):
     body = truth.with_(stiffening=-0.5)
     seen = [pulse(body, f"p{level}", level=1e4 * level) for level in (6, 12)]
     names = ["stiffness", "damping", "torque_1", "valve_rise", "valve_fall", "stiffening"]
-    found = fit(seen, truth, names, starts=1, step=1e-4)
+    found = fit(seen, truth, names, starts=1, time_step=1e-4)
     assert found.values["stiffening"] == pytest.approx(-0.5, abs=1e-3)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)

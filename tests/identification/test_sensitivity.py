@@ -167,12 +167,12 @@ def test_observed_angles_help_and_are_followed(truth: Model, traced: Any) -> Non
         "t", exp.time, exp.position, exp.stations, "trace", exp.pressure, angle=angle, angle_reference="rest")
     start = truth.with_(rest_angle=[0.12, 0.1, 0.1])
     names = ["rest_angle_*", Parameter("stiffness", 1.1), "damping"]
-    found = fit([turned], start, names, step=1e-4, starts=1)
+    found = fit([turned], start, names, time_step=1e-4, starts=1)
     np.testing.assert_allclose(found.model.rest_angle, truth.rest_angle, atol=1e-5)
     from_base = Experiment(
         "t", exp.time, exp.position, exp.stations, "trace", exp.pressure, angle=rows["angle"] - 0.05,
         angle_reference="base")
-    found = fit([from_base], truth, ["stiffness", "rest_angle_3"], step=1e-3, starts=1)
+    found = fit([from_base], truth, ["stiffness", "rest_angle_3"], time_step=1e-3, starts=1)
     assert found.values["rest_angle_3"] < truth.rest_angle[2] - 0.01
 
 

@@ -22,7 +22,7 @@ def late(exp: Any, seconds: float = LATENCY) -> Any:
 
 
 def test_the_latency_of_a_sensor_is_found(truth: Model, traced: Any) -> None:
-    found = fit([late(traced(truth))], truth, ["stiffness", "torque_1", "latency"], step=2e-4, starts=1)
+    found = fit([late(traced(truth))], truth, ["stiffness", "torque_1", "latency"], time_step=2e-4, starts=1)
     assert found.values["latency"] == pytest.approx(LATENCY, abs=2e-5)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
 
@@ -35,16 +35,16 @@ def test_a_shape_stamped_late_moves_as_one_on_time(truth: Model, traced: Any) ->
 
 def test_latency_is_known_of_one_record_or_shared(truth: Model, traced: Any) -> None:
     records = [traced(truth, "t"), late(traced(truth, "u"))]
-    found = fit(records, truth, ["stiffness", "u.latency"], step=1e-3, starts=1)
+    found = fit(records, truth, ["stiffness", "u.latency"], time_step=1e-3, starts=1)
     assert found.values["u.latency"] == pytest.approx(LATENCY, abs=1e-4)
     known = [records[0], replace(records[1], known={"latency": LATENCY})]
-    found = fit(known, truth, ["stiffness"], step=1e-3, starts=1)
+    found = fit(known, truth, ["stiffness"], time_step=1e-3, starts=1)
     assert max(found.rmse.values()) < 2e-5
 
 
 def test_a_release_and_its_sensor_s_latency_are_one_unknown(truth: Model, released: Any) -> None:
     with pytest.raises(FitError, match=r"latency and r\.release|r\.release and latency"):
-        fit([released(truth, force=0.3)], truth, [HELD, "stiffness", "latency"], step=2e-3, starts=1)
+        fit([released(truth, force=0.3)], truth, [HELD, "stiffness", "latency"], time_step=2e-3, starts=1)
 
 
 GAINS = np.array([1.3, 1.0, 0.7])
@@ -53,7 +53,7 @@ GAINS = np.array([1.3, 1.0, 0.7])
 def test_gains_of_joints_are_found_and_their_mean_is_held(truth: Model, traced: Any) -> None:
     body = truth.with_(joint_gain=GAINS)
     free = ["joint_gain_*", "torque_1", "damping"]
-    found = fit([traced(body)], truth, free, step=2e-4, starts=1)
+    found = fit([traced(body)], truth, free, time_step=2e-4, starts=1)
     values = [found.values[f"joint_gain_{i}"] for i in (1, 2, 3)]
     assert np.mean(values) == pytest.approx(1.0, abs=1e-8)
     np.testing.assert_allclose(values, GAINS, rtol=2e-3)
@@ -64,7 +64,7 @@ def test_gains_of_joints_are_found_and_their_mean_is_held(truth: Model, traced: 
 
 def test_where_the_law_is_known_nothing_is_held(truth: Model, traced: Any) -> None:
     twice = truth.with_(joint_gain=2.0 * GAINS, torque=[3e-7])
-    found = fit([traced(twice)], truth.with_(torque=[3e-7]), ["joint_gain_*"], step=2e-4, starts=1)
+    found = fit([traced(twice)], truth.with_(torque=[3e-7]), ["joint_gain_*"], time_step=2e-4, starts=1)
     np.testing.assert_allclose(found.model.joint_gain, 2.0 * GAINS, rtol=2e-3)
     assert not any("is held" in note for note in found.notes)
 
@@ -87,7 +87,7 @@ def test_the_angles_of_joints_alone_find_the_body(truth: Model, traced: Any) -> 
         angles_alone=True,
     )
     start = ends.with_(rest_angle=[0.12, 0.1, 0.1], stiffness=1.1)
-    found = fit([seen], start, ["rest_angle_*", "stiffness", "damping", "torque_1"], step=1e-4, starts=1)
+    found = fit([seen], start, ["rest_angle_*", "stiffness", "damping", "torque_1"], time_step=1e-4, starts=1)
     np.testing.assert_allclose(found.model.rest_angle, ends.rest_angle, atol=1e-5)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     with pytest.raises(InputError, match="compares angles alone, but has none"):

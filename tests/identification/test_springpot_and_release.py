@@ -61,7 +61,7 @@ def test_a_joint_creeps_as_mittag_leffler_says(order: float) -> None:
         memory=Memory(made.creep_share, made.creep_time),
     )
     times = np.array([0.0, 0.5, 1.0, 2.0, 5.0, 10.0])
-    q = simulate(model, Pulse(torque / 1e-6, 0.0, 100.0), times=times, step=5e-4).joint_angle.values[1:, 0]
+    q = simulate(model, Pulse(torque / 1e-6, 0.0, 100.0), times=times, time_step=5e-4).joint_angle.values[1:, 0]
     own = 1.0 - made.spring
     x = times[1:] * (own / share) ** (1 / order)
     np.testing.assert_allclose(q, torque / own * (1 - mittag_leffler(x, order)), rtol=0.01)
@@ -80,7 +80,7 @@ def test_no_energy_is_ever_gained() -> None:
     model = apply(bent(damping=0.0, gravity=[0.0, 0.0]), POT | {"fractional_share": 0.5})
     rng = np.random.default_rng(5)
     pressure = Trace(np.arange(41) * 0.1, np.append(rng.uniform(-8e4, 8e4, 40), 0.0))
-    run = simulate(model, pressure, duration=5.0, step=2e-3)
+    run = simulate(model, pressure, duration=5.0, time_step=2e-3)
     stored = run.kinetic_energy + run.elastic_energy + run.memory_energy
     lost = run.memory_dissipation.values
     assert np.diff(lost).min() >= -1e-15
@@ -211,7 +211,7 @@ def test_springpot_and_release_time_come_back_from_two_loads() -> None:
         noise = 2e-5 * np.random.default_rng(3).standard_normal(seen.shape)
         made.append(replace(exp, position=seen + noise))
     free = ["stiffness", "fractional_share", "fractional_order", "release_time"]
-    found = fit(made, truth, free, step=2e-3, starts=1)
+    found = fit(made, truth, free, time_step=2e-3, starts=1)
     for p in found.parameters:
         if p.name in values | {"stiffness": 0.9} and p.free:
             right = (values | {"stiffness": 0.9})[p.name]

@@ -23,7 +23,7 @@ def seen():
     traces = [Trace(time, 40e3 * (1 + np.sin(2 * np.pi * f * time + f))) for f in (0.7, 1.1, 1.9)]
     places = [Station("mid", 2, 0.05), Station("tip", 5, 0.025)]
     finer = arm(links=2 * LINKS, stiffness=2 * 0.5, damping=2 * 5e-3, stations=places)
-    motion = pliant.simulate(finer, traces, times=time, step=STEP, check=False)
+    motion = pliant.simulate(finer, traces, times=time, time_step=STEP, check=False)
     shape = motion.station_position.values + np.random.default_rng(1).normal(0, 1e-4, (time.size, 2, 3))
     return Experiment("r", time, shape, ("mid", "tip"), "trace", drives=dict(zip(AZIMUTHS, traces, strict=True)))
 

@@ -12,7 +12,7 @@ from pliant.errors import InputError
 from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, Stage, select_model
 from pliant.identification.model_selection import Follows
 from pliant.identification.parameters import check_names
-from pliant.identification.stage_fit import Step
+from pliant.identification.stage_fit import StageResult
 from pliant.identification.stages import of_chambers
 from pliant.identification.stepwise import fit_stages
 from pliant.model import Chamber, Memory, Model, Space, Valve, chain_model
@@ -26,9 +26,9 @@ def test_the_stage_of_the_truth_is_picked(truth: Model, traced: Any) -> None:
     train = [traced(real, "low", 6e4), traced(real, "high", 1.4e5)]
     held = [traced(real, "held", 1e5)]
     guess = truth.with_(stiffness=1.3, damping=2e-3, torque=[5e-7], valve=Valve())
-    found = select_model(train, held, guess, step=STEP, stages=STAGES[:6])
-    errors = [s.error for s in found.steps]
-    assert [s.stage.name for s in found.steps] == [r.name for r in STAGES[:6]]
+    found = select_model(train, held, guess, time_step=STEP, stages=STAGES[:6])
+    errors = [s.error for s in found.stages]
+    assert [s.stage.name for s in found.stages] == [r.name for r in STAGES[:6]]
     assert found.chosen == "lag"
     assert errors[0] > errors[1] > errors[2] > errors[3]
     assert errors[3] < 0.5
@@ -42,16 +42,16 @@ def test_the_stage_of_the_truth_is_picked(truth: Model, traced: Any) -> None:
 
 
 def test_one_level_frees_a_linear_law_and_pulses_keep_their_edges(truth: Model, pulse: Any) -> None:
-    found = select_model([pulse(truth)], [], truth.with_(stiffness=1.2), step=STEP, stages=STAGES[:3])
-    assert found.steps[0].freed == ("p.start", "p.stop")
+    found = select_model([pulse(truth)], [], truth.with_(stiffness=1.2), time_step=STEP, stages=STAGES[:3])
+    assert found.stages[0].freed == ("p.start", "p.stop")
     assert "no recording is held out" in found.reason
 
 
 def test_a_stage_that_the_records_cannot_tell_says_so(truth: Model, traced: Any) -> None:
     stages = (STAGES[1], Stage("all", "+ everything", (("gain", "torque_1", "mass"),)))
-    found = select_model([traced(truth)], [], truth, step=STEP, stages=stages)
-    assert found.steps[1].result is None
-    assert "share one scale" in found.steps[1].reason or "one product" in found.steps[1].reason
+    found = select_model([traced(truth)], [], truth, time_step=STEP, stages=stages)
+    assert found.stages[1].result is None
+    assert "share one scale" in found.stages[1].reason or "one product" in found.stages[1].reason
     assert found.chosen == "elastic"
 
 
@@ -60,7 +60,9 @@ def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> N
     """Without a lag the damping takes it up; a fit from there stays there, so the selection begins afresh as well."""
     slow = truth.with_(valve=Valve(rise_time=0.6, fall_time=0.6))
     stages = (STAGES[1], STAGES[3])
-    found = select_model([traced(slow)], [], truth.with_(valve=Valve()), common=["torque_1"], step=STEP, stages=stages)
+    found = select_model(
+        [traced(slow)], [], truth.with_(valve=Valve()), common=["torque_1"], time_step=STEP, stages=stages
+    )
     assert found.result.values["valve_rise"] == pytest.approx(0.6, rel=0.02)
     assert found.result.values["valve_fall"] == pytest.approx(0.6, rel=0.02)
 
@@ -71,8 +73,9 @@ def test_a_wall_takes_the_place_of_a_curved_law_and_predicts_beyond_it(truth: Mo
     tube = truth.with_(valve=Valve(), torque=[5e-7], inflation_limit=1.6e5, inflation_time=0.05)
     wall = next(r for r in MORE_STAGES if r.name == "wall")
     train, held = [traced(tube, "a", 2e4), traced(tube, "b", 5e4)], [traced(tube, "beyond", 8e4)]
-    found = select_model(train, held, truth.with_(valve=Valve()), step=STEP, stages=(STAGES[2], wall._replace(scan=())))
-    torque, chosen = found.steps
+    two = (STAGES[2], wall._replace(scan=()))
+    found = select_model(train, held, truth.with_(valve=Valve()), time_step=STEP, stages=two)
+    torque, chosen = found.stages
     assert found.chosen == "wall"
     assert "torque_2" in torque.freed
     assert "torque_2" not in chosen.freed
@@ -85,11 +88,11 @@ def test_creep_is_found(truth: Model, traced: Any) -> None:
     soft = truth.with_(valve=Valve(), memory=Memory(creep_share=(0.4,), creep_time=(0.15,)))
     stages = (STAGES[1], STAGES[6])
     train, held = [traced(soft, "a", 6e4)], [traced(soft, "b", 1e5)]
-    found = select_model(train, held, truth.with_(valve=Valve()), step=STEP, stages=stages)
+    found = select_model(train, held, truth.with_(valve=Valve()), time_step=STEP, stages=stages)
     assert found.chosen == "creep"
     assert found.result.values["creep_share_1"] == pytest.approx(0.4, rel=0.05)
     assert found.result.values["creep_time_1"] == pytest.approx(0.15, rel=0.05)
-    assert found.step.error < 0.1
+    assert found.chosen_stage.error < 0.1
     assert found.to_dict()["stages"]["creep"]["step_ns"] > 0
 
 
@@ -97,7 +100,7 @@ def test_where_nothing_rings_stiffness_stays_simulable(truth: Model, traced: Any
     """A body that follows a slow pressure shows K, D and torque as one product: a fit alone drives them up for ever."""
     over = truth.with_(damping=0.5, valve=Valve(rise_time=0.1, fall_time=0.1))
     start = truth.with_(valve=Valve())
-    found = select_model([traced(over)], [], start, common=["torque_1"], step=STEP, stages=STAGES[1:2])
+    found = select_model([traced(over)], [], start, common=["torque_1"], time_step=STEP, stages=STAGES[1:2])
     assert found.result.model.stiffness.max() < 1e3
 
 
@@ -112,11 +115,11 @@ def test_what_the_recordings_leave_open_stays_as_given(truth: Model, traced: Any
 
     train, held = [noisy("a", 6e4), noisy("c", 1.2e5)], [noisy("b", 9e4)]
     guess = over.with_(stiffness=1.8, damping=0.1, torque=[1e-7])
-    found = select_model(train, held, guess, step=STEP, stages=(STAGES[0], STAGES[2]))
+    found = select_model(train, held, guess, time_step=STEP, stages=(STAGES[0], STAGES[2]))
     assert found.chosen == "torque"
-    assert found.step.given == ("stiffness",)
-    assert "stiffness" not in found.step.freed
-    assert not found.step.open
+    assert found.chosen_stage.given == ("stiffness",)
+    assert "stiffness" not in found.chosen_stage.freed
+    assert not found.chosen_stage.open
     assert found.result.model.stiffness.tolist() == [1.8] * 3
     for name, scale in (("damping", 0.5), ("torque_1", 6e-7)):
         assert found.result.values[name] == pytest.approx(2.0 * scale, rel=0.05)
@@ -135,10 +138,10 @@ class Told:
     def __init__(self, follows: dict[frozenset[str], float]) -> None:
         self.follows = follows
 
-    def fit_stage(self, stage: Stage, below: Step, free: dict[str, Any]) -> tuple[Step, dict[str, Any]]:
+    def fit_stage(self, stage: Stage, below: StageResult, free: dict[str, Any]) -> tuple[StageResult, dict[str, Any]]:
         taken = {n: e for n, e in free.items() if n not in stage.drops} | {str(n): n for n in stage.frees[0]}
         square = self.follows[frozenset(taken)]
-        fitted = Step(stage, result=object(), stands_on=below.stage.name)  # type: ignore[arg-type]
+        fitted = StageResult(stage, result=object(), stands_on=below.stage.name)  # type: ignore[arg-type]
         return replace(fitted, follows=Follows(square, 1000.0, len(taken))), taken
 
 

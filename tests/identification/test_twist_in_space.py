@@ -42,7 +42,7 @@ def test_a_force_beside_the_axis_shows_torsional_stiffness(bench, body):
     assert truth["twist_ratio"] < 0.7
     start = [Parameter(n, truth[n], free=False) for n in truth if n not in ("stiffness", "twist_ratio")]
     listed = [*start, Parameter("stiffness", 0.6), Parameter("twist_ratio", 1.0)]
-    found = fit([record], bench.chain(), listed, step=bench.STEP, starts=1)
+    found = fit([record], bench.chain(), listed, time_step=bench.STEP, starts=1)
     twist = next(p for p in found.parameters if p.name == "twist_ratio")
     assert twist.std < 0.1
     assert abs(twist.value - truth["twist_ratio"]) < 3 * twist.std
@@ -57,4 +57,4 @@ def test_bending_in_one_plane_does_not_excite_twist(bench, body):
     shape[..., 0] = 0.0
     plane = Experiment("flat", first.time, shape, first.stations, "trace", drives={"red": first.drives["green"]})
     with pytest.raises(FitError, match=r"show twist_ratio: twist is not excited.*a known force beside the axis"):
-        fit([plane], chain, [Parameter("stiffness", 0.6), Parameter("twist_ratio", 0.8)], step=bench.STEP)
+        fit([plane], chain, [Parameter("stiffness", 0.6), Parameter("twist_ratio", 0.8)], time_step=bench.STEP)

@@ -49,7 +49,7 @@ def scores(model: Model, exp: Experiment, seeds: int, noise: Any, **options: Any
     rows = []
     for seed in range(seeds):
         shaken = replace(exp, position=exp.position + noise(np.random.default_rng(seed), exp.position.shape))
-        found = fit([shaken], model, [Parameter(n, v) for n, v in TRUE.items()], step=STEP, starts=1, **options)
+        found = fit([shaken], model, [Parameter(n, v) for n, v in TRUE.items()], time_step=STEP, starts=1, **options)
         rows.append([(p.value - TRUE[p.name]) / p.std for p in found.parameters])
     return np.array(rows)
 
@@ -70,7 +70,7 @@ def test_coloured_residuals_widen_the_intervals(clean: tuple[Model, Experiment])
     assert 0.6 < np.sqrt((z**2).mean()) < 1.6
     model, exp = clean
     shaken = replace(exp, position=exp.position + noise(np.random.default_rng(1), exp.position.shape))
-    found = fit([shaken], model, ["gain", "damping"], step=STEP, starts=1)
+    found = fit([shaken], model, ["gain", "damping"], time_step=STEP, starts=1)
     assert found.covariance is not None
     assert found.covariance.correlated > 0.03
     gain = found.covariance.names.index("gain")  # static: slow noise hurts it most
@@ -82,8 +82,8 @@ def test_coloured_residuals_widen_the_intervals(clean: tuple[Model, Experiment])
 def test_a_block_bootstrap_agrees_with_the_sandwich(clean: tuple[Model, Experiment]) -> None:
     model, exp = clean
     shaken = replace(exp, position=exp.position + 3e-4 * np.random.default_rng(2).standard_normal(exp.position.shape))
-    found = fit([shaken], model, list(TRUE), step=STEP, starts=1)
-    names, values = bootstrap([shaken], found, replicates=60, step=STEP)
+    found = fit([shaken], model, list(TRUE), time_step=STEP, starts=1)
+    names, values = bootstrap([shaken], found, replicates=60, time_step=STEP)
     errors = {p.name: p.std for p in found.parameters}
     for name, column in zip(names, values.T, strict=True):
         assert column.std() == pytest.approx(errors[name], rel=0.35)
@@ -99,8 +99,8 @@ def test_a_band_holds_the_true_motion_of_a_held_out_record(clean: tuple[Model, E
     inside = []
     for seed in range(30):
         noise = 3e-4 * np.random.default_rng(seed).standard_normal(exp.position.shape)
-        found = fit([replace(exp, position=exp.position + noise)], model, list(TRUE), step=STEP, starts=1)
-        band = prediction_band(held, found, step=STEP)
+        found = fit([replace(exp, position=exp.position + noise)], model, list(TRUE), time_step=STEP, starts=1)
+        band = prediction_band(held, found, time_step=STEP)
         wide = band.std > 1e-7  # where the motion does not depend on anything, there is no band
         inside.append(((band.lower <= real) & (real <= band.upper))[wide].mean())
     assert 0.8 < np.mean(inside) <= 1.0
@@ -109,7 +109,7 @@ def test_a_band_holds_the_true_motion_of_a_held_out_record(clean: tuple[Model, E
 def test_a_prior_holds_what_the_data_leave_open(clean: tuple[Model, Experiment]) -> None:
     model, exp = clean
     known = Parameter("mass", 0.05, prior=0.047, prior_std=0.001)
-    found = fit([exp], model, ["gain", "stiffness", "damping", known], step=STEP, starts=1)
+    found = fit([exp], model, ["gain", "stiffness", "damping", known], time_step=STEP, starts=1)
     mass = next(p for p in found.parameters if p.name == "mass")
     assert mass.value == pytest.approx(0.047, rel=1e-4)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
@@ -125,7 +125,7 @@ def test_a_prior_and_the_data_share_what_is_known_as_of_normal_errors(clean: tup
     seen = replace(exp, position=exp.position + noise)
 
     def damping(*more: Parameter) -> Parameter:
-        found = fit([seen], model, ["stiffness", *(more or ("damping",))], step=STEP, starts=1)
+        found = fit([seen], model, ["stiffness", *(more or ("damping",))], time_step=STEP, starts=1)
         return next(p for p in found.parameters if p.name == "damping")
 
     alone = damping()
@@ -146,7 +146,7 @@ def test_joints_lean_on_their_mean_as_far_as_told(clean: tuple[Model, Experiment
     seen = replace(exp, position=shaken)
     spreads = []
     for shrink in (0.0, 0.1, 0.001):
-        found = fit([seen], model, [Parameter("stiffness_*", shrink=shrink), "damping"], step=STEP, starts=1)
+        found = fit([seen], model, [Parameter("stiffness_*", shrink=shrink), "damping"], time_step=STEP, starts=1)
         spreads.append(np.ptp(found.model.stiffness))
     assert spreads[2] < 0.02 < spreads[1] <= spreads[0] + 1e-6
 
@@ -157,7 +157,7 @@ def test_noise_levels_decide_whom_to_believe(clean: tuple[Model, Experiment]) ->
     position = exp.position + np.array([1e-2, 1e-4])[:, None] * rng.standard_normal(exp.position.shape)
     stds = {}
     for weighting in ("travel", "noise"):
-        found = fit([replace(exp, position=position)], model, list(TRUE), step=STEP, starts=1, weighting=weighting)
+        found = fit([replace(exp, position=position)], model, list(TRUE), time_step=STEP, starts=1, weighting=weighting)
         stds[weighting] = found.parameters[0].std
     assert stds["noise"] < 0.2 * stds["travel"]
     assert found.values["stiffness"] == pytest.approx(0.9, abs=4 * stds["noise"])
@@ -165,9 +165,9 @@ def test_noise_levels_decide_whom_to_believe(clean: tuple[Model, Experiment]) ->
 
 def test_an_optimum_that_no_body_has_is_flagged(clean: tuple[Model, Experiment]) -> None:
     model, exp = clean
-    found = fit([exp], model, [Parameter("damping", 0.0, upper=1e-12), "stiffness"], step=STEP, starts=1)
+    found = fit([exp], model, [Parameter("damping", 0.0, upper=1e-12), "stiffness"], time_step=STEP, starts=1)
     assert any("is zero, which no real body has" in n for n in found.notes)
-    found = fit([exp], model, ["stiffness", "damping"], step=STEP, starts=1, section_area=5e-5)
+    found = fit([exp], model, ["stiffness", "damping"], time_step=STEP, starts=1, section_area=5e-5)
     assert any("t/m3" in n for n in found.notes)
 
 
@@ -188,8 +188,8 @@ def test_a_torque_that_bends_the_other_way_is_flagged(truth: Model, traced: Any)
 def test_standard_errors_come_from_the_bootstrap_where_asked(clean: tuple[Model, Experiment]) -> None:
     model, exp = clean
     shaken = replace(exp, position=exp.position + coloured(np.random.default_rng(3), exp.position.shape, 3e-4, 0.8))
-    found = fit([shaken], model, ["gain", "damping"], step=STEP, starts=1)
-    again = bootstrapped([shaken], found, replicates=30, step=STEP)
+    found = fit([shaken], model, ["gain", "damping"], time_step=STEP, starts=1)
+    again = bootstrapped([shaken], found, replicates=30, time_step=STEP)
     assert again.covariance is not None
     assert again.covariance.source == "block bootstrap"
     for p, q in zip(again.parameters, found.parameters, strict=True):
@@ -206,11 +206,12 @@ def test_a_band_with_the_residuals_noise_holds_what_was_measured(clean: tuple[Mo
     rng = np.random.default_rng(6)
     train, held = (replace(exp, name=n, position=exp.position + 3e-4 * rng.standard_normal(exp.position.shape))
                    for n in ("a", "b"))
-    found = fit([train], model, list(TRUE), step=STEP, starts=1)
-    noise = residual_noise([train], found, held, predict(found.model, held, found.values, STEP)["position"], step=STEP)
+    found = fit([train], model, list(TRUE), time_step=STEP, starts=1)
+    predicted = predict(found.model, held, found.values, STEP)["position"]
+    noise = residual_noise([train], found, held, predicted, time_step=STEP)
     assert noise.shape == held.position.shape
     assert np.sqrt(np.mean(noise**2, axis=0)) == pytest.approx(np.full((2, 2), 3e-4), rel=0.25)
-    assert 0.9 < prediction_band(held, found, step=STEP, noise=noise).holds(held.position) < 0.99
+    assert 0.9 < prediction_band(held, found, time_step=STEP, noise=noise).holds(held.position) < 0.99
 
 
 def test_residuals_that_grow_with_way_and_speed_are_found_as_they_are() -> None:
@@ -231,7 +232,7 @@ def test_a_step_that_biases_a_parameter_is_named_with_one_that_does_not(truth: M
     exp = replace(exp, position=exp.position + 1e-4 * np.random.default_rng(5).normal(size=exp.position.shape))
 
     def fitted(step: float) -> tuple[Any, list[str]]:
-        found = fit([exp], truth, ["stiffness", "damping", "torque_1"], step=step, starts=1)
+        found = fit([exp], truth, ["stiffness", "damping", "torque_1"], time_step=step, starts=1)
         return found, [note for note in found.notes if "integration step" in note]
 
     (coarse, [note]), (fine, none) = fitted(5e-3), fitted(5e-4)

@@ -34,7 +34,9 @@ def metrics_of(shared_data: Path, name: str) -> dict[str, Any]:
     held = {key: entry for key, entry in study.fits.items() if key not in SHOWN_ONLY}
     fits = {key: entry.model_copy(update={"starts": 1}) for key, entry in held.items()}
     outcome = run_study(
-        study.model_copy(update={"recordings": recordings, "fits": fits, "step": STEP_S.get(name, study.step)})
+        study.model_copy(
+            update={"recordings": recordings, "fits": fits, "time_step": STEP_S.get(name, study.time_step)}
+        )
     )
     return json.loads(json.dumps(outcome.to_dict(), allow_nan=False))
 

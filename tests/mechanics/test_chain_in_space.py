@@ -122,7 +122,7 @@ def test_a_force_at_the_tip_of_a_round_section_bends_it_in_the_plane_of_the_forc
 def test_a_stepper_pushed_out_of_plane_balances_its_energy():
     rng = np.random.default_rng(7)
     model = turned_chain(rng)
-    stepper = pliant.Stepper(model, step=5e-4)
+    stepper = pliant.Stepper(model, time_step=5e-4)
     stepper.push(np.array([0.05, 0.02, 0.0]))
     for _ in range(600):
         stepper.step(30e3)
@@ -130,7 +130,7 @@ def test_a_stepper_pushed_out_of_plane_balances_its_energy():
     assert stepper.energy_loss < 1e-3
     push = PointForce(np.zeros(1), np.array([[0.05, 0.02, 0.0]]), model.points[-1])
     motion = pliant.simulate(
-        model, pliant.Pulse(30e3, 0.0, 9.0), duration=0.3, step=5e-4, check=False, forces=[push],
+        model, pliant.Pulse(30e3, 0.0, 9.0), duration=0.3, time_step=5e-4, check=False, forces=[push],
         initial_angle=pliant.equilibrium(model),
     )
     assert np.allclose(stepper.tips()[-1], motion.tip_position.values[-1, -1], atol=1e-9)

@@ -47,7 +47,7 @@ def test_rest_and_modes_are_those_of_the_plane():
 def test_a_motion_in_one_plane_is_that_of_the_planar_chain():
     plane, space = pair()
     push, none = Pulse(80e3, 0.05, 1.0), Pulse(20e3, 0.2, 0.1)
-    a, b = (simulate(m, (push, none), duration=0.3, step=1e-3) for m in (plane, space))
+    a, b = (simulate(m, (push, none), duration=0.3, time_step=1e-3) for m in (plane, space))
     assert np.abs(a.tip_position.values - b.tip_position.values[..., 1:]).max() < 1e-11
     for name in ("kinetic_energy", "elastic_energy", "input_work", "dissipated_energy", "axial_strain", "extension"):
         assert np.allclose(a[name], b[name], rtol=1e-8, atol=1e-11), name
@@ -162,8 +162,8 @@ def test_a_chamber_lengthens_where_it_bends():
 def test_a_push_out_of_plane_balances_its_energy():
     model = turned_chain()
     push = PointForce(np.zeros(1), np.array([[0.05, 0.02, 0.1]]), model.points[-1])
-    motion = simulate(model, (Pulse(30e3, 0.0, 9.0), Pulse(0.0)), duration=0.3, step=2e-4, check=False, forces=[push],
-                      initial_angle=equilibrium(model))  # fmt: skip
+    motion = simulate(model, (Pulse(30e3, 0.0, 9.0), Pulse(0.0)), duration=0.3, time_step=2e-4, check=False,
+                      forces=[push], initial_angle=equilibrium(model))  # fmt: skip
     assert motion.energy_gain < 2e-3
     assert motion.energy_loss < 2e-3
     assert np.ptp(motion.axial_strain.values, axis=0).min() > 1e-3

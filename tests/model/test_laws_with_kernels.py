@@ -52,7 +52,7 @@ def test_a_law_is_kept_in_files_and_checked(law, tmp_path):
 def test_a_motion_is_that_of_an_adaptive_solver_and_of_the_stepper(law, rubber):
     model, h, level = with_law(law).with_(**rubber), 1e-3, 8e4
     times, pulse = np.linspace(0.0, 0.3, 31), Pulse(level, 0.0, 1.0)
-    run = simulate(model, pulse, times=times, step=h, check=False)
+    run = simulate(model, pulse, times=times, time_step=h, check=False)
     exact = simulate(model, pulse, times=times, method="LSODA", rtol=1e-9)
     assert np.abs(run.tip_position - exact.tip_position).max() < 2e-5
     stepper = Stepper(model, h)
@@ -89,8 +89,8 @@ def test_a_fit_finds_a_law(law):
 @EACH_LAW
 def test_batches_take_it_one_by_one_and_exports_carry_or_refuse_it(law, tmp_path):
     model, pulse = with_law(law), Pulse(8e4, 0.02, 0.2)
-    many = simulate_batch([model, BODY], pulse, duration=0.1, step=1e-3)
-    alone = simulate(model, pulse, duration=0.1, step=1e-3)
+    many = simulate_batch([model, BODY], pulse, duration=0.1, time_step=1e-3)
+    alone = simulate(model, pulse, duration=0.1, time_step=1e-3)
     np.testing.assert_allclose(many.tip_position.values[0], alone.tip_position.values, atol=1e-12)
     assert FEATURES["own_law"].names(model) == ("torque law that is no polynomial",)
     with pytest.raises(InputError, match="torque law that is no polynomial"):

@@ -109,8 +109,31 @@ def test_another_definition_of_a_known_message_is_refused(tmp_path):
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         other = writer.add_connection("/level", kind, msgdef="float32 data\n", rihs01="RIHS01_" + 64 * "0")
         writer.write(other, NS, STORE.serialize_cdr(make(kind, data=0.5), kind))
-    with pytest.raises(InputError, match=r"defines std_msgs/msg/Float64 of topic /level differently from ROS 2"):
-        read(next((tmp_path / "bag").glob("*.mcap")))
+    path = next((tmp_path / "bag").glob("*.mcap"))
+    with pytest.raises(InputError, match=r"topic /level cannot be read: the bag defines std_msgs/msg/Float64 differe"):
+        read(path)
+    with pytest.raises(InputError, match=r"topic '/level' cannot be read: .* Choose another topic"):
+        read(path, mapping={"pressure": {"left": "/level"}, "pressure_unit": "kPa"})
+
+
+def test_a_topic_that_cannot_be_read_is_named_and_the_others_are_read(tmp_path):
+    """As of a lidar beside a tracker: the number of its points changes."""
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        tip = writer.add_connection("/mocap/tip", "geometry_msgs/msg/PoseStamped", typestore=STORE)
+        lidar = writer.add_connection("/lidar", "sensor_msgs/msg/PointCloud2", typestore=STORE)
+        for k, t in enumerate(T.tolist()):
+            received = NS + round(1e9 * t)
+            writer.write(tip, received, STORE.serialize_cdr(pose(t, float(swing(t))), tip.msgtype))
+            points = cloud(7, "<", {"x": 0, "y": 4, "z": 8}, np.ones((2 + k // 30, 3)))
+            writer.write(lidar, received, STORE.serialize_cdr(points, lidar.msgtype))
+    path = next((tmp_path / "bag").glob("*.mcap"))
+    ds = read(path)
+    assert ds["station"].values.tolist() == ["tip"]
+    np.testing.assert_allclose(ds["position"].values[:, 0, 0], swing(T), atol=1e-12)
+    why = "topic /lidar cannot be read: it has a varying number of points per message; it is left out"
+    assert why in ds.attrs["history"]
+    with pytest.raises(InputError, match="topic '/lidar' cannot be read: it has a varying number"):
+        read(path, mapping={"topics": {"body": "/lidar"}})
 
 
 def fields_of(kind, places):

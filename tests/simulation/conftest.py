@@ -31,7 +31,7 @@ def errors_mm() -> Callable[..., list[float]]:
 
     def measure(model: Model, pressure: Input, times: np.ndarray, steps: list[float]) -> list[float]:
         tight = simulate(model, pressure, times=times, method="LSODA", rtol=1e-10).tip_position
-        runs = (simulate(model, pressure, times=times, step=h).tip_position for h in steps)
+        runs = (simulate(model, pressure, times=times, time_step=h).tip_position for h in steps)
         return [1e3 * float(np.abs(run - tight).max()) for run in runs]
 
     return measure

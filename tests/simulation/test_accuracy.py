@@ -12,16 +12,16 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.errors import InputError, SimulationError
 from pliant.model import Extension, Memory, Model
-from pliant.simulation import extrapolation, inputs, solve
+from pliant.simulation import extrapolation, solve
 from pliant.simulation.accuracy import AccuracyWarning, step_for, tip_error
 from pliant.simulation.balance import EnergyWarning, energy_defects
 from pliant.simulation.forces import PointForce
-from pliant.simulation.time_step import TOLERANCE, TYPICAL, longest_step, nice, time_step
+from pliant.simulation.time_step import TOLERANCE, TYPICAL, longest_step, nice, resolving_step
 
 LENGTH, MASS, STIFFNESS = 0.1, 0.05, 0.4
 SWING = Model(link_length=LENGTH, link_mass=MASS, stiffness=STIFFNESS, damping=0.0, torque=[1e-6])
 OMEGA = np.sqrt(STIFFNESS / (MASS * LENGTH**2 / 3.0))
-NOTHING = inputs.step(0.0)
+NOTHING = pliant.Step(0.0)
 
 
 def swing_error(motion: xr.Dataset, start: float) -> float:
@@ -35,16 +35,16 @@ def swing_error(motion: xr.Dataset, start: float) -> float:
 def test_the_estimate_holds_the_error_of_a_closed_form(step):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AccuracyWarning)
-        motion = pliant.simulate(SWING, NOTHING, duration=1.0, step=step, initial_angle=[0.5])
+        motion = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=step, initial_angle=[0.5])
     error = swing_error(motion, 0.5)
     assert error < motion.attrs["tip_error"] < 4.0 * error
 
 
 def test_a_step_that_is_too_long_is_reported_and_the_proposed_one_is_right():
-    with pytest.warns(AccuracyWarning, match=r"wrong by .* mm, .* % of the length.*use step=0\.0005 or leave it out"):
-        motion = pliant.simulate(SWING, NOTHING, duration=1.0, step=2e-3, initial_angle=[0.5])
+    with pytest.warns(AccuracyWarning, match=r"wrong by .* mm, .* % of the length.*time_step=0\.0005 or leave it out"):
+        motion = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=2e-3, initial_angle=[0.5])
     assert swing_error(motion, 0.5) > 0.01 * LENGTH
-    motion = pliant.simulate(SWING, NOTHING, duration=1.0, step=5e-4, initial_angle=[0.5])
+    motion = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=5e-4, initial_angle=[0.5])
     assert swing_error(motion, 0.5) < 0.01 * LENGTH
 
 
@@ -56,7 +56,7 @@ def test_the_default_step_is_right(start):
 
 
 def test_the_default_step_is_shortened_where_small_motions_do_not_tell_it(monkeypatch):
-    monkeypatch.setattr(solve, "time_step", lambda *_: 4e-3)
+    monkeypatch.setattr(solve, "resolving_step", lambda *_: 4e-3)
     motion = pliant.simulate(SWING, NOTHING, times=np.linspace(0.0, 1.0, 101), initial_angle=[0.5])
     assert motion.attrs["step_s"] < 4e-3
     assert swing_error(motion, 0.5) < 0.01 * LENGTH
@@ -65,14 +65,14 @@ def test_the_default_step_is_shortened_where_small_motions_do_not_tell_it(monkey
 def test_the_longest_step_errs_by_its_tolerance():
     """One mode, undamped, let go where a typical pressure holds it: phase error over one second."""
     step = longest_step(SWING)
-    motion = pliant.simulate(SWING, NOTHING, duration=1.0, step=step, initial_angle=[TYPICAL], check=False)
+    motion = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=step, initial_angle=[TYPICAL], check=False)
     assert swing_error(motion, TYPICAL) / LENGTH == pytest.approx(TOLERANCE, rel=0.1)
 
 
 def test_modes_that_hardly_move_or_soon_decay_leave_the_step_long():
     paper = chen2018.model()
-    assert time_step(paper) == 1e-3
-    assert time_step(paper.with_(damping=0.0)) < 5e-4
+    assert resolving_step(paper) == 1e-3
+    assert resolving_step(paper.with_(damping=0.0)) < 5e-4
     stiff = Extension(stiffness=1e6, damping=0.0)
     assert longest_step(paper.with_(extensions=(stiff,))) > 1e-3
 
@@ -83,15 +83,15 @@ def test_an_initial_bend_that_excites_a_fast_mode_shortens_the_step():
 
 
 def test_a_motion_too_fast_for_the_first_step_is_refused_unless_a_shorter_one_is_right(monkeypatch):
-    monkeypatch.setattr(solve, "time_step", lambda *_: 4e-3)
+    monkeypatch.setattr(solve, "resolving_step", lambda *_: 4e-3)
     how = {"times": np.linspace(0.0, 0.4, 101), "initial_angle": [0.5], "initial_rate": [300.0]}
     with pytest.raises(SimulationError, match=r"more than a radian within the step of 4 ms"):
-        pliant.simulate(SWING, NOTHING, **how, step=4e-3)
+        pliant.simulate(SWING, NOTHING, **how, time_step=4e-3)
     motion = pliant.simulate(SWING, NOTHING, **how)
     q = 0.5 * np.cos(OMEGA * motion.time) + 300.0 / OMEGA * np.sin(OMEGA * motion.time)
     assert np.abs(motion.joint_angle[:, 0] - q).max() < 0.02
     with pytest.raises(SimulationError, match=r"more than a radian within the step of 1 ms"):
-        pliant.simulate(SWING, inputs.step(1e12), duration=0.1)
+        pliant.simulate(SWING, pliant.Step(1e12), duration=0.1)
 
 
 @pytest.mark.parametrize(("step", "expected"), [(1e-3, 1e-3), (9e-4, 5e-4), (3e-4, 2e-4), (1.7e-5, 1e-5), (0.0, 1e-6)])
@@ -125,10 +125,10 @@ def test_differences_that_do_not_follow_the_order_raise_the_estimate():
 
 
 def test_without_the_check_nothing_is_estimated_or_reported():
-    motion = pliant.simulate(SWING, NOTHING, duration=1.0, step=2e-3, initial_angle=[0.5], check=False)
+    motion = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=2e-3, initial_angle=[0.5], check=False)
     assert "tip_error" not in motion.attrs
-    checked = pliant.simulate(SWING, NOTHING, duration=1.0, step=2e-4, initial_angle=[0.5])
-    bare = pliant.simulate(SWING, NOTHING, duration=1.0, step=2e-4, initial_angle=[0.5], check=False)
+    checked = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=2e-4, initial_angle=[0.5])
+    bare = pliant.simulate(SWING, NOTHING, duration=1.0, time_step=2e-4, initial_angle=[0.5], check=False)
     assert np.array_equal(checked.joint_angle, bare.joint_angle)
 
 
@@ -137,7 +137,7 @@ def test_lengthening_links_that_lose_their_energy_are_reported():
     body = Model(link_length=[0.06, 0.06], link_mass=[0.3, 0.02], stiffness=[0.5, 0.2], damping=0.0, torque=[1e-6],
                  tip_mass=0.02, extensions=(Extension(stiffness=60.0),))  # fmt: skip
     with pytest.warns(AccuracyWarning, match="tip may be wrong by"):
-        motion = pliant.simulate(body, NOTHING, duration=0.5, step=2e-3, initial_angle=[0.9, -1.4, 0.1])
+        motion = pliant.simulate(body, NOTHING, duration=0.5, time_step=2e-3, initial_angle=[0.9, -1.4, 0.1])
     assert max(motion.attrs["energy_loss"], motion.attrs["energy_gain"]) > 0.01
 
 
@@ -155,10 +155,10 @@ def test_energy_defects_count_both_directions():
 
 def test_a_stepper_says_at_its_construction_that_its_step_is_too_long():
     undamped = chen2018.model(damping=0.0)
-    with pytest.warns(AccuracyWarning, match=r"a step of 2 ms is too long for the mode of .* Hz.*use step=0\.0002"):
-        pliant.Stepper(undamped, step=2e-3)
-    pliant.Stepper(undamped, step=2e-4)
-    pliant.Stepper(chen2018.model(), step=2e-3)
+    with pytest.warns(AccuracyWarning, match=r"a step of 2 ms is too long for the mode of .* Hz.*time_step=0\.0002"):
+        pliant.Stepper(undamped, time_step=2e-3)
+    pliant.Stepper(undamped, time_step=2e-4)
+    pliant.Stepper(chen2018.model(), time_step=2e-3)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
@@ -175,7 +175,7 @@ def test_the_accurate_method_follows_friction_and_forces():
     pulse = pliant.Pulse(8e4, 0.02, 0.1)
     how = {"times": np.linspace(0.0, 0.2, 21), "forces": [pull]}
     best = pliant.simulate(model, pulse, **how, method="accurate", tolerance=1e-4)
-    fine = pliant.simulate(model, pulse, **how, step=2.5e-5)
+    fine = pliant.simulate(model, pulse, **how, time_step=2.5e-5)
     assert np.abs(best.tip_position - fine.tip_position).max() < 1e-4 * model.length
 
 
@@ -186,12 +186,12 @@ def test_the_accurate_method_refuses_what_it_cannot_bound(monkeypatch):
     with pytest.raises(InputError, match="tolerance must be a positive fraction"):
         pliant.simulate(SWING, NOTHING, duration=1.0, method="accurate", tolerance=0.0)
     with pytest.raises(SimulationError, match="more than a radian"):
-        pliant.simulate(SWING, inputs.step(1e9), duration=0.1, method="accurate")
+        pliant.simulate(SWING, pliant.Step(1e9), duration=0.1, method="accurate")
 
 
 def test_missing_energy_alone_is_reported_beyond_a_tenth(monkeypatch):
     monkeypatch.setattr(solve, "energy_defects", lambda _motion: (0.0, 0.2))
     with pytest.warns(EnergyWarning, match="loses 20 % of its energy without dissipation: the step of 0.1 ms"):
-        pliant.simulate(SWING, NOTHING, duration=0.1, step=1e-4, initial_angle=[0.5])
+        pliant.simulate(SWING, NOTHING, duration=0.1, time_step=1e-4, initial_angle=[0.5])
     monkeypatch.setattr(solve, "energy_defects", lambda _motion: (0.05, 0.0))
-    pliant.simulate(SWING, NOTHING, duration=0.1, step=1e-4, initial_angle=[0.5])
+    pliant.simulate(SWING, NOTHING, duration=0.1, time_step=1e-4, initial_angle=[0.5])

@@ -11,7 +11,6 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import inputs
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning, energy_defects
 
@@ -23,19 +22,19 @@ BENT = np.array([0.6, -0.6, 0.6])
 
 def test_a_chain_that_gains_energy_is_reported():
     with pytest.warns(AccuracyWarning, match="of its energy without a source: the step of 0.5 ms is too long"):
-        motion = pliant.simulate(HEAVY, inputs.step(0.0), duration=3.0, step=5e-4, initial_angle=BENT)
+        motion = pliant.simulate(HEAVY, pliant.Step(0.0), duration=3.0, time_step=5e-4, initial_angle=BENT)
     total = motion.kinetic_energy + motion.elastic_energy
     assert motion.attrs["energy_gain"] > 0.01
     assert motion.attrs["energy_gain"] == pytest.approx(float((total.max() - total[0]) / total.max()), rel=0.5)
 
 
 def test_a_shorter_step_is_the_cure():
-    motion = pliant.simulate(HEAVY, inputs.step(0.0), duration=1.0, step=5e-5, initial_angle=BENT, check=False)
+    motion = pliant.simulate(HEAVY, pliant.Step(0.0), duration=1.0, time_step=5e-5, initial_angle=BENT, check=False)
     assert motion.attrs["energy_gain"] < 2e-3
 
 
 def test_a_stepper_reports_it_too():
-    stepper = pliant.Stepper(HEAVY, step=5e-4)
+    stepper = pliant.Stepper(HEAVY, time_step=5e-4)
     stepper.angle[:] = mechanics_of(HEAVY).coordinates(BENT)
     with pytest.warns(EnergyWarning, match="of its energy without a source: the step of 0.5 ms"):
         deque((stepper.step(0.0) for _ in range(6000)), maxlen=0)
@@ -47,7 +46,7 @@ def test_a_stepper_reports_it_too():
 def test_a_motion_that_keeps_its_energy_is_not_reported(pressure, damping):
     """Under a held pressure, under a changing one, and under a force that comes and goes."""
     model = chen2018.model(damping=damping)
-    stepper = pliant.Stepper(model, step=2e-4)
+    stepper = pliant.Stepper(model, time_step=2e-4)
     for k in range(60):
         stepper.push(np.array([0.0, 0.02 * (k % 3)]))
         stepper.step(pressure * (1 + k % 4), 50)
@@ -65,11 +64,11 @@ def energy(model: Model, q: np.ndarray, dq: np.ndarray) -> float:
 def test_a_stepper_balances_what_the_dampers_take():
     """The balance against energies by their definitions: work of a held pressure less the losses."""
     model = chen2018.model()
-    stepper = pliant.Stepper(model, step=1e-3)
+    stepper = pliant.Stepper(model, time_step=1e-3)
     stepper.step(5e4, 50)
     q, dq = mechanics_of(model).joint_angles(stepper.angle), np.diff(stepper.rate, prepend=0.0)
     before, total = energy(model, q, dq), stepper._watch.total.copy()
-    motion = pliant.simulate(model, inputs.step(5e4), duration=0.2, initial_angle=q, initial_rate=dq, step=1e-3)
+    motion = pliant.simulate(model, pliant.Step(5e4), duration=0.2, initial_angle=q, initial_rate=dq, time_step=1e-3)
     stepper.step(5e4, 200)
     after = energy(model, mechanics_of(model).joint_angles(stepper.angle), np.diff(stepper.rate, prepend=0.0))
     work, dampers, _ = stepper._watch.total - total
@@ -78,5 +77,5 @@ def test_a_stepper_balances_what_the_dampers_take():
 
 
 def test_nothing_at_all_gains_nothing():
-    motion = pliant.simulate(chen2018.model(), inputs.step(0.0), duration=0.1)
+    motion = pliant.simulate(chen2018.model(), pliant.Step(0.0), duration=0.1)
     assert energy_defects(motion) == (0.0, 0.0)

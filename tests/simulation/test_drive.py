@@ -7,7 +7,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.model import Valve
-from pliant.simulation import Chirp, Pulse, Trace, simulate, step, triangle
+from pliant.simulation import Chirp, Pulse, Step, Trace, simulate, triangle
 from pliant.simulation.drive import drive, merge, subdivide
 
 TIMES = np.linspace(0, 1, 101)
@@ -58,7 +58,7 @@ def test_impulse_of_a_law_that_is_not_a_line(awkward):
 @pytest.mark.parametrize("lag", [5e-5, 1e-3, 0.02])
 def test_mean_torque_of_a_fast_valve_in_a_square_law(awkward, lag):
     model = awkward.with_(torque=[0.0, 1e-12], valve=Valve(rise_time=lag, fall_time=lag))
-    plan = drive(model, step(1e5), np.array([0.0, 0.3]), 2e-3)
+    plan = drive(model, Step(1e5), np.array([0.0, 0.3]), 2e-3)
     want = 1e-2 * (0.3 - 2 * lag + lag / 2 - lag * (0 if lag < 0.01 else -2 * np.exp(-0.3 / lag)))
     assert (plan.h * plan.torque[:, 0]).sum() == pytest.approx(want, abs=1e-2 * 0.6 * min(lag, 2e-3**5 / lag**4))
 
@@ -113,23 +113,23 @@ def test_chirp_converges_at_second_order(paper, errors_mm):
 
 @pytest.mark.parametrize("method", ["midpoint", "LSODA"])
 def test_a_step_at_the_first_time_moves_the_chain(paper, method):
-    run = simulate(paper, step(119e3), duration=0.2, method=method)
+    run = simulate(paper, Step(119e3), duration=0.2, method=method)
     assert run.joint_angle[0].values == pytest.approx(np.zeros(5))
     assert run.pressure[0] == 119e3
-    later = simulate(paper, step(119e3, 0.1), times=np.linspace(0.0, 0.3, 301), method=method)
+    later = simulate(paper, Step(119e3, 0.1), times=np.linspace(0.0, 0.3, 301), method=method)
     assert np.abs(run.tip_position.values - later.tip_position.values[100:]).max() < 1e-7
 
 
 def test_a_constant_pressure_from_before_the_first_time_holds_the_chain_still(paper):
     held = simulate(paper, Trace([0.0], [119e3]), duration=0.5)
     assert np.abs(held.joint_rate).max() < 1e-12
-    started = simulate(paper, step(119e3, -1.0), duration=0.5)
+    started = simulate(paper, Step(119e3, -1.0), duration=0.5)
     assert np.abs(started.joint_rate).max() < 1e-12
 
 
 def test_pressure_shown_is_what_lies_behind_the_valve(paper):
     times = np.linspace(0, 1, 201)
-    shown = simulate(paper.with_(valve=Valve(rise_time=0.05, dead_time=0.1)), step(1e5, 0.1), times=times).pressure
+    shown = simulate(paper.with_(valve=Valve(rise_time=0.05, dead_time=0.1)), Step(1e5, 0.1), times=times).pressure
     assert shown.values[:, 0] == pytest.approx(1e5 * (1 - np.exp(-np.maximum(times - 0.2, 0) / 0.05)), rel=1e-10)
 
 

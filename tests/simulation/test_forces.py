@@ -35,7 +35,7 @@ def body(request):
 
 
 def test_it_ends_at_the_rest_under_the_force(body):
-    run = simulate(body, Pulse(4e4, 0.1, 1e6), duration=20.0, step=2e-3, forces=[held()])
+    run = simulate(body, Pulse(4e4, 0.1, 1e6), duration=20.0, time_step=2e-3, forces=[held()])
     rest = equilibrium(body, 4e4, FORCE)
     assert run.joint_angle.values[-1] == pytest.approx(rest[:5], abs=1e-8)
     if body.extensions:
@@ -48,11 +48,11 @@ def test_it_ends_at_the_rest_under_the_force(body):
 
 @pytest.mark.parametrize("at", ["middle", "tip"])
 def test_its_work_is_in_the_balance(body, at):
-    run = simulate(body, Pulse(4e4, 0.0, 0.3), duration=0.6, step=5e-5, forces=[held(stop=0.4, at=at)])
+    run = simulate(body, Pulse(4e4, 0.0, 0.3), duration=0.6, time_step=5e-5, forces=[held(stop=0.4, at=at)])
     stored = run.kinetic_energy + run.elastic_energy + run.gravitational_energy
     gap = stored - stored[0] - run.input_work + run.dissipated_energy
     assert np.abs(gap.values).max() < 1e-4 * float(run.input_work.max())
-    alone = simulate(body, Pulse(0.0), duration=0.6, step=5e-5, forces=[held(stop=10.0, at=at)])
+    alone = simulate(body, Pulse(0.0), duration=0.6, time_step=5e-5, forces=[held(stop=10.0, at=at)])
     way = alone.station_position.sel(station=at).values
     assert alone.input_work.values[-1] == pytest.approx(float(FORCE @ (way[-1] - way[0])), rel=1e-4)
 
@@ -66,7 +66,7 @@ def test_the_stepper_moves_alike(request, which):
     for _ in range(150):
         angles.append(stepper.step(3e4)[0].copy())
         strain = stepper.strain.copy()
-    run = simulate(model, Pulse(3e4, 0.0, 1.0), duration=0.15, step=1e-3, forces=[held(start=0.0, at=point)],
+    run = simulate(model, Pulse(3e4, 0.0, 1.0), duration=0.15, time_step=1e-3, forces=[held(start=0.0, at=point)],
                    initial_angle=equilibrium(model))  # fmt: skip
     phi = model.base_angle + np.cumsum(run.joint_angle.values + model.rest_angle, axis=1)
     assert phi[1:] == pytest.approx(np.array(angles), abs=1e-10)

@@ -108,10 +108,10 @@ def test_chambers_of_known_geometry_bend_and_lengthen_from_two_numbers():
 def test_march_and_reference_agree_and_balance(arm, memory):
     model = arm.with_(memory=memory)
     inputs = (Pulse(3e4, 0.02, 0.1), Pulse(1e4, 0.05, 0.1), Pulse(2e4, 0.0, 0.15))
-    fine = pliant.simulate(model, inputs, duration=0.2, step=2.5e-4)
+    fine = pliant.simulate(model, inputs, duration=0.2, time_step=2.5e-4)
     exact = pliant.simulate(model, inputs, times=fine.time.values, method="LSODA", rtol=1e-9)
     for name, size in (("tip_position", 2e-5), ("axial_strain", 5e-4)):
-        coarse = pliant.simulate(model, inputs, times=fine.time.values[::4], step=5e-4)
+        coarse = pliant.simulate(model, inputs, times=fine.time.values[::4], time_step=5e-4)
         errors = [float(np.abs(m[name] - exact[name]).max()) for m in (coarse, fine)]
         assert errors[1] < size
         assert 3.0 < errors[0] / errors[1] < 5.0, "second order"
@@ -124,7 +124,7 @@ def test_march_and_reference_agree_and_balance(arm, memory):
 
 def test_a_stepper_takes_the_steps_of_a_march(arm):
     stepper = pliant.Stepper(arm, 2.5e-4)
-    held = pliant.simulate(arm, [Pulse(p, 0.0) for p in (3e4, 1e4, 0.0)], duration=0.05, step=2.5e-4)
+    held = pliant.simulate(arm, [Pulse(p, 0.0) for p in (3e4, 1e4, 0.0)], duration=0.05, time_step=2.5e-4)
     for _ in range(200):
         stepper.step([3e4, 1e4, 0.0])
     np.testing.assert_allclose(stepper.tips(), held.tip_position[-1], atol=1e-9)
@@ -136,7 +136,7 @@ def test_a_stepper_takes_the_steps_of_a_march(arm):
 
 
 def test_a_body_at_rest_stays_there(arm):
-    motion = pliant.simulate(arm, [Pulse(p, -1.0, 9.0) for p in (2e4, 1e4, 5e3)], duration=0.05, step=5e-4)
+    motion = pliant.simulate(arm, [Pulse(p, -1.0, 9.0) for p in (2e4, 1e4, 5e3)], duration=0.05, time_step=5e-4)
     for name in ("joint_angle", "axial_strain"):
         assert np.abs(motion[name] - motion[name][0]).max() < 1e-10
     assert motion.extension[0].values == pytest.approx(motion.axial_strain[0].values * 0.1)

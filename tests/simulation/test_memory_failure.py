@@ -35,7 +35,7 @@ def failing(request, monkeypatch):
 def test_a_march_names_the_time_and_the_step(failing):
     words = f"{1e-3 * (failing[0] + 1):.6g} s after the start the iteration .* does not converge .* step of 1 ms"
     with pytest.raises(SimulationError, match=words):
-        simulate(MODEL, Pulse(3e4, 0.0, 1.0), times=1e-3 * np.arange(9), step=1e-3)
+        simulate(MODEL, Pulse(3e4, 0.0, 1.0), times=1e-3 * np.arange(9), time_step=1e-3)
 
 
 def test_a_stepper_stops_there(failing):

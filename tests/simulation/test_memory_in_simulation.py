@@ -8,7 +8,7 @@ import pytest
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve, load_model, save_model
-from pliant.simulation import Pulse, Stepper, Trace, equilibrium, modes, simulate, state, step, triangle
+from pliant.simulation import Pulse, Step, Stepper, Trace, equilibrium, modes, simulate, state, triangle
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
 from pliant.simulation.memory import march_with_memory
@@ -72,7 +72,7 @@ def test_creep_ends_where_the_spring_alone_would_hold(paper):
     """The branch has relaxed after many times its own; before, it adds its stiffness."""
     share = 0.25
     model = paper.with_(memory=Memory((share,), (5.0,)), damping=0.05)
-    q = simulate(model, step(1e5), times=np.array([0.0, 0.4, 0.5, 60.0, 80.0])).joint_angle.values[:, 0]
+    q = simulate(model, Step(1e5), times=np.array([0.0, 0.4, 0.5, 60.0, 80.0])).joint_angle.values[:, 0]
     final = equilibrium(model, 1e5)[0]
     assert q[-1] == pytest.approx(final, rel=1e-6)
     assert q[2] == pytest.approx(final / (1 + share), rel=0.04)
@@ -84,7 +84,7 @@ def test_slow_cycles_between_two_levels_close_their_loops(paper):
     ends = []
     for period in (20.0, 40.0):
         times = np.linspace(0.0, 3 * period, 121)
-        run = simulate(model, triangle(1.2e5, period, 3), times=times, step=4e-3)
+        run = simulate(model, triangle(1.2e5, period, 3), times=times, time_step=4e-3)
         ends.append(run.memory_state.values[[40, 80, 120]])
         loss = np.diff(run.memory_dissipation.values[[40, 80, 120]])
         assert loss[0] > 0
@@ -100,7 +100,7 @@ def test_steps_are_those_of_simulate(paper, memory):
     stepper = Stepper(model, h)
     found = np.array([stepper.step(p)[0].copy() for p in levels])
     nodes = np.arange(levels.size + 1) * h
-    run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, step=h)
+    run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, time_step=h)
     assert mechanics_of(model).joint_angles(found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
     assert stepper.memory[:, : len(memory.labels)] == pytest.approx(run.memory_state.values[-1], abs=1e-10)
     stepper.reset()
@@ -119,7 +119,7 @@ def test_an_inflating_chamber_against_an_adaptive_solver(awkward, errors_mm):
 
 def test_an_inflating_chamber_rests_as_its_wall_and_remembers_its_stretch(paper, tmp_path):
     model = paper.with_(inflation_limit=2e5, inflation_time=0.02, damping=0.1)
-    run = simulate(model, step(1e5, 0.01), times=np.array([0.0, 2.0, 3.0]), step=2e-3)
+    run = simulate(model, Step(1e5, 0.01), times=np.array([0.0, 2.0, 3.0]), time_step=2e-3)
     assert run.hoop_stretch.values[:, 0] == pytest.approx([1.0, 2**0.25, 2**0.25])
     assert run.joint_angle.values[-1] == pytest.approx(equilibrium(paper, 1e5) * 2**0.75)
     assert run.joint_angle.values[-1] == pytest.approx(equilibrium(model, 1e5))
@@ -127,7 +127,7 @@ def test_an_inflating_chamber_rests_as_its_wall_and_remembers_its_stretch(paper,
     with pytest.raises(SimulationError, match="expands without bound"):
         equilibrium(model, 2e5)
     bounded = model.with_(inflation_jm=1.0)
-    run = simulate(bounded, step(3e5, 0.01), times=np.array([0.0, 2.0, 3.0]), step=2e-3)
+    run = simulate(bounded, Step(3e5, 0.01), times=np.array([0.0, 2.0, 3.0]), time_step=2e-3)
     assert run.joint_angle.values[-1] == pytest.approx(equilibrium(bounded, 3e5))
     x = run.hoop_stretch.values[-1, 0]
     push = (1.0 - x**-4) / (1.0 - (x**2 + x**-2 - 2.0))
@@ -141,7 +141,7 @@ def test_steps_of_an_inflating_chamber_are_those_of_simulate(paper):
     stepper = Stepper(model, h)
     found = np.array([stepper.step(p)[0].copy() for p in levels])
     nodes = np.arange(levels.size + 1) * h
-    run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, step=h)
+    run = simulate(model, Trace(np.repeat(nodes, 2)[1:-1], np.repeat(levels, 2)), times=nodes, time_step=h)
     assert mechanics_of(model).joint_angles(found) == pytest.approx(run.joint_angle.values[1:], abs=1e-10)
     assert stepper.stretch == pytest.approx(run.hoop_stretch.values[-1], rel=1e-12)
     stepper.reset(1e5)
@@ -150,11 +150,11 @@ def test_steps_of_an_inflating_chamber_are_those_of_simulate(paper):
 
 def test_a_pressure_that_settles_late_comes_whole_in_the_end(paper):
     model = paper.with_(valve=Valve(settle_share=0.2, settle_time=0.1))
-    run = simulate(model, step(1e5), times=np.array([0.0, 0.1, 0.2, 3.0]), step=1e-3)
+    run = simulate(model, Step(1e5), times=np.array([0.0, 0.1, 0.2, 3.0]), time_step=1e-3)
     expected = 1e5 * (1.0 - 0.2 * np.exp(-np.array([0.1, 0.2, 3.0]) / 0.1))
     assert run.pressure.values[1:, 0] == pytest.approx(expected, rel=1e-9)
     with pytest.raises(InputError, match="settle_share"):
-        simulate(model, step(1e5), duration=0.1, method="LSODA")
+        simulate(model, Step(1e5), duration=0.1, method="LSODA")
     with pytest.raises(InputError, match="settle_share must be at most 1"):
         Valve(settle_share=1.5)
 
@@ -166,17 +166,17 @@ def test_memory_rings_with_all_its_stiffness(paper):
 
 def test_a_start_goes_on_where_another_run_ended(paper):
     model = paper.with_(memory=ALL)
-    whole = simulate(model, step(1e5), times=np.array([0.0, 0.1, 0.2]), step=1e-3)
+    whole = simulate(model, Step(1e5), times=np.array([0.0, 0.1, 0.2]), time_step=1e-3)
     at = whole.isel(time=1)
     rest = simulate(
-        model, step(1e5, -1.0), times=np.array([0.1, 0.2]), step=1e-3, initial_angle=at.joint_angle.values,
+        model, Step(1e5, -1.0), times=np.array([0.1, 0.2]), time_step=1e-3, initial_angle=at.joint_angle.values,
         initial_rate=at.joint_rate.values, initial_memory=at.memory_state.values,
     )
     assert rest.joint_angle.values[-1] == pytest.approx(whole.joint_angle.values[-1], abs=1e-9)
     with pytest.raises(InputError, match=r"\(5, 5\)"):
-        simulate(model, step(1e5), duration=0.1, initial_memory=np.zeros((5, 2)))
+        simulate(model, Step(1e5), duration=0.1, initial_memory=np.zeros((5, 2)))
     with pytest.raises(InputError, match=r"initial_memory must be finite, but \d+ of its \d+ angles are not"):
-        simulate(model, step(1e5), duration=0.1, initial_memory=np.nan * at.memory_state.values)
+        simulate(model, Step(1e5), duration=0.1, initial_memory=np.nan * at.memory_state.values)
 
 
 def test_a_file_keeps_it_and_older_files_have_none(paper, tmp_path):
@@ -210,7 +210,7 @@ def test_refusals(paper):
     with pytest.raises(InputError, match="swell_share must be at most 1"):
         paper.with_(swell_share=1.2)
     with pytest.raises(SimulationError, match="more than a radian"):
-        simulate(paper.with_(memory=ALL), step(3e8), duration=0.1)
+        simulate(paper.with_(memory=ALL), Step(3e8), duration=0.1)
     with pytest.raises(InputError, match="first-order valve"):
         Stepper(paper.with_(valve=Valve(settle_share=0.1)))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.simulation import Chirp, Multisine, Pulse, Trace, ramp, step, triangle
+from pliant.simulation import Chirp, Multisine, Pulse, Step, Trace, ramp, triangle
 
 
 def test_pulse_holds_its_level_between_its_edges():
@@ -17,8 +17,13 @@ def test_pulse_holds_its_level_between_its_edges():
 
 
 def test_step_has_one_edge_only():
-    assert step(1e5, 0.3).jumps.tolist() == [0.3]
-    assert step(1e5)(np.array([-1e-9, 0.0, 1e6])).tolist() == [0.0, 1e5, 1e5]
+    assert Step(1e5, 0.3).jumps.tolist() == [0.3]
+    assert Step(1e5)(np.array([-1e-9, 0.0, 1e6])).tolist() == [0.0, 1e5, 1e5]
+    assert repr(Step(1e5, 0.3)) == "Step(level=100000.0, start=0.3)"
+    with pytest.raises(InputError, match="step: start must be finite, got inf"):
+        Step(1e5, np.inf)
+    with pytest.raises(TypeError):
+        Step(1e5, 0.3, 1.0)  # what ends is a pulse
 
 
 def test_ramp_and_triangle_are_straight_between_their_corners():
@@ -55,7 +60,7 @@ def test_trace_keeps_a_copy_and_cannot_be_changed():
 
 
 @pytest.mark.parametrize(
-    "made", [Pulse(119e3, 0.12, 2.76), step(1e5, 0.3), ramp(1e5, 0.2, 0.5), Trace([3.0], [7.0]),
+    "made", [Pulse(119e3, 0.12, 2.76), Step(1e5, 0.3), ramp(1e5, 0.2, 0.5), Trace([3.0], [7.0]),
              Trace([0.0, 1.0, 1.0, 2.0], [0.0, 10.0, 50.0, 70.0]), Trace([0.0, 0.0], [1.0, 2.0])],
 )  # fmt: skip
 def test_one_time_is_told_as_many_are(made, rng):

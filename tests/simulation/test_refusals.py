@@ -7,7 +7,7 @@ import pytest
 
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
-from pliant.simulation import Pulse, Stepper, Trace, simulate, step
+from pliant.simulation import Pulse, Step, Stepper, Trace, simulate
 
 
 class Broken:
@@ -22,12 +22,12 @@ class Broken:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"step": 0.03}, "too long: the first mode rings at 5.01 Hz"),
-        ({"step": 0.0}, "step must be a positive time"),
-        ({"step": -1e-3}, "step must be a positive time"),
-        ({"step": np.nan}, "step must be a positive time"),
-        ({"step": 1e-12}, "too many steps"),
-        ({"duration": None, "times": np.array([0.0, 1.0]), "step": 1e-12}, "too many steps"),
+        ({"time_step": 0.03}, "too long: the first mode rings at 5.01 Hz"),
+        ({"time_step": 0.0}, "time_step must be a positive time"),
+        ({"time_step": -1e-3}, "time_step must be a positive time"),
+        ({"time_step": np.nan}, "time_step must be a positive time"),
+        ({"time_step": 1e-12}, "too many steps"),
+        ({"duration": None, "times": np.array([0.0, 1.0]), "time_step": 1e-12}, "too many steps"),
         ({"duration": 0.0}, "duration must be a positive time"),
         ({"duration": np.inf}, "duration must be a positive time"),
         ({"duration": None}, "either duration"),
@@ -59,14 +59,14 @@ def test_a_pressure_that_is_not_finite_is_refused_by_every_method(paper, method)
 def test_a_pressure_that_throws_the_links_about_is_refused(paper, level):
     """10 MPa would turn links by radians within a step: the numbers stay finite for a while and mean nothing."""
     with pytest.raises(SimulationError, match="faster than the step can follow") as caught:
-        simulate(paper, Pulse(level, 0.01), duration=0.3, step=1e-3)
+        simulate(paper, Pulse(level, 0.01), duration=0.3, time_step=1e-3)
     assert "0.01" in str(caught.value) or "0.02" in str(caught.value)
     assert caught.value.exit_code == 1
 
 
 def test_what_is_not_refused_is_right(paper, errors_mm):
     """At 1 MPa, eight times the paper's pressure, links turn by a tenth of a radian within a step."""
-    assert errors_mm(paper, step(1e6), np.linspace(0, 0.2, 21), [1e-3])[0] < 0.1
+    assert errors_mm(paper, Step(1e6), np.linspace(0, 0.2, 21), [1e-3])[0] < 0.1
 
 
 def test_a_law_that_overflows_is_refused(paper):
@@ -82,9 +82,9 @@ def test_a_standing_chain_that_buckles_is_refused(paper):
 def test_a_stepper_refuses_what_it_cannot_do(paper):
     with pytest.raises(InputError, match="too long"):
         Stepper(paper, 0.03)
-    with pytest.raises(InputError, match="step must be a positive time"):
+    with pytest.raises(InputError, match="time_step must be a positive time"):
         Stepper(paper, 0.0)
-    with pytest.raises(InputError, match="step must be a positive time"):
+    with pytest.raises(InputError, match="time_step must be a positive time"):
         Stepper(paper, float("nan"))
     with pytest.raises(InputError, match="finite pressure"):
         Stepper(paper, pressure=float("nan"))

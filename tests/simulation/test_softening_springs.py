@@ -34,7 +34,7 @@ def test_an_undamped_chain_keeps_its_energy_to_second_order(soft, cubic):
     soft = soft.with_(cubic_stiffening=cubic)
     bent = {"times": np.linspace(0.0, 0.1, 9), "initial_angle": np.full(5, 0.05)}
     assert balance(simulate(soft, Pulse(0.0), method="LSODA", rtol=1e-8, **bent)) < 1e-6
-    gaps = [balance(simulate(soft, Pulse(0.0), step=h, **bent)) for h in (2.5e-4, 1.25e-4)]
+    gaps = [balance(simulate(soft, Pulse(0.0), time_step=h, **bent)) for h in (2.5e-4, 1.25e-4)]
     assert 3.0 < gaps[0] / gaps[1] < 5.0
     assert gaps[1] < 1e-4
 
@@ -42,7 +42,7 @@ def test_an_undamped_chain_keeps_its_energy_to_second_order(soft, cubic):
 def order(model):
     """Errors of the tips at two steps against LSODA, m, and what springs without softening would err."""
     tight = simulate(model, PULSE, times=TIMES, method="LSODA", rtol=1e-9).tip_position
-    runs = [simulate(m, PULSE, times=TIMES, step=h) for m, h in (
+    runs = [simulate(m, PULSE, times=TIMES, time_step=h) for m, h in (
         (model, 1e-3), (model, 5e-4), (model.with_(stiffening=0.0), 5e-4)
     )]  # fmt: skip
     return [float(np.abs(run.tip_position - tight).max()) for run in runs]

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from pliant import basic
 from pliant.model import Model, Station, Valve
-from pliant.simulation import Pulse, Trace, equilibrium, modes, simulate, step
+from pliant.simulation import Pulse, Step, Trace, equilibrium, modes, simulate
 
 PULSE = Pulse(119e3, 0.1003, 0.4711)
 TIMES = np.linspace(0, 1, 101)
@@ -41,7 +41,7 @@ def test_the_three_references_agree(paper, valve):
     for run in runs[1:]:
         assert np.abs(run.tip_position - runs[0].tip_position).max() < 2e-8  # m
         assert np.abs(run.input_work - runs[0].input_work).max() < 2e-8  # J
-    marched = simulate(model, pulse, times=times, step=1e-4)
+    marched = simulate(model, pulse, times=times, time_step=1e-4)
     assert np.abs(marched.tip_position - runs[0].tip_position).max() < 1e-6
 
 
@@ -85,7 +85,7 @@ def test_the_reference_agrees_with_newton_euler_by_finite_differences(awkward):
         )
 
     q0 = equilibrium(awkward)
-    run = simulate(awkward, step(8e4), times=np.linspace(0, 0.2, 21), method="LSODA", rtol=1e-10)
+    run = simulate(awkward, Step(8e4), times=np.linspace(0, 0.2, 21), method="LSODA", rtol=1e-10)
     want = solve_ivp(
         lambda _, y: np.append(y[n:], lagrange(y[:n], y[n:], 8e4)), (0, 0.2), np.append(q0, np.zeros(n)),
         method="LSODA", t_eval=run.time, rtol=1e-8, atol=1e-10,
@@ -106,7 +106,7 @@ def test_extrapolated_is_of_fourth_order(paper):
     model, steps = paper.with_(valve=Valve(rise_time=0.02, fall_time=0.02)), np.array([4e-3, 2e-3, 1e-3])
     ramp = Trace([0.0, 0.0431, 0.1217, 0.3], [0.0, 0.0, 119e3, 0.0])
     truth = simulate(model, ramp, times=TIMES, method="LSODA", rtol=1e-11)["tip_position"]
-    runs = [simulate(model, ramp, times=TIMES, method="extrapolated", step=h)["tip_position"] for h in steps]
+    runs = [simulate(model, ramp, times=TIMES, method="extrapolated", time_step=h)["tip_position"] for h in steps]
     errors = [1e3 * float(np.abs(run - truth).max()) for run in runs]
     assert slope(steps, errors) == pytest.approx(4.0, abs=0.7)
     assert errors[-1] < 1e-4  # mm
@@ -114,12 +114,12 @@ def test_extrapolated_is_of_fourth_order(paper):
 
 def test_midpoint_errors_of_the_papers_step(paper, errors_mm):
     """Of a tip that moves by 43 mm; output every 20 ms so that the longer steps are taken whole."""
-    errors = errors_mm(paper, step(119e3), np.linspace(0, 1, 51), [1e-3, 2e-3, 4e-3, 1e-2])
+    errors = errors_mm(paper, Step(119e3), np.linspace(0, 1, 51), [1e-3, 2e-3, 4e-3, 1e-2])
     assert np.all(np.array(errors) < [0.01, 0.04, 0.15, 1.0])
 
 
 def test_rods_of_uniform_mass_are_as_accurate(paper, errors_mm):
-    errors = errors_mm(paper.with_(mass_at="rod"), step(119e3), np.linspace(0, 1, 51), [1e-3, 2e-3, 4e-3])
+    errors = errors_mm(paper.with_(mass_at="rod"), Step(119e3), np.linspace(0, 1, 51), [1e-3, 2e-3, 4e-3])
     assert np.all(np.array(errors) < [0.02, 0.06, 0.24])
 
 
@@ -128,7 +128,7 @@ def test_the_longest_step_allowed_stays_bounded(request, which):
     model = request.getfixturevalue(which)
     longest = 0.999 / (8 * modes(model)[0][0])
     times = np.arange(0, 400) * longest
-    run = simulate(model, step(6e4), times=times, step=longest, check=False)
+    run = simulate(model, Step(6e4), times=times, time_step=longest, check=False)
     rest = equilibrium(model, 6e4)
     assert np.abs(run.joint_angle[-1] - rest).max() < 1e-3
     assert np.abs(run.joint_angle).max() < 4 * np.abs(rest).max()
@@ -139,7 +139,7 @@ def test_the_longest_step_allowed_stays_bounded(request, which):
 def test_energy_balances_at_the_order_of_the_rule(request, which, damping):
     model = request.getfixturevalue(which).with_(damping=damping)
     steps = np.array([1e-4, 5e-5, 2.5e-5])  # the highest mode, undamped, rings at 119 Hz
-    gaps = [energy_gap(simulate(model, PULSE, times=TIMES, step=h)).max() for h in steps]
+    gaps = [energy_gap(simulate(model, PULSE, times=TIMES, time_step=h)).max() for h in steps]
     assert slope(steps, gaps) > 1.9
     assert gaps[0] < 2e-5  # J, of some 70 mJ that go in
     assert energy_gap(simulate(model, PULSE, times=TIMES[:31], method="LSODA", rtol=1e-10)).max() < 1e-9
@@ -160,14 +160,14 @@ def test_without_damping_nothing_is_lost(paper):
 def test_the_linear_part_of_the_rule_conserves_energy_exactly():
     """One stiff link on a spring: the midpoint rule keeps its quadratic energy at any step."""
     one = Model(link_length=0.1, link_mass=0.05, stiffness=0.4, damping=0.0, torque=1e-6)
-    run = simulate(one, Trace([0], [5e4]), duration=20.0, step=0.015, initial_angle=[0.3], check=False)
+    run = simulate(one, Trace([0], [5e4]), duration=20.0, time_step=0.015, initial_angle=[0.3], check=False)
     total = run.kinetic_energy + run.elastic_energy - run.input_work
     assert np.abs(total - total[0]).max() < 1e-12 * total[0]
 
 
 def test_under_constant_pressure_energy_only_falls(paper, awkward):
     for model, p in ((paper, 119e3), (awkward, 8e4)):
-        run = simulate(model, step(p), duration=1.0)
+        run = simulate(model, Step(p), duration=1.0)
         assert np.all(np.diff(run.dissipated_energy) >= 0)
         spent = (run.kinetic_energy + run.elastic_energy + run.gravitational_energy - run.input_work).values
         assert np.diff(spent).max() < 1e-8 * np.ptp(spent)
@@ -189,7 +189,7 @@ def test_the_mirror_image_of_a_body_moves_as_its_mirror_image(paper, awkward):
 
 
 def test_positive_pressure_moves_the_tip_towards_minus_x(paper):
-    assert simulate(paper, step(1e5), duration=0.1).tip_position[-1, -1, 0] < -0.005
+    assert simulate(paper, Step(1e5), duration=0.1).tip_position[-1, -1, 0] < -0.005
 
 
 def test_starting_from_a_given_state(paper):
@@ -206,7 +206,7 @@ def test_starting_from_a_given_state(paper):
 
 
 def test_a_trajectory_says_what_it_holds(paper):
-    run = simulate(paper, PULSE, duration=0.2, step=2e-3)
+    run = simulate(paper, PULSE, duration=0.2, time_step=2e-3)
     assert run.sizes == {"time": 101, "joint": 5, "link": 5, "station": 5, "axis": 2, "input": 1}
     assert run.time.values == pytest.approx(np.linspace(0, 0.2, 101))
     assert all({"units", "long_name"} <= set(v.attrs) for v in [*run.data_vars.values(), run.time])

@@ -50,7 +50,7 @@ def test_rest_is_where_the_potential_is_flat(awkward, force):
 
 def test_rest_is_where_a_long_simulation_ends(awkward):
     run = simulate(
-        awkward, Trace([0], [7e4]), times=np.array([0.0, 8.0]), initial_angle=np.zeros(3), step=4e-3,
+        awkward, Trace([0], [7e4]), times=np.array([0.0, 8.0]), initial_angle=np.zeros(3), time_step=4e-3,
     )
     assert run.joint_angle[-1].values == pytest.approx(equilibrium(awkward, 7e4), abs=1e-10)
     still = simulate(awkward, Trace([0], [7e4]), duration=0.5)

@@ -33,7 +33,7 @@ def test_held_pressures_give_the_trajectory_of_simulate(request, which, valve):
         angle, rate = stepper.step(p)
         rows.append((angle.copy(), rate.copy(), stepper.pressure))
     phi, w, shown = (np.array(column) for column in zip(*rows, strict=True))
-    run = simulate(model, staircase(HELD, h), times=np.arange(HELD.size + 1) * h, step=h)
+    run = simulate(model, staircase(HELD, h), times=np.arange(HELD.size + 1) * h, time_step=h)
     assert np.abs(mechanics_of(model).joint_angles(phi) - run.joint_angle.values).max() < 1e-11
     assert np.abs(np.diff(w, axis=-1, prepend=0.0) - run.joint_rate.values).max() < 1e-9
     if valve.rise_time:
@@ -137,7 +137,7 @@ def test_it_starts_from_any_angles_and_rates(awkward):
     stepper.reset(5e4, joint_angle=q, joint_rate=dq)
     rows = [mechanics_of(awkward).joint_angles(stepper.step(5e4)[0]).copy() for _ in range(50)]
     level = Trace(np.array([0.0]), np.array([5e4]))
-    run = simulate(awkward, level, times=np.arange(51) * h, step=h, initial_angle=q, initial_rate=dq)
+    run = simulate(awkward, level, times=np.arange(51) * h, time_step=h, initial_angle=q, initial_rate=dq)
     assert np.abs(np.array(rows) - run.joint_angle.values[1:]).max() < 1e-12
     assert stepper.tips() == pytest.approx(run.tip_position.values[-1], abs=1e-12)
     places, angles = stepper.stations()

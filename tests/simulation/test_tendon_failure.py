@@ -48,7 +48,7 @@ def impatient(monkeypatch):
 @pytest.mark.usefixtures("impatient")
 def test_a_march_names_the_time_and_the_step():
     with pytest.raises(SimulationError, match=f"^0.003 s after the start the {WORDS}"):
-        simulate(MODEL, PULL, times=TIMES, step=STEP)
+        simulate(MODEL, PULL, times=TIMES, time_step=STEP)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -62,9 +62,9 @@ def test_a_stepper_stops_there():
 @pytest.mark.usefixtures("impatient")
 def test_a_batch_tells_which_sample_fails_and_when():
     pulls = [(PULL,), (Pulse(0.0, 0.0, 1.0),)]
-    made = simulate_batch([MODEL, MODEL], pulls, times=TIMES, step=STEP, failures="mark")
+    made = simulate_batch([MODEL, MODEL], pulls, times=TIMES, time_step=STEP, failures="mark")
     with pytest.raises(SimulationError, match=r"sample 0 at 0.003 s: .* tensions of tendons do not converge"):
-        simulate_batch([MODEL, MODEL], pulls, times=TIMES, step=STEP)
+        simulate_batch([MODEL, MODEL], pulls, times=TIMES, time_step=STEP)
     assert made.failed_at.to_numpy() == pytest.approx([3e-3, np.nan], nan_ok=True)
 
 

@@ -13,7 +13,7 @@ from pliant.actuators import chen2018
 from pliant.batch import simulate_batch
 from pliant.errors import InputError
 from pliant.model import Valve
-from pliant.simulation import Pulse, Stepper, Trace, simulate, step
+from pliant.simulation import Pulse, Step, Stepper, Trace, simulate
 from pliant.simulation.drive import through_valve
 
 
@@ -84,12 +84,12 @@ def test_second_order_under_critically_and_over_damped(zeta):
 def test_second_order_overshoots_as_the_closed_form_says():
     zeta, f = 0.3, 8.0
     damped = 2 * np.pi * f * np.sqrt(1 - zeta**2)
-    p, _, _ = behind(Valve(natural_frequency=f, damping_ratio=zeta), step(1.0), np.array([0.0, np.pi / damped]))
+    p, _, _ = behind(Valve(natural_frequency=f, damping_ratio=zeta), Step(1.0), np.array([0.0, np.pi / damped]))
     assert p[-1] - 1 == pytest.approx(np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), rel=1e-12)
 
 
 def test_a_very_fast_overdamped_valve_stays_finite():
-    p, mean, _ = behind(Valve(natural_frequency=5e4, damping_ratio=40.0), step(1.0), np.array([0.0, 0.5, 1.0]))
+    p, mean, _ = behind(Valve(natural_frequency=5e4, damping_ratio=40.0), Step(1.0), np.array([0.0, 0.5, 1.0]))
     assert p[1:] == pytest.approx([1.0, 1.0])
     assert np.isfinite(mean).all()
 
@@ -137,22 +137,22 @@ def test_flow_through_an_opening_is_that_of_iso_6358(first, then, until):
         return np.array([np.sign(u - y[0]) * high * psi / lag])
 
     p, mean, out = behind(Valve(opening_time=lag), Trace([0.0, 0.0, 1.0], [first, then, then]), nodes, first)
-    want, area = reference(flow, np.array([first]), step(then, -1.0), nodes)
+    want, area = reference(flow, np.array([first]), Step(then, -1.0), nodes)
     assert p == pytest.approx(want, abs=0.01)
     assert mean == pytest.approx(area, abs=0.01)
-    halves, _, _ = behind(Valve(opening_time=lag), step(then, 0.0), np.linspace(0.0, until, 13), first)
+    halves, _, _ = behind(Valve(opening_time=lag), Step(then, 0.0), np.linspace(0.0, until, 13), first)
     assert out[:, 1] == pytest.approx(halves[1::2], abs=1e-6)
 
 
 def test_a_chamber_behind_an_opening_is_full_after_a_finite_time():
     """Below twice its absolute pressure the flow is never choked: full after T/2 arccos(2 p0 / u - 1)."""
     full = 0.05 * np.arccos(2.0 * 101325.0 / (101325.0 + 4e4) - 1.0)
-    p, _, _ = behind(Valve(opening_time=0.1), step(4e4), np.array([0.0, 0.99 * full, 1.0001 * full, 0.5]))
+    p, _, _ = behind(Valve(opening_time=0.1), Step(4e4), np.array([0.0, 0.99 * full, 1.0001 * full, 0.5]))
     assert p[1] < 4e4 - 1.0
     assert p[2:] == pytest.approx(4e4, abs=1e-6)
-    still, mean, _ = behind(Valve(opening_time=0.1), step(4e4, -1.0), np.linspace(0.0, 0.5, 3), 4e4)
+    still, mean, _ = behind(Valve(opening_time=0.1), Step(4e4, -1.0), np.linspace(0.0, 0.5, 3), 4e4)
     assert np.array([*still, *mean]) == pytest.approx(4e4, rel=1e-12)
-    slower, _, _ = behind(Valve(opening_time=0.1, rise_time=0.05), step(4e4), np.linspace(0.0, 0.5, 201))
+    slower, _, _ = behind(Valve(opening_time=0.1, rise_time=0.05), Step(4e4), np.linspace(0.0, 0.5, 201))
     assert np.all(np.diff(slower) >= 0.0)
     assert slower[-1] == pytest.approx(4e4, rel=1e-3)
 

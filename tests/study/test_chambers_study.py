@@ -26,7 +26,7 @@ def content(**changes: Any) -> dict[str, Any]:
     """The study; its tables carry the pressure of the right chamber first."""
     drive = {"left": "b", "right": 0}
     return {
-        "name": "two", "step": 2e-3, "actuator": {"length": 0.12, "mass": 0.05, "links": 2, "chambers": CHAMBERS},
+        "name": "two", "time_step": 2e-3, "actuator": {"length": 0.12, "mass": 0.05, "links": 2, "chambers": CHAMBERS},
         "alignment": {"options": {"base": "base", "tangent": AXES[:, 1].tolist()}},
         "recordings": {name: {"file": f"{name}.csv", "drive": drive} for name in LEVELS},
         "fits": {"both_chambers": {"train": ["l", "r"], "held_out": ["both"], "starts": 1, "parameters": {
@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                        stations=(Station("tip", 1, 0.06),))  # fmt: skip
     for k, (name, levels) in enumerate(LEVELS.items()):
         traces = [Trace([0.2, 0.21, 0.9, 0.91], 1e3 * p * np.array([0.0, 1.0, 1.0, 0.0])) for p in levels]
-        tip = simulate(body, traces, times=TIMES, step=5e-4)["station_position"].values[:, 0]
+        tip = simulate(body, traces, times=TIMES, time_step=5e-4)["station_position"].values[:, 0]
         at = np.stack([np.zeros((TIMES.size, 3)), np.column_stack([tip, np.zeros(TIMES.size)])], axis=1)
         seen = at @ AXES.T + ORIGIN + 2e-5 * np.random.default_rng(k).standard_normal((TIMES.size, 2, 3))
         columns = [TIMES, traces[1](TIMES) / 1e3, traces[0](TIMES) / 1e3, seen.reshape(TIMES.size, -1)]

@@ -61,7 +61,7 @@ def test_a_forecast_is_by_the_fit_that_it_names():
     entries = {"own": ForecastEntry(like="r"), "other": ForecastEntry(like="r", fit="half"),
                "none": ForecastEntry(like="r", fit="gone")}  # fmt: skip
     failures = Failures("first", lambda _line: None)
-    made = run_forecasts(Study.model_construct(forecasts=entries, step=5e-3), {"r": like}, results, failures)
+    made = run_forecasts(Study.model_construct(forecasts=entries, time_step=5e-3), {"r": like}, results, failures)
     full, half = (f.tip[-1, 0] - f.tip[0, 0] for f in made)
     assert half == pytest.approx(0.5 * full, rel=0.02)
     reason = "the forecast uses fit gone, which could not be computed: correct this fit first"

@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
     for k, rates in enumerate([(2.0, 3.1), (2.7, 1.3)]):
         pressure = np.stack([np.where(TIME < 0.4, 0.0, 2e4 * np.sin(r * (TIME - 0.4)) ** 2) for r in rates], -1)
         drive = [Trace(TIME, p) for p in pressure.T]
-        place = simulate(body(), drive, times=TIME, step=4e-3)["station_position"].values
+        place = simulate(body(), drive, times=TIME, time_step=4e-3)["station_position"].values
         place = np.concatenate([np.zeros((len(TIME), 1, 3)), place], axis=1)
         place = place + 1e-5 * rng.standard_normal(place.shape)
         tracked = TURN.apply(place.reshape(-1, 3)).reshape(place.shape) + 0.2
@@ -109,7 +109,8 @@ def test_what_cannot_be_drafted_in_space_says_so(tmp_path):
 def test_the_drafted_study_finds_the_body(folder):
     draft = draft_study([folder / "run0.nc", folder / "run1.nc"], folder / "s.toml", mass=0.1, gravity=GRAVITY)
     text = draft.text.replace("links = 5", "links = 3")
-    text = text.replace("[fits.first]\n", "[fits.first]\nstarts = 1\n").replace("step = 0.002", "step = 0.005")
+    text = text.replace("[fits.first]\n", "[fits.first]\nstarts = 1\n")
+    text = f"time_step = 5e-3\n{text}"
     (folder / "s.toml").write_text(text)
     outcome = run_study(load_study(folder / "s.toml"))
     fit = outcome.fits[0].result

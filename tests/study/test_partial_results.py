@@ -168,7 +168,7 @@ def test_the_hierarchy_passes_over_a_stage_that_cannot_predict(tmp_path: Path) -
     told: list[str] = []
     known = Parameter("torque_1", 5e-7, free=False)
     selection = select_model(train, held_out, ready.model, common=[known], stages=stages, progress=told.append)
-    elastic, other = selection.steps
+    elastic, other = selection.stages
     assert selection.chosen == "elastic"
     assert other.result is not None
     assert other.held_out == {}

@@ -21,7 +21,7 @@ BODY = chain_model(length=0.12, mass=0.05, links=2, stiffness=0.5, damping=1e-5,
 def swing():
     """A body that rings under a pulse, seen at 100 Hz, with the pressure that drove it."""
     time = np.arange(101) / 100.0
-    motion = simulate(BODY, Pulse(9e4, 0.1, 0.4), times=time, step=1e-4)
+    motion = simulate(BODY, Pulse(9e4, 0.1, 0.4), times=time, time_step=1e-4)
     seen = make_recording(
         time, motion.tip_position.values, station=[p.name for p in BODY.points], frame="planar",
         pressure=motion.pressure.values, pressure_time=time, source="made",
@@ -41,4 +41,4 @@ def test_a_record_whose_motion_needs_a_shorter_step_is_named(swing, step, warned
     assert len(lines) == warned
     if warned:
         assert lines[0].startswith("warning: fit first: the simulated tip of record swing may be wrong by")
-        assert "the step of 5 ms is too long for its motion; set step =" in lines[0]
+        assert "the step of 5 ms is too long for its motion; set time_step =" in lines[0]

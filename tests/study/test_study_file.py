@@ -46,10 +46,14 @@ def test_a_relative_folder_is_taken_from_the_study_file(tmp_path: Path) -> None:
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown key at the top": (changed(colour="red"), "'colour' is not a known entry"),
+    "unknown key at the top": (
+        changed(colour="red"), "'colour' is not a known entry: remove it or correct its name"
+    ),
     "unknown key in the actuator": (changed("actuator", lenght=0.1), "'actuator.lenght' is not a known entry"),
     "unknown key in a recording": (changed("recordings", "low", unit="psi"), "'recordings.low.unit' is not a known"),
-    "unknown key in a fit": (changed("fits", "linear", held="middle"), "'fits.linear.held' is not a known entry"),
+    "unknown key in a fit": (
+        changed("fits", "linear", held="middle"), "'fits.linear.held' is not a known entry: use 'held_out', or remove"
+    ),
     "unknown key in a parameter": (
         changed("fits", "linear", "parameters", stiffness={"start": 1.0}), "'start' is not a known entry; use value",
     ),
@@ -98,7 +102,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "dot in a name": (changed("recordings", **{"a.b": {"file": "a.csv"}}), "must not have a dot, got 'a.b'"),
     "dot in a forecast": (changed("forecasts", **{"a.b": {"like": "low"}}), "must not have a dot, got 'a.b'"),
     "too many links": (changed("actuator", links=65), "less than or equal to 64"),
-    "step of zero": (changed(step=0.0), "'step' should be greater than 0"),
+    "part of a name": (changed(step=2e-3), "'step' is not a known entry: use 'time_step', or remove it"),
+    "step of zero": (changed(time_step=0.0), "'time_step' should be greater than 0"),
     "no starts": (changed("fits", "linear", starts=0), "greater than or equal to 1"),
     "unknown loss": (changed("fits", "linear", loss="l7"), "'linear', 'soft_l1', 'huber' or 'cauchy'"),
     "a recording without a file": (changed("recordings", "low", value={}), "'recordings.low.file' is missing"),

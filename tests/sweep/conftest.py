@@ -17,7 +17,7 @@ def paper() -> Model:
 @pytest.fixture(scope="session")
 def monte_carlo() -> Sweep:
     return sweep_from({
-        "kind": "monte_carlo", "samples": 22, "chunk": 4, "seed": 5, "duration": 0.3, "rate": 50.0, "step": 2e-3,
+        "kind": "monte_carlo", "samples": 22, "chunk": 4, "seed": 5, "duration": 0.3, "rate": 50.0, "time_step": 2e-3,
         "parameters": {
             "stiffness": {"mean": 1.6, "std": 0.1}, "damping": {"low": 6e-3, "high": 1e-2}, "level": 5e4,
         },

@@ -90,7 +90,7 @@ def cluster(started):
 def long_sweep():
     """Twelve chunks of which each takes a tenth of a second, so that one is under way when its worker goes."""
     return sweep_from({
-        "kind": "monte_carlo", "samples": 24, "chunk": 2, "seed": 5, "duration": 8.0, "rate": 5.0, "step": 5e-5,
+        "kind": "monte_carlo", "samples": 24, "chunk": 2, "seed": 5, "duration": 8.0, "rate": 5.0, "time_step": 5e-5,
         "parameters": {"stiffness": {"mean": 1.6, "std": 0.1}, "level": 5e4},
     })
 

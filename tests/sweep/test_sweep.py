@@ -43,7 +43,7 @@ def test_local_runs_give_the_simulations_of_their_parameters(done, whole, paper)
     assert samples.sizes["sample"] == 22
     for i in (0, 3, 4, 21):
         changes = {k: float(samples[f"parameter_{k}"][i]) for k in ("stiffness", "damping")}
-        alone = simulate(paper.with_(**changes), Pulse(5e4), times=samples["time"].values, step=2e-3)
+        alone = simulate(paper.with_(**changes), Pulse(5e4), times=samples["time"].values, time_step=2e-3)
         assert samples["tip"].values[i] == pytest.approx(alone["tip_position"].values[:, -1], abs=1e-12)
     assert xr.load_dataset(folder / "samples.nc").equals(samples)
     summary = result.summary()
@@ -172,7 +172,7 @@ def recorded(paper):
     """A recording of the paper's pulse with noise, and the parameters to fit."""
     times = np.arange(0, 1.2, 0.01)
     pulse = Pulse(9e4, 0.1, 0.6)
-    tips = simulate(paper, pulse, times=times, step=1e-3)["tip_position"].values
+    tips = simulate(paper, pulse, times=times, time_step=1e-3)["tip_position"].values
     noisy = tips + 2e-4 * np.random.default_rng(4).standard_normal(tips.shape)
     recording = make_recording(
         times, noisy, station=[p.name for p in paper.points], frame="planar",
@@ -187,7 +187,7 @@ def recorded(paper):
 def test_fits_are_repeated(kind, recorded, paper, tmp_path):
     record, parameters = recorded
     sweep = sweep_from({"kind": kind, "samples": 6, "chunk": 2, "seed": 3})
-    options = {"step": 2e-3, "loss": "linear", "weighting": "travel"}
+    options = {"time_step": 2e-3, "loss": "linear", "weighting": "travel"}
     given = {"experiments": [record], "parameters": parameters, "fit_options": options}
     found = run_sweep(sweep, paper, tmp_path, **given).samples
     assert not found["failed"].any()
@@ -298,7 +298,7 @@ def arms():
 def test_a_sweep_of_two_chambers_is_its_simulations(tmp_path):
     """Levels and laws of single chambers, against the reference solver; a chamber that is not named rests."""
     sweep = {
-        "kind": "design", "chunk": 3, "duration": 0.3, "rate": 50.0, "step": 5e-4,
+        "kind": "design", "chunk": 3, "duration": 0.3, "rate": 50.0, "time_step": 5e-4,
         "parameters": {"low.level": {"values": [2e4, 4e4]}, "high.level": {"values": [0.0, 5e4]}, "high.start": 0.1,
                        "high.torque_1": {"values": [0.9e-6, 1.8e-6]}, "stiffness": 1.1},
     }
@@ -329,12 +329,12 @@ def test_a_sweep_in_space_keeps_three_coordinates_of_the_tip(tmp_path):
     pulled = Chamber([2e-6], joint_gain=0.6, cross_gain=-0.8, name="own")
     body = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, gravity=(0.0, 0.0, -9.81),
                        chambers=(pulled,), space=True)  # fmt: skip
-    sweep = {"kind": "design", "duration": 0.2, "rate": 50.0, "step": 2e-3,
+    sweep = {"kind": "design", "duration": 0.2, "rate": 50.0, "time_step": 2e-3,
              "parameters": {"stiffness_ratio": {"values": [0.8, 1.4]}, "level": 3e4}}
     samples = run_sweep(sweep, body, tmp_path).samples
     assert list(samples.axis.values) == ["x", "y", "z"]
     for i, ratio in enumerate((0.8, 1.4)):
         own = body.with_(space=Space(stiffness_ratio=ratio))
-        alone = simulate(own, Pulse(3e4, 0.0), times=np.arange(11) / 50.0, step=2e-3)
+        alone = simulate(own, Pulse(3e4, 0.0), times=np.arange(11) / 50.0, time_step=2e-3)
         np.testing.assert_array_equal(samples.tip.values[i], alone.tip_position.values[:, -1])
     assert sweep_figure(samples).axes[-1].get_legend_handles_labels()[1][-1] == "tip z, median and 95 %"

@@ -77,7 +77,7 @@ def test_the_study_of_the_demonstration_finds_the_body():
     study = load_study(space_study())
     fit = study.fits["gains"]
     few = {k: v for k, v in fit.parameters.items() if not k.startswith("tip")}
-    study = study.model_copy(update={"step": 0.01, "fits": {"gains": fit.model_copy(update={
+    study = study.model_copy(update={"time_step": 0.01, "fits": {"gains": fit.model_copy(update={
         "train": ["around"], "parameters": few})}})  # fmt: skip
     outcome = run_study(study)
     values = {p.name: p.value for p in outcome.fits[0].result.parameters}

@@ -171,7 +171,7 @@ def test_energy_never_grows_without_input():
 def test_halving_step_and_elements_moves_the_tip_path_by_less_than_50_um(name):
     case, p, lab = replace(SCENARIOS[name], duration=1.6), actuator("a"), Laboratory()
     tip = run_rod(case, p, lab).position[:, p.elements]
-    finer_step = run_rod(replace(case, step=case.step / 2), p, lab).position[:, p.elements]
+    finer_step = run_rod(replace(case, time_step=case.time_step / 2), p, lab).position[:, p.elements]
     finer_rod = run_rod(case, replace(p, elements=2 * p.elements), lab).position[:, 2 * p.elements]
     assert np.linalg.norm(finer_step - tip, axis=1).max() < 5e-5
     assert np.linalg.norm(finer_rod - tip, axis=1).max() < 5e-5

@@ -104,7 +104,7 @@ def test_a_name_in_any_script_is_drawn(outcome, tmp_path):
 
 
 def test_motion_figure_draws_every_link_and_the_pressure(outcome):
-    figure = motion_figure(simulate(outcome.model, Pulse(1e4, 0.05, 0.2), duration=0.4, step=2e-3))
+    figure = motion_figure(simulate(outcome.model, Pulse(1e4, 0.05, 0.2), duration=0.4, time_step=2e-3))
     assert labels(figure) == {"tip of link 1", "tip of link 2", "tip of link 3"}
     assert len(figure.axes) == 3
 

@@ -9,7 +9,7 @@ import pytest
 
 from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, ModelSelection
-from pliant.identification.stage_fit import Step
+from pliant.identification.stage_fit import StageResult
 from pliant.identification.stages import Stage
 from pliant.preprocessing.sync import Delay
 from pliant.recording import make_recording
@@ -445,8 +445,8 @@ def test_a_forecast_comes_back_with_its_unit(outcome, columns):
 
 def test_a_model_selection_comes_back(outcome):
     result = outcome.fits[0].result
-    steps = (
-        Step(
+    stages = (
+        StageResult(
             Stage("linear", "+ linear"),
             result,
             ("a", "b"),
@@ -460,10 +460,10 @@ def test_a_model_selection_comes_back(outcome):
             open="c is open",
             given=("d",),
         ),
-        Step(Stage("creep", "+ creep"), None, ("a",), {}, {}, 0.0, float("nan"), "linear", reason="not seen"),
+        StageResult(Stage("creep", "+ creep"), None, ("a",), {}, {}, 0.0, float("nan"), "linear", reason="not seen"),
     )
-    again = selection_of(ModelSelection(steps, "linear", "it wins").to_dict(), result)
-    for a, b in zip(steps, again.steps, strict=True):
+    again = selection_of(ModelSelection(stages, "linear", "it wins").to_dict(), result)
+    for a, b in zip(stages, again.stages, strict=True):
         for name in ("result", "freed", "train", "held_out", "seconds", "stands_on", "bic", "reason", "open", "given"):
             assert getattr(a, name) == getattr(b, name), name
         np.testing.assert_array_equal(a.step_ns, b.step_ns)

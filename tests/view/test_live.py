@@ -39,7 +39,7 @@ def content(model):
 def test_a_body_that_rings_takes_shorter_steps(model):
     ringing = model.with_(damping=1e-5)
     live = Live(PageContent(ringing, sliders_of(ringing), {}))
-    assert 1e-4 <= live.stepper.length < 1e-3
+    assert 1e-4 <= live.stepper.time_step < 1e-3
     live.advance(0.02)
     assert live.stepper.time == pytest.approx(0.02)
 

@@ -50,7 +50,7 @@ def simulate_batch(
     parameters: Mapping[str, Any] | None = None,
     duration: float | None = None,
     times: Array | None = None,
-    step: float | None = None,
+    time_step: float | None = None,
     variables: Sequence[str] = ("joint_angle", "tip_position"),
     **options: Unpack[BatchOptions],
 ) -> xr.Dataset:
@@ -69,8 +69,8 @@ def simulate_batch(
         ``valve_rise``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
     duration, times
         Duration, or output times (T,) of all samples, s, as in `simulate`.
-    step : float, optional
-        Longest integration step, s. Default: the shortest that `pliant.simulation.time_step.time_step` returns for the
+    time_step : float, optional
+        Longest time step, s. Default: the shortest that `pliant.simulation.time_step.resolving_step` returns for the
         models, at most 1 ms, without regard to `parameters`. A batch has no error estimate: check a few samples by
         `simulate`.
     initial_angle, initial_rate : array (n,) or (N, n)
@@ -94,7 +94,7 @@ def simulate_batch(
     Raises
     ------
     InputError
-        When numbers of samples differ, or times, step, variables or device are not valid.
+        When numbers of samples differ, or times, time_step, variables or device are not valid.
     SimulationError
         When a sample fails and `failures` is "raise".
     TypeError
@@ -111,27 +111,27 @@ def simulate_batch(
     """
     how = with_defaults(simulate_batch, options, BATCH_OPTIONS)
     device, failures = how["device"], how["failures"]
-    times = output_times(duration, times, step)
-    step = shared_step((models,) if isinstance(models, Model) else models) if step is None else step
+    times = output_times(duration, times, time_step)
+    time_step = shared_step((models,) if isinstance(models, Model) else models) if time_step is None else time_step
     sets = sets_of(models, pressures)
     if one_by_one(models):
         many_models, sets = samples_alone(models, sets, parameters)
         variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
-        found = run_alone(many_models, sets, times, step, {**how, "threads": how["threads"] or cores()})
+        found = run_alone(many_models, sets, times, time_step, {**how, "threads": how["threads"] or cores()})
         found = {k: found[k] for k in (*variables, "failed_at")}
-        return labelled(many_models[0], times, found, failures, {"step_s": step, "device": device})
+        return labelled(many_models[0], times, found, failures, {"step_s": time_step, "device": device})
     samples = gather(models, parameters, len(sets))
     many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
     check_request(samples, many, variables, device, failures)
-    check_steps(samples, step)
-    schedule = Schedule(samples, many, times, step)
+    check_steps(samples, time_step)
+    schedule = Schedule(samples, many, times, time_step)
     start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])
     if device == "gpu":
         results = run_gpu(samples, schedule, start, variables)
     else:
         results = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
-    return labelled(samples.template, times, results, failures, {"step_s": step, "device": device})
+    return labelled(samples.template, times, results, failures, {"step_s": time_step, "device": device})
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
@@ -168,19 +168,19 @@ def check_request(
     check_choices(variables, "cpu" if device == "gpu" else device, failures)
 
 
-def check_steps(samples: Samples, step: float) -> None:
+def check_steps(samples: Samples, time_step: float) -> None:
     """Raise InputError if the time step [s] is too long for the first mode of vibration of any sample."""
-    if not (np.isfinite(step) and step > 0):
-        raise InputError(f"the step must be a positive time in seconds, got {step}")
-    if step * STEPS_PER_PERIOD * samples.highest_first_frequency() <= 1.0:
+    if not (np.isfinite(time_step) and time_step > 0):
+        raise InputError(f"time_step must be a positive time in seconds, got {time_step}")
+    if time_step * STEPS_PER_PERIOD * samples.highest_first_frequency() <= 1.0:
         return
     first = samples.first_frequency()
-    long = np.flatnonzero(step * STEPS_PER_PERIOD * first > 1.0)
+    long = np.flatnonzero(time_step * STEPS_PER_PERIOD * first > 1.0)
     if long.size:
         worst = float(first.max())
         raise InputError(
-            f"a step of {step * 1e3:.3g} ms is too long for {long.size} of {samples.size} samples: the first mode of "
-            f"sample {first.argmax()} rings at {worst:.3g} Hz; use a step of "
+            f"a step of {time_step * 1e3:.3g} ms is too long for {long.size} of {samples.size} samples: the first mode "
+            f"of sample {first.argmax()} rings at {worst:.3g} Hz; use a step of "
             f"{1e3 / (STEPS_PER_PERIOD * worst):.3g} ms or less"
         )
 

@@ -152,13 +152,14 @@ def check_names(model: Model, values: Mapping[str, float]) -> None:
 
 
 def run_alone(
-    models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, step: float, how: Mapping[str, Any],
+    models: Sequence[Model], pressures: Sequence[Sequence[Input]], times: Array, time_step: float,
+    how: Mapping[str, Any],
 ) -> Made:
     """Simulate N samples one by one. Return arrays (N, T, ...) over T output times by variable name and, as "failed_at"
     (N,) [s], the time at which each sample failed, NaN if it did not.
     """
     for model in models:
-        check_step(model, step, "midpoint")
+        check_step(model, time_step, "midpoint")
     model, size = models[0], len(models)
     n = model.size
 
@@ -166,7 +167,7 @@ def run_alone(
         return None if how[name] is None else initial_values(how[name], size, n)[i]
 
     def one(i: int) -> tuple[Made, float]:
-        model, plan = models[i], drive(models[i], pressures[i], times, step)
+        model, plan = models[i], drive(models[i], pressures[i], times, time_step)
         angle, rate = start("initial_angle", i), start("initial_rate", i)
         q = state.equilibrium(model, plan.initial) if angle is None else angle
         turning = mechanics_of(model).rates(np.zeros(n) if rate is None else rate)

@@ -37,11 +37,11 @@ class LaneGrid(NamedTuple):
 class Schedule:
     """Time steps and mean torques of a batch in SIMD groups. Results that several samples share are cached."""
 
-    def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, step: float) -> None:
+    def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, time_step: float) -> None:
         self.samples = samples
         self.pressures = pressures  # one for all samples, or one for each
         self.times = times
-        self.step = step
+        self.time_step = time_step
         self._grids: dict[tuple[bytes, bytes, float], LaneGrid] = {}
         self._behind: dict[tuple[int, Valve], Array] = {}
         self._stacks: dict[tuple[tuple[int, Valve], ...], Array] = {}
@@ -62,7 +62,7 @@ class Schedule:
         source, dead = self.pressure(i), self.samples.valves[i].dead_time
         key = (source.jumps.tobytes(), source.breakpoints.tobytes(), dead)
         if key not in self._grids:
-            _, corners, fine, keep = grid([source], [dead], self.times, self.step)
+            _, corners, fine, keep = grid([source], [dead], self.times, self.time_step)
             intervals, steps = aligned((fine.size - 1, WIDTH)), aligned((keep.size, WIDTH))
             intervals[:], steps[:] = np.diff(fine)[:, None], np.diff(corners)[:, None]
             lane_grid = LaneGrid(fine, np.searchsorted(fine, corners), intervals, steps, keep)
@@ -111,7 +111,7 @@ class Schedule:
         or slow chamber states. Steps of length 0 are added so that all have the same number.
         """
         # each sample is padded to the longest one with steps of length zero
-        plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.step) for i in set(members)}
+        plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.time_step) for i in set(members)}
         ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
         counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}
         longest = np.max(list(counts.values()), axis=0)

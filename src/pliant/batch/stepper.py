@@ -42,30 +42,30 @@ class Stepped(Protocol):
         """
 
 
-def batch_stepper(models: Sequence[Model], size: int, step: float) -> Stepped:
+def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Stepped:
     """Return a step-by-step simulator of `size` chains, all of which start with the first of `models`.
 
     Raises
     ------
     InputError
-        When the models differ in kind, the `step` [s] is too long for one, or `Stepper` does not support a valve.
+        When the models differ in kind, the `time_step` [s] is too long for one, or `Stepper` does not support a valve.
     """
     first = fixed_length(models[0])
-    Stepper(first, step, np.zeros(first.actuation.count))  # what it refuses is refused
+    Stepper(first, time_step, np.zeros(first.actuation.count))  # what it refuses is refused
     for name in ("n", "mass_at", "memory"):
         if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
             raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
     if len({m.actuation.count for m in models}) > 1:
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
-        check_step(model, step, "midpoint")
-    return OneByOne(models, size, step) if first.memory else OnLanes(models, size, step)
+        check_step(model, time_step, "midpoint")
+    return OneByOne(models, size, time_step) if first.memory else OnLanes(models, size, time_step)
 
 
 class OnLanes:
     """Step-by-step simulator of many chains without hysteresis, `WIDTH` at once in each SIMD vector."""
 
-    def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
+    def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
         self.size, self.links = size, models[0].n
         groups = -(-size // WIDTH)
         self._pool = pool_of(models)
@@ -82,7 +82,7 @@ class OnLanes:
         )
         self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
         self._h = aligned((1, WIDTH))
-        self._h[:] = step
+        self._h[:] = time_step
         self._failed = np.zeros((groups, WIDTH), dtype=np.int64)
         self._hold = lane_twin(simd_loops.hold_lanes, n)
         every = np.arange(groups * WIDTH)
@@ -147,40 +147,40 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 class OneByOne:
     """Step-by-step simulator of many chains with hysteresis, each simulated by a `Stepper` of its own."""
 
-    def __init__(self, models: Sequence[Model], size: int, step: float) -> None:
-        self._models, self._step = models, step
-        self._steppers = [self._new(0) for _ in range(size)]
+    def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
+        self._models, self._time_step = models, time_step
+        self._time_steppers = [self._new(0) for _ in range(size)]
 
     def _new(self, body: int) -> Stepper:
         model = self._models[body]
-        return Stepper(model, self._step, np.zeros(model.actuation.count))
+        return Stepper(model, self._time_step, np.zeros(model.actuation.count))
 
     @property
     def angle(self) -> Array:
         """Return the absolute angles (N, n) [rad] of the n links of N chains."""
-        return np.stack([s.angle for s in self._steppers])
+        return np.stack([s.angle for s in self._time_steppers])
 
     @property
     def rate(self) -> Array:
         """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
-        return np.stack([s.rate for s in self._steppers])
+        return np.stack([s.rate for s in self._time_steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
         """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
         bodies[k], for k from 0 to M - 1.
         """
         for i, body in zip(which.tolist(), bodies.tolist(), strict=True):
-            if self._steppers[i].model is self._models[body]:
-                self._steppers[i].reset(np.zeros(len(self._models[body].chambers)))
+            if self._time_steppers[i].model is self._models[body]:
+                self._time_steppers[i].reset(np.zeros(len(self._models[body].chambers)))
             else:
-                self._steppers[i] = self._new(body)
+                self._time_steppers[i] = self._new(body)
 
     def hold(self, pressure: Array, steps: int) -> Array:
         """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
         each chain whether it failed, as booleans (N,).
         """
-        failed = np.zeros(len(self._steppers), dtype=bool)
-        for i, (stepper, p) in enumerate(zip(self._steppers, pressure, strict=True)):
+        failed = np.zeros(len(self._time_steppers), dtype=bool)
+        for i, (stepper, p) in enumerate(zip(self._time_steppers, pressure, strict=True)):
             try:
                 stepper.step(p, steps)
             except SimulationError:

@@ -68,7 +68,7 @@ class Floor:
         getattr(self.code, name)(ctypes.c_long(count), *given)
 
 
-def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, float]:
+def floor(model: Model, count: int, time_step: float, torque: Array) -> dict[str, float]:
     """Return the times [ns] that plain C takes for one time step, for one evaluation of the joint accelerations, and
     for one evaluation of the joint accelerations and their Jacobian.
 
@@ -83,7 +83,7 @@ def floor(model: Model, count: int, step: float, torque: Array) -> dict[str, flo
         return np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n)
 
     jobs = {
-        "c_step_ns": lambda: made.call("many_steps", count, *at(), step, torque),
+        "c_step_ns": lambda: made.call("many_steps", count, *at(), time_step, torque),
         "c_rhs_ns": lambda: made.call("many_accelerations", count, *at(), torque, a),
         "c_rhs_jacobian_ns": lambda: made.call("many_jacobians", count, *at(), torque, a, a_phi, a_w),
     }

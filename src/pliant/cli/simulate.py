@@ -30,9 +30,9 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
     ] = None,
-    step_ms: Annotated[
+    time_step_ms: Annotated[
         float | None,
-        typer.Option("--step-ms", help="Longest step, ms.", show_default="1, or shorter for an accurate tip"),
+        typer.Option("--time-step-ms", help="Longest time step, ms.", show_default="1, or shorter for an accurate tip"),
     ] = None,
     method: Annotated[
         str, typer.Option(help="midpoint, extrapolated, accurate, LSODA, BDF or Radau.")
@@ -59,9 +59,9 @@ def simulate(
     from pliant.simulation import simulate as solve
 
     loaded = with_load(load_model(model), load_g)
-    step = None if step_ms is None else step_ms * 1e-3
+    time_step = None if time_step_ms is None else time_step_ms * 1e-3
     pull = point_forces(loaded, force, start, start + width)
-    options: dict[str, Any] = {"step": step, "method": method, "forces": pull}
+    options: dict[str, Any] = {"time_step": time_step, "method": method, "forces": pull}
     if trace is None:
         high = own_levels(loaded) if level_kpa is None else levels(loaded, level_kpa)
         pressure: list[Input] = [Pulse(level, start, width) for level in high]
@@ -69,7 +69,7 @@ def simulate(
     elif level_kpa is not None:
         raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
     else:
-        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, step)
+        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, time_step)
     with busy("simulating"):
         result = solve(loaded, pressure, **options)
     if output is not None:
@@ -123,7 +123,7 @@ def own_levels(model: Model) -> list[float]:
 
 
 def measured_pressures(
-    path: Path, model: Model, drive: str, duration: float | None, step: float | None
+    path: Path, model: Model, drive: str, duration: float | None, time_step: float | None
 ) -> tuple[list[Input], Any]:
     """Return the recorded pressure for each chamber of the model, and the times (T,) [s] of the simulated motion, which
     begin at the first pressure sample.
@@ -139,4 +139,4 @@ def measured_pressures(
     time = recorded["pressure_time"].values
     traces: list[Input] = [Trace(time, p) for p in measured(path.name, recorded, model, drives(drive))]
     first, last = float(time[0]), float(time[-1])
-    return traces, first + output_times(last - first if duration is None else duration, None, step)
+    return traces, first + output_times(last - first if duration is None else duration, None, time_step)

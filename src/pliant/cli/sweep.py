@@ -115,5 +115,5 @@ def fitted(study: Study, wanted: Sweep, model: Path | None) -> tuple[Model, dict
     start = load_model(model) if model else ready.model
     records = [ready.experiments[r] for r in entry.train]
     ready_model, parameters = prepare_fit(records, start, parameters_from(entry.parameters))
-    options = {"step": study.step, "loss": entry.loss, "weighting": entry.weighting}
+    options = {"time_step": study.time_step, "loss": entry.loss, "weighting": entry.weighting}
     return ready_model, {"experiments": records, "parameters": parameters, "fit_options": options}

@@ -68,7 +68,7 @@ def find_contact(
         Whether to detect slowly growing torques too, by a cumulative sum. This finds a body that is loaded slowly,
         which the test for sudden forces misses, but drifts of sensor and material cause more false alarms.
     **options
-        Options of `estimate`: latency, step, stations.
+        Options of `estimate`: latency, time_step, stations.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def filtered_free_motion(
     """
     parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
-    answer = innovation_response(model, noise, measurement, step=options.get("step", 5e-3))
+    answer = innovation_response(model, noise, measurement, time_step=options.get("time_step", 5e-3))
     for part in parts:
         check_frame_rate(part.estimated, answer.period)
     return FilteredFreeMotion(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
@@ -217,7 +217,7 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = estimated["time"].values - options.get("latency", 0.0)
-    run = simulate(held, source, times=times, step=options.get("step", 5e-3), check=False)
+    run = simulate(held, source, times=times, time_step=options.get("time_step", 5e-3), check=False)
     chain = mechanics_of(model)
     features = features_of(model, times, estimated["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
     torque, x = chain.gathered(estimated, 2) * chain.lever, chain.coordinates(chain.gathered(estimated, 0))

@@ -89,7 +89,9 @@ def windows_of(period: float) -> list[int]:
     return sorted({frames_of(w, period) for w in WINDOWS})
 
 
-def innovation_response(model: Model, noise: Noise, measurement: Measurement, *, step: float) -> InnovationResponse:
+def innovation_response(
+    model: Model, noise: Noise, measurement: Measurement, *, time_step: float,
+) -> InnovationResponse:
     """Return the response of the filter's innovations to a step of the joint torques, for each mean square joint rate
     in `MOTIONS`. The body is linearised at rest: only the filter's assumed noise depends on the joint rate.
     """
@@ -97,10 +99,8 @@ def innovation_response(model: Model, noise: Noise, measurement: Measurement, *,
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
     longest, whole = windows_of(period)[-1], frames_of(SETTLED, period)
-    made = [
-        response_of(model, one, measurement, period, max(1, int(np.ceil(period / step))), longest if k else whole)
-        for k, one in enumerate(cases)
-    ]
+    steps = max(1, int(np.ceil(period / time_step)))
+    made = [response_of(model, one, measurement, period, steps, longest if k else whole) for k, one in enumerate(cases)]
     known = InnovationResponse(np.array(MOTIONS), np.stack([r[:longest] for r in made]), period, np.ones(1))
     return replace(known, fade=fading(known, model, made[0]))
 

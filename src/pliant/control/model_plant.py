@@ -31,8 +31,8 @@ class ModelPlant:
     ----------
     model : Model
     period : float
-        Frame period [s]; it must be a multiple of `step`.
-    step : float
+        Frame period [s]; it must be a multiple of `time_step`.
+    time_step : float
         Time step of the model [s]. Dead times are rounded to multiples of it.
     noise : float
         Standard deviation of each coordinate of the shape [m].
@@ -54,30 +54,31 @@ class ModelPlant:
     rides = True  # the points are material points, fixed to the links
 
     def __init__(
-        self, model: Model, *, period: float = 4e-3, step: float = 1e-3, noise: float = 1e-4,
+        self, model: Model, *, period: float = 4e-3, time_step: float = 1e-3, noise: float = 1e-4,
         pressure_noise: float | None = None, seed: int = 1, supply: tuple[SupplyValve | None, ...] = (),
         arc_length: Array | None = None,
     ) -> None:
         check_followed(model)
-        self._parts = round(period / step)
-        if self._parts < 1 or abs(self._parts * step - period) > 1e-9:
+        self._parts = round(period / time_step)
+        if self._parts < 1 or abs(self._parts * time_step - period) > 1e-9:
             raise InputError(
-                f"the period of {period:g} s is no whole number of time steps of {step:g} s: choose a multiple of the "
-                "time step"
+                f"the period of {period:g} s is no whole number of time steps of {time_step:g} s: choose a multiple of "
+                "time_step"
             )
-        self.period, self.time, self._step = period, 0.0, step
+        self.period, self.time, self._time_step = period, 0.0, time_step
         bare = [
             replace(c, valve=Valve() if c.valve.natural_frequency else replace(c.valve, dead_time=0.0))
             for c in model.chambers
         ]
-        self._stepper = Stepper(model.with_(chambers=tuple(bare)), step)
+        self._stepper = Stepper(model.with_(chambers=tuple(bare)), time_step)
         self._supply = supply or (None,) * len(bare)
         self._valves = [
-            hold(*behind_valve(np.zeros((0, 0)), np.zeros(0), c.valve)[:2], step) if c.valve.natural_frequency else None
+            hold(*behind_valve(np.zeros((0, 0)), np.zeros(0), c.valve)[:2], time_step)
+            if c.valve.natural_frequency else None
             for c in model.chambers
         ]
         self._held = [np.zeros(2) for _ in model.chambers]
-        self._waiting = [deque([0.0] * round(c.valve.dead_time / step)) for c in model.chambers]
+        self._waiting = [deque([0.0] * round(c.valve.dead_time / time_step)) for c in model.chambers]
         read = np.array([READING[unit] for unit in model.actuation.units])
         self._rng = np.random.default_rng(seed)
         self._noise = noise, read if pressure_noise is None else np.full(read.size, float(pressure_noise))
@@ -137,8 +138,8 @@ class ModelPlant:
             held[:] = valve[0] @ held + valve[1] * arrived
             held[0] = max(held[0], 0.0)
         else:
-            parts = max(1, round(self._step / FINE))
-            supply.march(np.full(parts, arrived), self._step / parts, held)
+            parts = max(1, round(self._time_step / FINE))
+            supply.march(np.full(parts, arrived), self._time_step / parts, held)
         return float(0.5 * (before + held[0]))
 
     def _pressure(self) -> Array:

@@ -151,7 +151,8 @@ class Rehearsed:
         self.pipeline, self.period, self.late = pipeline, setting.period, setting.late
         self._wanted, self._weight = wanted, weight
         self.plant = ModelPlant(
-            setting.body, period=setting.period, step=setting.period / np.ceil(setting.period / STEP - 1e-9), noise=0.0,
+            setting.body, period=setting.period, noise=0.0,
+            time_step=setting.period / np.ceil(setting.period / STEP - 1e-9),
             pressure_noise=0.0, supply=setting.supply, arc_length=setting.arc_length,
         )
         self._shapes = deque([self.plant.points()] * (setting.late + 1))

@@ -250,7 +250,7 @@ class Planner:
             late, model = late + self.valve.dead_time, model.with_(valve=Valve())
             drive = Trace(*(row[::COARSER] for row in behind_supply(self.valve, command, self.period)))
         model = model.with_(valve=replace(model.valve, dead_time=late))
-        moved = simulate(model, drive, times=edge, step=STEP, check=False)
+        moved = simulate(model, drive, times=edge, time_step=STEP, check=False)
         q, dq = np.asarray(moved["joint_angle"].values), np.asarray(moved["joint_rate"].values)
         angle = model.base_angle + np.cumsum(q + model.rest_angle, axis=1)
         shift = np.zeros_like(q)

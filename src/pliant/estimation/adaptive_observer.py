@@ -78,7 +78,7 @@ class AdaptiveObserver:
         Random walk of the rest angles, rad per square root of a second; default: 0.05.
     jerk : float
         Random walk of the joint rates by model error, rad/s per square root of a second; default: 0.5.
-    step : float
+    time_step : float
         Longest integration step, s.
     late : int
         Delay of the shape in frames: pressures are delayed by as many.
@@ -101,12 +101,12 @@ class AdaptiveObserver:
     LARGEST = 0.5  # rad: a larger innovation means that model and body no longer agree
 
     def __init__(
-        self, model: Model, period: float, *, step: float = 2e-3, late: int = 0, share: float = 1.0,
+        self, model: Model, period: float, *, time_step: float = 2e-3, late: int = 0, share: float = 1.0,
         **noise: Unpack[ObserverNoise],
     ) -> None:
         sizes = with_defaults(AdaptiveObserver, noise, OBSERVER_NOISE)
         self.model, self.period, self._late = without_valves(fixed_length(model)), period, late
-        parts = max(1, math.ceil(period / step - 1e-9))
+        parts = max(1, math.ceil(period / time_step - 1e-9))
         design = stationary(self.model, period, sizes["noise"], sizes["random_walk"], sizes["jerk"])
         chain, drive = with_shifts(self.model)
         growth = sizes["scale_random_walk"]**2 * period

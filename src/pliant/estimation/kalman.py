@@ -75,7 +75,7 @@ class KalmanFilter:
         Its valves are ignored: pressures are taken as behind them.
     noise : Noise, optional
         Default: `default_noise(model)`.
-    step : float
+    time_step : float
         Longest integration step of a prediction, s.
     latency : float
         Delay of a frame's time stamp after the shape that it shows, s.
@@ -118,15 +118,15 @@ class KalmanFilter:
     """
 
     def __init__(
-        self, model: Model, noise: Noise | None = None, *, step: float = 5e-3, latency: float = 0.0,
+        self, model: Model, noise: Noise | None = None, *, time_step: float = 5e-3, latency: float = 0.0,
         buffer: float = 0.2, pressure: float | Array = 0.0, time: float = 0.0,
     ) -> None:
-        if not step > 0:
-            raise InputError(f"step must be > 0 s, got {step}")
+        if not time_step > 0:
+            raise InputError(f"time_step must be > 0 s, got {time_step}")
         if not (latency >= 0 and buffer >= 0):
             raise InputError(f"latency and buffer must be >= 0 s, got latency = {latency} and buffer = {buffer}")
         self.model, self.noise = model, noise or default_noise(model)
-        self.step, self.latency, self.buffer = step, latency, buffer
+        self.time_step, self.latency, self.buffer = time_step, latency, buffer
         self.counts, self.fault = Counts(), ""
         self._chain = chain_of(model)
         self._workspaces: dict[int, FilterWorkspace] = {}
@@ -222,7 +222,7 @@ class KalmanFilter:
         span = time - self.time
         if not span > 1e-12 or math.isinf(span):
             return
-        count = math.ceil(span / self.step * (1 - 1e-9))
+        count = math.ceil(span / self.time_step * (1 - 1e-9))
         prediction = Prediction(count, span / count, self._torque(span), self._densities)
         failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
         if failed < 0:

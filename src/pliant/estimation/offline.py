@@ -45,7 +45,7 @@ def estimate(
     disturbance: bool = True,
     stations: tuple[str, ...] | None = None,
     latency: float = 0.0,
-    step: float = 5e-3,
+    time_step: float = 5e-3,
     lag: int = 10,
     pressure_window: float = 8e-3,
 ) -> xr.Dataset:
@@ -74,7 +74,7 @@ def estimate(
         Stations to use. Default: all that recording and model share.
     latency : float
         Delay of the shape's time stamps on the clock of the pressure, s.
-    step : float
+    time_step : float
         Longest integration step of a prediction, s.
     lag : int
         Number of later frames that the smoothed states use.
@@ -119,7 +119,7 @@ def estimate(
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
-    plan = drive_plan(held, source, times, step)
+    plan = drive_plan(held, source, times, time_step)
     out = run(held, measurement, plan, settings)
     return described(held, measurement, out, settings, plan, lag)
 

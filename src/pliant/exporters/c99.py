@@ -172,20 +172,22 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]
 
 
-def code(model: Model, provenance: Provenance, *, step: float, precision: str, pressure: float, prefix: str) -> Code:
+def code(
+    model: Model, provenance: Provenance, *, time_step: float, precision: str, pressure: float, prefix: str,
+) -> Code:
     """Return the C header and C source of an exported model as text."""
     if precision not in ("double", "single"):
         raise InputError(f"c99 option precision must be double or single, got {precision!r}")
     if model.n > MOST_LINKS:
         raise InputError(f"c99 supports at most {MOST_LINKS} links, got {model.n}: reduce the model's number of links")
-    step = step or shared_step([model])
-    check_step(model, step, "midpoint")
-    warn_too_coarse(model, step)
+    time_step = time_step or shared_step([model])
+    check_step(model, time_step, "midpoint")
+    warn_too_coarse(model, time_step)
     model = with_identifiers(model)
     prefix = escaped(prefix or model.name, "identifier").lower()
     single = precision == "single"
     text = text_of(model, prefix, single=single)
-    public, queue = public_step(text, step)
+    public, queue = public_step(text, time_step)
     comment = "/*\n" + "\n".join(f" * {line}" for line in provenance.lines("c_comment")) + "\n */\n"
     rows, held = fields(text, queue)
     words = {
@@ -193,7 +195,7 @@ def code(model: Model, provenance: Provenance, *, step: float, precision: str, p
         "SIZE": model.size, "TWICE": 2 * model.n,
         "POSE": text.pose, "AXES": "x, y and z" if model.space else "x and y", "PLACES": len(model.gravity),
         "COMMANDS": "inputs" if model.actuation.units != ("Pa",) * model.actuation.count else "pressures [Pa gauge]",
-        "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(step)),
+        "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(time_step)),
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
         "POINTS": ", ".join(p.name for p in model.points),
     }
@@ -234,5 +236,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "c99", "C99: one .c and one .h, no dependencies, allocation or globals", (".c",), CAN, write,
-    {"step": 0.0, "precision": "double", "pressure": 0.0, "prefix": ""},
+    {"time_step": 0.0, "precision": "double", "pressure": 0.0, "prefix": ""},
 )

@@ -56,7 +56,7 @@ def difference(one: Model, other: Model) -> Difference:
 
     def tip(model: Model) -> np.ndarray:
         inputs = [Pulse(level, START, WIDTH), *[Pulse(0.0)] * (model.actuation.count - 1)]
-        run = simulate(model, inputs, duration=DURATION, step=STEP, initial_angle=start, check=False)
+        run = simulate(model, inputs, duration=DURATION, time_step=STEP, initial_angle=start, check=False)
         return np.asarray(run.tip_position.values[:, -1])
 
     return of_tips(level, tip(one), tip(other))._replace(unit=one.actuation.units[0])

@@ -41,7 +41,7 @@ class Identity(NamedTuple):
     name: str  # model identifier, in the names of file, functions and binary
     version: str  # FMI version
     token: str  # GUID or instantiation token
-    step: float  # s
+    time_step: float  # s
     pressure: float  # Pa, initial pressure
 
 
@@ -66,7 +66,8 @@ def root_of(provenance: Provenance, this: Identity) -> ET.Element:
         ET.SubElement(ET.SubElement(own, "SourceFiles"), "File", name="all.c")
     else:
         abilities |= {
-            "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "fixedInternalStepSize": repr(this.step),
+            "canGetAndSetFMUState": "true", "canSerializeFMUState": "true",
+            "fixedInternalStepSize": repr(this.time_step),
         }
         ET.SubElement(root, "CoSimulation", abilities)
     return root
@@ -76,7 +77,7 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
     """Return the content of the FMU's file modelDescription.xml."""
     root, rows = root_of(provenance, this), variables(model, this.pressure)
     unit_definitions(root, rows)
-    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.step))
+    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.time_step))
     held = ET.SubElement(root, "ModelVariables")
     for ref, v in enumerate(rows):
         words = {"name": v.name, "valueReference": str(ref), "causality": v.causality}
@@ -117,7 +118,9 @@ def build_description(name: str) -> bytes:
 
 def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     """Return all C code of the FMU as the text of one source file."""
-    made = c99.code(model, provenance, step=this.step, precision="double", pressure=this.pressure, prefix=this.name)
+    made = c99.code(
+        model, provenance, time_step=this.time_step, precision="double", pressure=this.pressure, prefix=this.name
+    )
     rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
     start = "\n".join(f"    i->now.command[{c}] = {this.pressure!r};" for c in range(count["input"]))
@@ -126,7 +129,7 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     words = {
         "P": made.prefix, "INPUTS": count["input"], "OUTPUTS": count["output"], "PARAMETERS": count["parameter"],
         "STATIONS": len(model.points), "POSE": len(pose_of(model)), "COORDINATES": model.size,
-        "STEP": repr(this.step), "GUID": this.token, "START": start,
+        "STEP": repr(this.time_step), "GUID": this.token, "START": start,
         "FMI": f"FMI{number}", "NAME": this.name,
         "FUNCTIONS": "\n".join(f"#define {name} FULL_NAME({name})" for name in functions_of(wrapper, number)),
     }
@@ -172,7 +175,8 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         raise InputError(f"fmu option fmi must be 2.0 or 3.0, got {options['fmi']!r}")
     token = "{" + hashlib.sha256("\n".join([version, *provenance.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
-    this = Identity(name, version, token, float(options["step"]) or shared_step([model]), float(options["pressure"]))
+    time_step = float(options["time_step"]) or shared_step([model])
+    this = Identity(name, version, token, time_step, float(options["pressure"]))
     text = sources(model, provenance, this)
     with tempfile.TemporaryDirectory() as folder:
         binary, why = compiled(text, Path(folder), version[0])
@@ -197,5 +201,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "fmu", "FMU for co-simulation, FMI 2.0 or 3.0", (".fmu",), c99.CAN, write,
-    {"fmi": "2.0", "step": 0.0, "pressure": 0.0},
+    {"fmi": "2.0", "time_step": 0.0, "pressure": 0.0},
 )

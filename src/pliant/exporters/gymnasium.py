@@ -39,7 +39,7 @@ LOST = -10.0  # reward if the simulation becomes unstable
 class EpisodeTask(NamedTuple):
     """Settings of a learning episode: time step, period of actions, duration, target and observations."""
 
-    step: float = 1e-3  # s, time step of the model
+    time_step: float = 1e-3  # s, time step of the model
     period: float = 0.02  # s, between actions
     duration: float = 2.0  # s
     frequency: float = 0.5  # Hz, of the moving target
@@ -96,9 +96,9 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
-        self._steps = max(1, round(t.period / t.step))
-        self._fibre = FibreView(self.model, num_envs, self._steps * t.step) if t.observe == "fibre" else None
-        self._late = round(self._fibre.sensor.latency / t.step) if self._fibre else 0
+        self._steps = max(1, round(t.period / t.time_step))
+        self._fibre = FibreView(self.model, num_envs, self._steps * t.time_step) if t.observe == "fibre" else None
+        self._late = round(self._fibre.sensor.latency / t.time_step) if self._fibre else 0
         if self._late >= self._steps:
             raise InputError(
                 f"the period of {t.period:.3g} s between actions must exceed the latency of the fibre: use a longer "
@@ -123,7 +123,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         if seed is not None or not self._bodies:
             drawn = draw_models(self.model, self.fit, self.task.bodies, self.np_random) if self.fit else [self.model]
             self._bodies = drawn
-            self._chains = batch_stepper(drawn, self.num_envs, self.task.step)
+            self._chains = batch_stepper(drawn, self.num_envs, self.task.time_step)
             self._lengths = np.stack([m.link_length for m in drawn])
             self._first = np.stack([m.first_joint for m in drawn])
             self._body = np.zeros(self.num_envs, dtype=int)
@@ -182,7 +182,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         every = np.ones(self.num_envs, dtype=bool)
         info = {
             "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
-            "time": self._elapsed * self._steps * self.task.step,
+            "time": self._elapsed * self._steps * self.task.time_step,
         }
         return info | {f"_{name}": every for name in info}
 
@@ -208,11 +208,12 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         now = self._chains.angle
         angle = np.where((over | lost)[:, None], now, angle) if self._late else now
         if self.moving:
-            turn = 2.0 * np.pi * self.task.frequency * self._elapsed * self._steps * self.task.step
+            turn = 2.0 * np.pi * self.task.frequency * self._elapsed * self._steps * self.task.time_step
             self._target = self.target_at(0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
         apart = np.linalg.norm(self.tips(now, own=True) - self._target, axis=1) / self.model.length
         reward = np.where(over, 0.0, np.where(lost, LOST, -apart))
-        late = ~over & (self._elapsed * self._steps * self.task.step >= self.task.duration - 0.5 * self.task.step)
+        time_step = self.task.time_step
+        late = ~over & (self._elapsed * self._steps * time_step >= self.task.duration - 0.5 * time_step)
         self._done = lost | late
         return self.observations(angle), reward, lost, late, self.info()
 
@@ -257,8 +258,8 @@ def checked_task(task: EpisodeTask) -> EpisodeTask:
     """Return the settings of an episode unchanged; raise InputError if they are inconsistent."""
     if task.observe not in ("perfect", "fibre"):
         raise InputError(f"observe must be 'perfect' or 'fibre', got {task.observe!r}")
-    if not (0 < task.step <= task.period <= task.duration and task.bodies >= 1):
-        raise InputError(f"a task needs 0 < step <= period <= duration and bodies >= 1, got {task}")
+    if not (0 < task.time_step <= task.period <= task.duration and task.bodies >= 1):
+        raise InputError(f"a task needs 0 < time_step <= period <= duration and bodies >= 1, got {task}")
     return task
 
 

@@ -44,7 +44,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
     ----------
     model : Model, str or Path
     highest, fit, task, render_mode
-        As in `pliant.exporters.gymnasium.TipVectorEnv`. The task's `step` is MuJoCo's.
+        As in `pliant.exporters.gymnasium.TipVectorEnv`. The task's `time_step` is MuJoCo's.
 
     Raises
     ------
@@ -73,9 +73,9 @@ class PushEnv(gymnasium.Env[Array, Array]):
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)
-        self._steps = max(1, round(t.period / t.step))
-        self._fibre = FibreView(self.model, 1, self._steps * t.step) if t.observe == "fibre" else None
-        self._late = min(round(self._fibre.sensor.latency / t.step), self._steps) if self._fibre else 0
+        self._steps = max(1, round(t.period / t.time_step))
+        self._fibre = FibreView(self.model, 1, self._steps * t.time_step) if t.observe == "fibre" else None
+        self._late = min(round(self._fibre.sensor.latency / t.time_step), self._steps) if self._fibre else 0
         self._curve = reachable(self.model, self.highest)
         self._controls = controls(self.model)
         self._worlds: list[tuple[Any, Model]] = []
@@ -92,7 +92,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         rng = self.np_random
         if seed is not None or not self._worlds:
             bodies = draw_models(self.model, self.fit, self.task.bodies, rng) if self.fit else [self.model]
-            worlds = (world(m, self.task.step, self.highest) for m in bodies)
+            worlds = (world(m, self.task.time_step, self.highest) for m in bodies)
             self._worlds = [(self.mujoco.MjModel.from_xml_string(w), m) for w, m in zip(worlds, bodies, strict=True)]
         self._m, self._own = self._worlds[int(rng.integers(len(self._worlds)))]
         self._d = self.mujoco.MjData(self._m)
@@ -157,7 +157,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         tip = mechanics_of(self._own).tips(self.angle())[-1]
         return {
             "tip": tip, "puck": self._d.qpos[self._puck].copy(), "target": self._target.copy(),
-            "time": self._elapsed * self._steps * self.task.step,
+            "time": self._elapsed * self._steps * self.task.time_step,
         }
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -174,14 +174,14 @@ class PushEnv(gymnasium.Env[Array, Array]):
         lost = bool(self._d.warning[self.mujoco.mjtWarning.mjWARN_BADQACC].number > 0)
         seen, info = self.observation(angle if self._late else self.angle()), self.info()
         apart = np.linalg.norm(info["puck"] - info["target"]) + NEAR * np.linalg.norm(info["tip"] - info["puck"])
-        late = info["time"] >= self.task.duration - 0.5 * self.task.step
+        late = info["time"] >= self.task.duration - 0.5 * self.task.time_step
         return seen, LOST if lost else -float(apart) / self.model.length, lost, bool(late), info
 
 
-def world(model: Model, timestep: float, highest: float) -> str:
+def world(model: Model, time_step: float, highest: float) -> str:
     """Return the MJCF text of a world that contains the actuator and a puck that rubs on a table."""
     provenance = Provenance(model, "mjcf", "pliant/Push-v0")
-    root = ET.fromstring(mjcf(model, provenance, timestep=timestep, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
+    root = ET.fromstring(mjcf(model, provenance, time_step=time_step, radius=SKIN * model.length, highest=highest))  # noqa: S314  our own text
     radius, mass = PUCK * model.length, float(np.sum(model.link_mass))
     place, key = root.find("worldbody"), root.find("keyframe")
     assert place is not None

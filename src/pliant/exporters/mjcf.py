@@ -80,7 +80,7 @@ def quaternion(turn: Array) -> str:
 
 
 def mjcf(
-    model: Model, provenance: Provenance, *, prefix: str = "", timestep: float = 0.0, radius: float = 0.0,
+    model: Model, provenance: Provenance, *, prefix: str = "", time_step: float = 0.0, radius: float = 0.0,
     integrator: str = "", highest: float = 0.0,
 ) -> str:
     """Return the MJCF text of a model.
@@ -88,7 +88,7 @@ def mjcf(
     The model must have only features that MJCF can express.
 
     The `integrator` is one of `INTEGRATORS`; "" means implicitfast, and Euler for a body that lengthens.
-    The time step `timestep` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
+    The time step `time_step` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
     `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
     keyframe, since a keyframe holds the state of a whole world.
     """
@@ -102,11 +102,11 @@ def mjcf(
             "forces, so that the parts of the segment may drift apart: take integrator=Euler or integrator=RK4"
         )
     linear = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
-    timestep = checked_step(linear, integrator, timestep)
+    time_step = checked_step(linear, integrator, time_step)
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=number(timestep), gravity=number(*bodies.gravity), integrator=integrator
+        root, "option", timestep=number(time_step), gravity=number(*bodies.gravity), integrator=integrator
     )
     ET.SubElement(ET.SubElement(root, "custom"), "text", name=f"{prefix}pliant", data=provenance.json())
     base = ET.SubElement(
@@ -117,7 +117,7 @@ def mjcf(
         parent = link(parent, model, bodies, i, (prefix, size))
     tendons(root, model, prefix)
     contacts(root, prefix)
-    actuators(root, model, prefix, timestep, highest or 2.0 * typical_pressure(model))
+    actuators(root, model, prefix, time_step, highest or 2.0 * typical_pressure(model))
     sensors(root, model, prefix)
     if not prefix:
         keyframe(root, model, provenance)
@@ -329,7 +329,7 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
     return [(name, c, power) for name, (_, c, power) in zip(names, powers, strict=True)]
 
 
-def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, highest: float) -> None:
+def actuators(root: ET.Element, model: Model, prefix: str, time_step: float, highest: float) -> None:
     """Add one actuator for each input, and for each power of the pressure in its torque law, to the MJCF.
 
     Controls reach up to the pressure `highest` [Pa].
@@ -350,7 +350,7 @@ def actuators(root: ET.Element, model: Model, prefix: str, timestep: float, high
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
-            late = int(np.ceil(valve.dead_time / timestep)) + 1
+            late = int(np.ceil(valve.dead_time / time_step)) + 1
             words |= {"delay": number(valve.dead_time), "nsample": str(late)}
         ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
 
@@ -398,8 +398,8 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write a model as MJCF to `path`, and return the path."""
-    if not min(options["timestep"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf options timestep (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
+    if not min(options["time_step"], options["radius"], options["highest"]) >= 0:
+        raise InputError(f"mjcf options time_step (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
     if options["integrator"] not in ("", *INTEGRATORS):
         raise InputError(
             f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
@@ -424,5 +424,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
-    {"prefix": "", "timestep": 0.0, "radius": 0.0, "integrator": "", "highest": 0.0},
+    {"prefix": "", "time_step": 0.0, "radius": 0.0, "integrator": "", "highest": 0.0},
 )

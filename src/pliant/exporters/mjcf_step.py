@@ -94,8 +94,8 @@ def is_definite(a: Array) -> bool:
     return True
 
 
-def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
-    """Return a time step [s] at which MuJoCo is stable: `step` itself or, if it is 0, a suitable one with a margin.
+def checked_step(chain: HingeChain, integrator: str, time_step: float) -> float:
+    """Return a time step [s] at which MuJoCo is stable: `time_step` or, if it is 0, a suitable one with a margin.
 
     The steps tried are 1 ms, 0.5 ms, and so on.
 
@@ -105,8 +105,8 @@ def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
         When the simulation is unstable at the given step, or at every step tried.
     """
     stays = bounded_by(chain, integrator)
-    if step > 0 and stays(step):
-        return step
+    if time_step > 0 and stays(time_step):
+        return time_step
     chosen = USUAL
     while not stays(MARGIN * chosen):
         chosen *= 0.5
@@ -115,9 +115,9 @@ def checked_step(chain: HingeChain, integrator: str, step: float) -> float:
                 f"mjcf: with integrator={integrator} this chain is unstable at all time steps down to "
                 f"{1e6 * SHORTEST:.2g} us: use integrator=implicitfast, or a model with fewer links"
             )
-    if step > 0:
+    if time_step > 0:
         raise InputError(
-            f"mjcf: with integrator={integrator} and timestep={step:g} s this chain is unstable: use "
-            f"timestep={chosen:g}, or leave it out"
+            f"mjcf: with integrator={integrator} and time_step={time_step:g} s this chain is unstable: use "
+            f"time_step={chosen:g}, or leave it out"
         )
     return chosen

@@ -78,7 +78,7 @@ class Design:
 
 def design(
     fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
-    step: float = 2e-3, candidates: Sequence[Candidate] | None = None,
+    time_step: float | None = None, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
     """Rank pressure inputs for the next recording by the standard errors that the parameters would have after it.
 
@@ -94,6 +94,8 @@ def design(
         Highest pressure that the actuator may get, Pa; default: the highest recorded one.
     criterion : {"E", "D"}
         "E" minimises the error along the least certain direction, "D" the geometric mean over all directions.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     candidates : sequence of Candidate, optional
         Default: pulses of four pressure levels and four widths and, where the pressure is measured, chirps through the
         first mode. With several chambers, each excitation drives every chamber alone, then all together.
@@ -128,7 +130,7 @@ def design(
     found, refused = [], []
     for candidate in offered:
         try:
-            more = information_gain(fitted, experiments, candidate, sizes, step)
+            more = information_gain(fitted, experiments, candidate, sizes, time_step or fitted.time_step)
         except SimulationError as error:
             refused.append(f"{candidate.words}: {error}")
             continue
@@ -172,7 +174,8 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
 
 
 def information_gain(
-    fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float], step: float,
+    fitted: FitResult, experiments: Sequence[Experiment], candidate: Candidate, sizes: dict[str, float],
+    time_step: float,
 ) -> Array:
     """Return the Fisher information (P, P) on P parameters that a recording of a candidate input adds. It refers to
     changes of each parameter relative to its value or, if that is 0, to a typical size.
@@ -186,7 +189,7 @@ def information_gain(
     driven = candidate.chambers or tuple(c.name for c in model.chambers)
     course = [candidate.pressure if c.name in driven else Pulse(0.0) for c in model.chambers]
     inputs = course if len(course) > 1 else course[0]
-    seen = simulate(model, inputs, times=times, step=min(step, interval), check=False)["station_position"]
+    seen = simulate(model, inputs, times=times, time_step=min(time_step, interval), check=False)["station_position"]
     position = seen.sel(station=list(like.stations)).values
     nominal = like.excitation in ("pulse", "step") and isinstance(candidate.pressure, Pulse)
     trace = None if nominal else sampled(candidate)
@@ -199,7 +202,7 @@ def information_gain(
     records = {e.name for e in experiments}
     values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **own}
     every = {**sizes, **dict.fromkeys(own, 0.01)}
-    _, slopes = sensitivities(model, exp, values, every, step)
+    _, slopes = sensitivities(model, exp, values, every, time_step)
     J = slopes[..., :2].reshape(len(every), -1) * np.array(list(every.values()))[:, None]
     noise = np.sqrt(np.mean([v**2 for v in fitted.rmse.values()]) / 2)
     assert fitted.covariance is not None

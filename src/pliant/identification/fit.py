@@ -13,6 +13,7 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import LONGEST, fit_step, values_of
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply
@@ -41,14 +42,14 @@ NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 class FitOptions(TypedDict, total=False):
     """Keyword options shared by `fit` and `select_model`, where they are documented."""
 
-    step: float
+    time_step: float | None
     loss: str
     starts: int
     weighting: str
     rng: np.random.Generator | int | None
 
 
-FIT_OPTIONS: FitOptions = {"step": 2e-3, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
+FIT_OPTIONS: FitOptions = {"time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
 
 
 def fit(
@@ -73,8 +74,9 @@ def fit(
     parameters : sequence of Parameter or str
         A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
         times of a pulse or release are added.
-    step : float
-        Integration step, s; default: 2e-3.
+    time_step : float
+        Longest time step, s; default: the longest one, at most 2 ms, that resolves the modes of the model at the
+        start values (`pliant.simulation.time_step.resolving_step`).
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
         Robust losses limit the weight of outliers beyond 1 % of the peak displacement, or three standard deviations of
         the noise.
@@ -112,18 +114,20 @@ def fit(
     """
     began = clock.perf_counter()
     how = with_defaults(fit, options, FIT_OPTIONS)
-    step, loss, weighting = how["step"], how["loss"], how["weighting"]
+    loss, weighting = how["loss"], how["weighting"]
     check_choices(loss, weighting)
     if len({e.without_positions for e in experiments}) > 1:
         raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
                          "others angles alone: fit them separately")  # fmt: skip
     given = model
-    model, filled = searched(experiments, given, parameters, step, weighting)
+    searching = how["time_step"] or LONGEST
+    model, filled = searched(experiments, given, parameters, searching, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
-    check_step(model, step, "midpoint")
-    problem = Problem(list(experiments), model, filled, step, weighting)
-    second = independent_start(problem, given, parameters, step, weighting) if how["starts"] > 1 else None
+    time_step = how["time_step"] or fit_step(model, values_of(filled))
+    check_step(model, time_step, "midpoint")
+    problem = Problem(list(experiments), model, filled, time_step, weighting)
+    second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), second)
     if regularise:
         problem.hold_to_start()
@@ -183,30 +187,32 @@ def check_identifiable(problem: Problem) -> None:
 
 
 def predict_held_out(
-    experiment: Experiment, fitted: FitResult, *, step: float = 2e-3,
+    experiment: Experiment, fitted: FitResult, *, time_step: float | None = None,
 ) -> tuple[dict[str, Any], FitResult]:
     """Predict an experiment that was not fitted. The fitted parameters are held constant. Only the experiment's edge
     times, at which its pressure switches or its body is let go, are fitted to it.
 
-    `step` is the integration step, s. Returns the prediction (see `predict`) and the result of fitting the edge times;
-    nothing is fitted for an experiment without edge times.
+    `time_step` is in s; default: that of the fit. Returns the prediction (see `predict`) and the result of fitting the
+    edge times; nothing is fitted for an experiment without edge times.
     """
+    time_step = time_step or fitted.time_step
     fixed = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in fitted.parameters]
     if not experiment.own_parameters:
         values = fitted.values
-        prediction = predict(fitted.model, experiment, values, step)
+        prediction = predict(fitted.model, experiment, values, time_step)
         rmse = {experiment.name: root_mean_square(prediction["compared"], experiment.compared)}
         note = "nothing was fitted to this recording"
         return prediction, FitResult(
-            fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions
+            fitted.model, tuple(fixed), note, rmse, 1, 0.0, True, turns=experiment.without_positions,
+            time_step=time_step,
         )
-    moments = best_edges(experiment, fitted, step)
+    moments = best_edges(experiment, fitted, time_step)
     span = float(np.ptp(experiment.time))
     low, high = float(experiment.time[0]) - span, float(experiment.time[-1]) + span
     fixed += [Parameter(name, value, lower=low, upper=high) for name, value in moments.items()]
     fixed += carried_over(experiment, fitted)
-    own = fit([experiment], fitted.model, fixed, step=step, starts=1)
-    return predict(own.model, experiment, own.values, step), own
+    own = fit([experiment], fitted.model, fixed, time_step=time_step, starts=1)
+    return predict(own.model, experiment, own.values, time_step), own
 
 
 def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
@@ -224,7 +230,7 @@ def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
     return [Parameter(name, float(np.mean(own)), free=False, source=source)]
 
 
-def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[str, float]:
+def best_edges(experiment: Experiment, fitted: FitResult, time_step: float) -> dict[str, float]:
     """Return start values [s] of an experiment's edge times, by parameter name. Each edge is moved by up to two periods
     of the first mode, and the time of least error is taken.
 
@@ -237,15 +243,15 @@ def best_edges(experiment: Experiment, fitted: FitResult, step: float) -> dict[s
     quarter = 0.25 / float(modes(fitted.model)[0][0])
     for name, time in list(times.items()):
         moved = [time + k * quarter for k in sorted(range(-8, 9), key=abs)]
-        errors = [error_at(experiment, fitted, others | times | {name: moment}, step) for moment in moved]
+        errors = [error_at(experiment, fitted, others | times | {name: moment}, time_step) for moment in moved]
         times[name] = moved[int(np.argmin(errors))]
     return times
 
 
-def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], step: float) -> float:
+def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], time_step: float) -> float:
     """Return the RMS error [m; angles: rad] of an experiment with edge `times` [s]; inf if it cannot be simulated."""
     try:
-        shown = predict(fitted.model, experiment, {**fitted.values, **times}, step)["compared"]
+        shown = predict(fitted.model, experiment, {**fitted.values, **times}, time_step)["compared"]
     except PliantError:
         return float("inf")
     error = root_mean_square(shown, experiment.compared)
@@ -279,7 +285,7 @@ def finished(
     own = tuple(f"{e.name}." for e in problem.experiments)
     model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
     rmse = {
-        e.name: root_mean_square(predict(problem.model, e, values, problem.step)["compared"], e.compared)
+        e.name: root_mean_square(predict(problem.model, e, values, problem.time_step)["compared"], e.compared)
         for e in problem.experiments
     }
     notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
@@ -297,6 +303,7 @@ def finished(
         model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
         best.status > 0 and not far,
         found, tuple(notes), float(bic), turns=problem.experiments[0].without_positions,
+        time_step=problem.time_step,
     )
 
 
@@ -308,7 +315,7 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
     of second order, the whole error of the step is 4/3 of that change.
     """
     shortest = min(float(np.min(np.diff(e.time), initial=np.inf)) for e in problem.experiments)
-    finer = problem.with_step(0.5 * min(problem.step, shortest))
+    finer = problem.with_time_step(0.5 * min(problem.time_step, shortest))
     change = finer.data_residual(x) - problem.data_residual(x)
     if finer.broken or problem.broken:
         return []
@@ -319,8 +326,8 @@ def step_notes(problem: Problem, x: Array, found: Covariance) -> list[str]:
     bias = float(abs(shift[worst]) / std[worst])
     if bias < STEP_BIAS:
         return []
-    better = 2.0 * finer.step * np.sqrt(0.5 * STEP_BIAS / bias)
-    text = (f"The integration step of {1e3 * problem.step:.3g} ms biases {found.names[worst]} by about {bias:.2g} "
+    better = 2.0 * finer.time_step * np.sqrt(0.5 * STEP_BIAS / bias)
+    text = (f"The integration step of {1e3 * problem.time_step:.3g} ms biases {found.names[worst]} by about {bias:.2g} "
             f"standard errors: use a step of {1e3 * better:.2g} ms or less.")  # fmt: skip
     return [text]
 

@@ -30,7 +30,7 @@ POSE_STEPS = 60
 
 
 def forward_problem(
-    model: Model, exp: Experiment, values: Mapping[str, float], step: float,
+    model: Model, exp: Experiment, values: Mapping[str, float], time_step: float,
     plans: Plans | None = None, rest: Array | None = None, drive: Drive | None = None,
 ) -> ForwardProblem:
     """Return the simulation inputs of an experiment at parameter `values`: initial state, steps, torques, observed
@@ -38,7 +38,7 @@ def forward_problem(
 
     Parameters
     ----------
-    step : float
+    time_step : float
         Integration step, s.
     plans : Plans, optional
         Cache of intermediate results, shared between calls for the same model.
@@ -53,10 +53,10 @@ def forward_problem(
     m = model_at.model
     times, between = output_times(exp, params)
     if exp.excitation == "release":
-        return release_problem(model_at, exp, params, times, step, plans)._replace(between=between)
+        return release_problem(model_at, exp, params, times, time_step, plans)._replace(between=between)
     if exp.poses:
         return poses_problem(model_at, exp, params)
-    plan = actuation_steps(m, exp, params, times, step, plans) if drive is None else drive
+    plan = actuation_steps(m, exp, params, times, time_step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
     if rest is None and before is not None:
         rest = equilibrium(m, plan.initial, link_load=before)
@@ -92,7 +92,7 @@ def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, t
 
 
 def release_problem(
-    model_at: ModelAt, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
+    model_at: ModelAt, exp: Experiment, params: Mapping[str, float], times: Array, time_step: float, plans: Plans,
 ) -> ForwardProblem:
     """Return the simulation inputs of a body that is held and then let go. At the release its base may turn by the
     angle ``base_turn``.
@@ -106,7 +106,7 @@ def release_problem(
         key = ("release", exp.name, params["release"], times[0])
         if key not in plans.drives:
             still_air = [Pulse(0.0)] * model.actuation.count
-            plans.drives[key] = drive_of(model, still_air, np.concatenate([[params["release"]], free]), step)
+            plans.drives[key] = drive_of(model, still_air, np.concatenate([[params["release"]], free]), time_step)
         plan = plans.drives[key]
     numbers = forward_numbers(model_at, exp, params, plan, (angles, angles), base)
     numbers = with_loads(numbers, model, exp, params["release"])
@@ -173,7 +173,7 @@ def no_drive(model: Model) -> Drive:
 
 
 def actuation_steps(
-    model: Model, exp: Experiment, params: Mapping[str, float], times: Array, step: float, plans: Plans,
+    model: Model, exp: Experiment, params: Mapping[str, float], times: Array, time_step: float, plans: Plans,
 ) -> Drive:
     """Return the time steps and torques with which to simulate an experiment under its inputs. Steps end at the output
     `times` [s], which are on the clock of the inputs.
@@ -184,7 +184,7 @@ def actuation_steps(
     key = (where, *(c.key for c in model.chambers))
     if key not in plans.drives:
         if where not in plans.layouts:
-            plans.layouts[where] = laid_out(inputs_to(model, exp, start, stop), dead_times, times, step)
+            plans.layouts[where] = laid_out(inputs_to(model, exp, start, stop), dead_times, times, time_step)
         plans.drives[key] = driven(model, plans.layouts[where])
     return plans.drives[key]
 

@@ -12,6 +12,7 @@ from pliant.display import Card, Shown
 from pliant.errors import PliantError
 from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import fit_step, values_of
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, kind_of, shared_name
 from pliant.identification.problem import Problem
@@ -99,15 +100,16 @@ class Identifiability(Shown):
 
 
 def identifiability(
-    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *, step: float = 2e-3,
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], *,
+    time_step: float | None = None,
 ) -> Identifiability:
     """Return how well recordings determine each free parameter, from exact derivatives of the motion at the start
     values.
 
     Parameters
     ----------
-    experiments, model, parameters, step
-        As in `fit`; the step in s.
+    experiments, model, parameters, time_step
+        As in `fit`.
 
     Returns
     -------
@@ -121,7 +123,8 @@ def identifiability(
         When the start values cannot be simulated.
     """
     model, filled = prepare(experiments, model, parameters)
-    return examine(Problem(list(experiments), model, filled, step, "noise"))
+    time_step = time_step or fit_step(model, values_of(filled))
+    return examine(Problem(list(experiments), model, filled, time_step, "noise"))
 
 
 def examine(problem: Problem) -> Identifiability:

@@ -32,11 +32,11 @@ class Follows(NamedTuple):
         return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
 
 
-def follows(train: Sequence[Experiment], result: FitResult, step: float, weighting: str) -> Follows:
+def follows(train: Sequence[Experiment], result: FitResult, time_step: float, weighting: str) -> Follows:
     """Return how well the fit `result` matches the training recordings.
     Residuals have the same weights for all fits.
     """
-    problem = Problem(list(train), result.model, list(result.parameters), step, weighting)
+    problem = Problem(list(train), result.model, list(result.parameters), time_step, weighting)
     r = problem.data_residual(problem.start)
     parts = np.split(r, problem.ends[:-1])
     numbers = sum(p.size / correlated_frames(o, p) for o, p in zip(problem.observed, parts, strict=True))
@@ -53,12 +53,12 @@ def shared_bic(fits: Sequence[Follows]) -> list[float]:
     return [f.bic(numbers) for f in fits]
 
 
-def missed(exp: Experiment, result: FitResult, step: float) -> Array:
+def missed(exp: Experiment, result: FitResult, time_step: float) -> Array:
     """Return the squared error (T,) of each frame of a held-out recording, in (% of its peak displacement)^2.
 
     The mean over frames is the square of the recording's RMS error. Missing stations do not count.
     """
-    prediction, _ = predict_held_out(exp, result, step=step)
+    prediction, _ = predict_held_out(exp, result, time_step=time_step)
     finite(prediction["compared"], "the modelled motion")
     square = np.sum((prediction["compared"] - exp.compared) ** 2, axis=-1)
     seen = np.isfinite(square)

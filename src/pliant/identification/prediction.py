@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import fit_step
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.model import Model
@@ -15,15 +16,17 @@ from pliant.model import Model
 Array = np.ndarray
 
 
-def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> dict[str, Any]:
+def predict(
+    model: Model, exp: Experiment, values: Mapping[str, float], time_step: float | None = None,
+) -> dict[str, Any]:
     """Predict the motion of S stations in an experiment by a model: positions (T, S, d) [m] in T frames and d
     dimensions, angles (T, S) [rad], and the pressures (T, C) [Pa] of C chambers.
 
     Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
-    shared one. `step` is the integration step, s.
+    shared one. `time_step` is in s; default: the longest one, at most 2 ms, that resolves the modes of the model.
     """
-    forward = forward_problem(model, exp, values, step)
+    forward = forward_problem(model, exp, values, time_step or fit_step(model, values))
     rows = observed_rows(forward, forward.numbers, exp.time.size)[:, : len(exp.stations)]
     return {
         "position": rows[..., : exp.dimension], "angle": referenced_angles(exp, rows),
@@ -31,11 +34,11 @@ def predict(model: Model, exp: Experiment, values: Mapping[str, float], step: fl
     }
 
 
-def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], step: float) -> Array:
+def predict_body(model: Model, exp: Experiment, values: Mapping[str, float], time_step: float) -> Array:
     """Predict the positions (T, n + 2, d) [m] of base, first joint and n link tips of a chain in an experiment, in T
     frames and d dimensions.
     """
-    forward = forward_problem(model, exp, values, step)
+    forward = forward_problem(model, exp, values, time_step)
     along = np.concatenate([[0.0, forward.model.base_length], forward.model.link_length])
     carrier = np.concatenate([[-1, -1], np.arange(forward.model.n)])
     links_problem = forward._replace(carrier=carrier)

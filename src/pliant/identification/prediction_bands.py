@@ -61,7 +61,7 @@ class Band(Shown):
 
 
 def prediction_band(
-    experiment: Experiment, fitted: FitResult, *, step: float = 2e-3, level: float = 0.95,
+    experiment: Experiment, fitted: FitResult, *, time_step: float | None = None, level: float = 0.95,
     noise: float | Array = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
 ) -> Band:
     """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
@@ -74,8 +74,8 @@ def prediction_band(
     experiment : Experiment
         A recording that was not used in the fit, or a planned one.
     fitted : FitResult
-    step : float
-        Longest step of the integration, s.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     level : float
         Probability that the band contains a coordinate.
     noise : float or array (T, S, 2 or 1)
@@ -100,13 +100,14 @@ def prediction_band(
         raise InputError("a prediction band needs the covariance of a fit: fit with at least one free parameter")
     if not 0 < level < 1:
         raise InputError(f"the level of a band must lie between 0 and 1, got {level}")
-    own = own or predict_held_out(experiment, fitted, step=step)[1]
+    time_step = time_step or fitted.time_step
+    own = own or predict_held_out(experiment, fitted, time_step=time_step)[1]
     shared = [k for k, n in enumerate(fitted.covariance.names) if "." not in n or n.partition(".")[0] not in
               {e.partition(".")[0] for e in fitted.rmse}]
     names = [fitted.covariance.names[k] for k in shared] + list(experiment.own_parameters)
     scale = {p.name: p.scale for p in own.parameters}
     sizes = {n: scale[n] or max(abs(own.values[n]), 1e-6) for n in names}
-    rows, slopes = sensitivities(own.model, experiment, own.values, sizes, step)
+    rows, slopes = sensitivities(own.model, experiment, own.values, sizes, time_step)
     rows = compared_of(experiment, rows)
     scaled = compared_of(experiment, slopes) * np.array(list(sizes.values()))[:, None, None, None]
     theirs, mine = scaled[: len(shared)], scaled[len(shared) :]
@@ -119,7 +120,7 @@ def prediction_band(
     variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
     variance = np.maximum(variance, 0.0) + noise**2
     if training:
-        pressure = predict(own.model, experiment, own.values, step)["pressure"]
+        pressure = predict(own.model, experiment, own.values, time_step)["pressure"]
         variance += discrepancy(own.model, experiment, own.values, rows, pressure, training) ** 2
     std = np.sqrt(variance)
     half = NormalDist().inv_cdf(0.5 + 0.5 * level) * std
@@ -127,8 +128,8 @@ def prediction_band(
 
 
 def residual_noise(
-    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *, step: float = 2e-3,
-    weighting: str = "travel",
+    train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Array, *,
+    time_step: float | None = None, weighting: str = "travel",
 ) -> Array:
     """Return the standard deviation of a prediction's residuals at T times and S stations, learnt from training
     recordings: (T, S, 2 or 3) [m], or (T, S, 1) [rad] if only angles were recorded.
@@ -139,11 +140,12 @@ def residual_noise(
 
     With `weighting` "travel", residuals and displacements are taken relative to each recording's peak displacement and
     scaled back by that of the prediction `modelled` (T, S, ...). A station without training data gets the mean of all
-    stations.
+    stations. `time_step` is in s; default: that of the fit.
     """
+    time_step = time_step or fitted.time_step
     shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
     for exp in train:
-        rows, unit = predict(fitted.model, exp, fitted.values, step)["compared"], exp.travel if shares else 1.0
+        rows, unit = predict(fitted.model, exp, fitted.values, time_step)["compared"], exp.travel if shares else 1.0
         square = ((rows - exp.compared) / unit) ** 2
         traits = motion_traits(exp.time, rows, unit, settled=exp.poses)
         for k, name in enumerate(exp.stations):

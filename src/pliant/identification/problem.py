@@ -45,13 +45,14 @@ class Problem:
     """
 
     def __init__(
-        self, experiments: list[Experiment], model: Model, parameters: list[Parameter], step: float, weighting: str,
+        self, experiments: list[Experiment], model: Model, parameters: list[Parameter], time_step: float,
+        weighting: str,
     ) -> None:
         self.experiments = experiments
         self.names = {e.name for e in experiments}
         self.model = model
         self.parameters = parameters
-        self.step = step
+        self.time_step = time_step
         self.weighting = weighting
         self.free = [p for p in parameters if p.free]
         self.scale = np.array([p.scale or 1.0 for p in self.free])
@@ -82,10 +83,10 @@ class Problem:
         """Return the values (SI) of all parameters by name, at the scaled free parameters x (P,)."""
         return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
 
-    def with_step(self, step: float) -> Problem:
+    def with_time_step(self, time_step: float) -> Problem:
         """Return a copy of this problem with another integration step [s], with the same weights and scales."""
         other = copy.copy(self)
-        other.step, other.plans, other.latest = step, Plans(), (b"", np.zeros(0))
+        other.time_step, other.plans, other.latest = time_step, Plans(), (b"", np.zeros(0))
         return other
 
     def residual(self, x: Array) -> Array:
@@ -103,7 +104,7 @@ class Problem:
         parts = []
         for o in self.observed:
             try:
-                forward = forward_problem(self.model, o.exp, values, self.step, self.plans)
+                forward = forward_problem(self.model, o.exp, values, self.time_step, self.plans)
                 parts.append(o.residual(observed_rows(forward, forward.numbers, o.exp.time.size)))
             except PliantError as error:
                 self.broken = str(error)
@@ -130,10 +131,10 @@ class Problem:
         for o, end in zip(self.observed, self.ends, strict=True):
             mine = [k for k, p in enumerate(self.free) if self.acts_on(p, o.exp)]
             free_sizes = {self.free[k].name: sizes[self.free[k].name] for k in mine}
-            slopes = slopes_of(self.model, o.exp, values, free_sizes, self.step, self.plans)
+            slopes = slopes_of(self.model, o.exp, values, free_sizes, self.time_step, self.plans)
             rows = None
             if o.exp.oriented.size:
-                forward = forward_problem(self.model, o.exp, values, self.step, self.plans)
+                forward = forward_problem(self.model, o.exp, values, self.time_step, self.plans)
                 rows = observed_rows(forward, forward.numbers, o.exp.time.size)
             J[end - o.count : end, mine] = o.slopes(slopes, rows).T
         J *= self.scale

@@ -22,7 +22,7 @@ FEWEST = 20  # replicates that a covariance needs
 
 
 def bootstrapped(
-    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, step: float = 2e-3,
+    experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, time_step: float | None = None,
     weighting: str = "travel", loss: str = "linear", rng: np.random.Generator | int | None = 0,
 ) -> FitResult:
     """Return the fit with covariance and standard errors estimated by a block bootstrap of its residuals.
@@ -39,7 +39,7 @@ def bootstrapped(
     if replicates < FEWEST:
         raise InputError(f"a bootstrap needs at least {FEWEST} replicates, got {replicates}: raise their number")
     _, values = bootstrap(
-        experiments, fitted, replicates=replicates, step=step, weighting=weighting, loss=loss, rng=rng
+        experiments, fitted, replicates=replicates, time_step=time_step, weighting=weighting, loss=loss, rng=rng
     )
     found = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap")
     errors = dict(zip(found.names, found.std, strict=True))
@@ -50,7 +50,7 @@ def bootstrapped(
 
 def bootstrap(
     experiments: Sequence[Experiment], fitted: FitResult, *, replicates: int = 200, block: int | None = None,
-    step: float = 2e-3, weighting: str = "travel", loss: str = "linear",
+    time_step: float | None = None, weighting: str = "travel", loss: str = "linear",
     rng: np.random.Generator | int | None = 0,
 ) -> tuple[tuple[str, ...], Array]:
     """Return the names of P free parameters, and their values (replicates, P) from refits to synthetic data: the
@@ -65,8 +65,8 @@ def bootstrap(
         Number R of refits.
     block : int, optional
         Frames in a block; default: twice the correlation length of the residuals.
-    step : float
-        Integration step, s.
+    time_step : float, optional
+        Longest time step, s; default: that of the fit.
     weighting, loss : str
         Those of the fit.
     rng : numpy.random.Generator, int or None
@@ -81,17 +81,18 @@ def bootstrap(
     """
     free = [p for p in fitted.parameters if p.free]
     generator = np.random.default_rng(rng)
-    base = Problem(list(experiments), fitted.model, list(fitted.parameters), step, weighting)
+    time_step = time_step or fitted.time_step
+    base = Problem(list(experiments), fitted.model, list(fitted.parameters), time_step, weighting)
     parts = np.split(base.data_residual(base.start), base.ends[:-1])
     frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]
-    motions = [predict(fitted.model, e, fitted.values, step)["compared"] for e in experiments]
+    motions = [predict(fitted.model, e, fitted.values, time_step)["compared"] for e in experiments]
     drawn = []
     for _ in range(replicates):
         again = [
             with_drawn(e, redrawn(e, p, width, generator))
             for e, p, width in zip(experiments, motions, frames, strict=True)
         ]
-        problem = Problem(again, fitted.model, list(fitted.parameters), step, weighting)
+        problem = Problem(again, fitted.model, list(fitted.parameters), time_step, weighting)
         drawn.append(solve(problem, problem.start, loss, 20).x * problem.scale)
     return tuple(p.name for p in free), np.array(drawn)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import LONGEST
 from pliant.identification.parameters import Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
@@ -51,6 +52,8 @@ class FitResult(Shown):
     bic : float or None
         Bayesian information criterion with correlated residuals counted as fewer; lower is better, on the same
         recordings.
+    time_step : float
+        Time step of the fit, s, and default of predictions with it.
     """
 
     model: Model
@@ -64,6 +67,7 @@ class FitResult(Shown):
     notes: tuple[str, ...] = ()
     bic: float | None = None
     turns: bool = False
+    time_step: float = LONGEST
 
     @property
     def values(self) -> dict[str, float]:
@@ -81,6 +85,7 @@ class FitResult(Shown):
         return {
             "status": self.status, "converged": self.converged, "notes": list(self.notes),
             "evaluations": self.evaluations, "seconds": self.seconds, "bic": self.bic,
+            "time_step_s": self.time_step,
             f"rmse_{unit}": {k: factor * v for k, v in self.rmse.items()},
             "parameters": {p.name: parameter_dict(p) for p in self.parameters},
             "covariance": covariance_dict(self.covariance) if self.covariance else None,

@@ -54,7 +54,7 @@ class Slope(NamedTuple):
 
 
 def sensitivities(
-    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
+    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], time_step: float,
 ) -> tuple[Array, Array]:
     """Return the positions and angles (T, S, 3) of S stations in T frames of a simulated experiment, and their
     derivatives (P, T, S, 3) with respect to P parameters.
@@ -78,14 +78,15 @@ def sensitivities(
     FitError
         When no derivative exists on either side of a value.
     """
-    forward = forward_problem(model, exp, values, step)
+    forward = forward_problem(model, exp, values, time_step)
     stations = len(exp.stations)  # axis points of links follow them
-    rows, slopes = observed_rows(forward, forward.numbers, exp.time.size), slopes_of(model, exp, values, sizes, step)
+    rows = observed_rows(forward, forward.numbers, exp.time.size)
+    slopes = slopes_of(model, exp, values, sizes, time_step)
     return rows[:, :stations], slopes[:, :, :stations]
 
 
 def slopes_of(
-    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], step: float,
+    model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], time_step: float,
     plans: Plans | None = None,
 ) -> Array:
     """Return the derivatives (P, T, S + 2 m, 3), with respect to P parameters, of the positions and angles of observed
@@ -94,7 +95,7 @@ def slopes_of(
     """
     plans = Plans() if plans is None else plans
     rows = exp.time.size
-    forward = forward_problem(model, exp, values, step, plans)
+    forward = forward_problem(model, exp, values, time_step, plans)
     slopes = np.zeros((len(sizes), rows, forward.carrier.size, 3))
     q = mechanics_of(forward.model).joint_coordinates(forward.numbers.phi)
     resting = (q, rest_stiffness(forward)) if forward.from_rest else None
@@ -109,7 +110,7 @@ def slopes_of(
 
         def problem_at(value: float, drive: Drive | None, name: str = name) -> ForwardProblem:
             rest = resting[0] if resting else None
-            return forward_problem(model, exp, {**values, name: value}, step, plans, rest, drive)
+            return forward_problem(model, exp, {**values, name: value}, time_step, plans, rest, drive)
 
         base, slope = forward, plans.slopes.get(key) or edge_slope(forward, exp, values, name)
         if slope is None:

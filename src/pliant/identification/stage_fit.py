@@ -14,6 +14,7 @@ from pliant.errors import FitError, PliantError
 from pliant.failures import Failures, NotComputed
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitOptions, fit
+from pliant.identification.fit_step import LONGEST, values_of
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
@@ -33,7 +34,7 @@ TRIAL = 12  # evaluations of a short fit that selects the best start
 
 
 @dataclass(frozen=True)
-class Step:
+class StageResult:
     """Result of fitting one stage of a model selection: fit, errors, cost, and why it was rejected, if so.
 
     Attributes
@@ -100,7 +101,14 @@ class StageFitter:
     options: FitOptions
     common: Sequence[str] = ()  # names of the parameters that are free on every stage
 
-    def fit_stage(self, stage: Stage, below: Step, free: dict[str, Entry]) -> tuple[Step, dict[str, Entry]]:
+    @property
+    def time_step(self) -> float:
+        """Return the time step [s] of all stages."""
+        return self.options["time_step"] or LONGEST
+
+    def fit_stage(
+        self, stage: Stage, below: StageResult, free: dict[str, Entry],
+    ) -> tuple[StageResult, dict[str, Entry]]:
         """Fit the parameters that are `free` in the stage below, without those that this stage drops, together with
         those that it adds. Return the stage's result and its free parameters.
         """
@@ -115,15 +123,15 @@ class StageFitter:
             except PliantError as problem:
                 reason = reason or str(problem)
         if not found:
-            return Step(stage, seconds=clock.perf_counter() - began, reason=reason), free
+            return StageResult(stage, seconds=clock.perf_counter() - began, reason=reason), free
         found = [pair for pair in found if not pair[0].open] or found
         best = int(np.argmin(shared_bic([s.follows for s, _ in found if s.follows])))
-        step, taken = found[best]
-        return replace(step, stands_on=below.stage.name, seconds=clock.perf_counter() - began), taken
+        chosen, taken = found[best]
+        return replace(chosen, stands_on=below.stage.name, seconds=clock.perf_counter() - began), taken
 
     def prune(
-        self, stage: Stage, taken: dict[str, Entry], below: Step, choice: set[str],
-    ) -> tuple[Step, dict[str, Entry]]:
+        self, stage: Stage, taken: dict[str, Entry], below: StageResult, choice: set[str],
+    ) -> tuple[StageResult, dict[str, Entry]]:
         """Fit the parameters `taken`. Then hold those that the recordings do not determine at their values in the given
         model, and fit the others again.
 
@@ -148,7 +156,7 @@ class StageFitter:
         return replace(self.judged(stage, result), open=", ".join(left.values()), given=before), taken
 
     def fit_once(
-        self, stage: Stage, taken: dict[str, Entry], below: Step, ended: dict[str, Parameter],
+        self, stage: Stage, taken: dict[str, Entry], below: StageResult, ended: dict[str, Parameter],
     ) -> tuple[FitResult, dict[str, str]]:
         """Fit the parameters `taken` once; return the fit, and a sentence on each parameter it does not determine."""
         result = self.multistart(list(taken.values()), stage, ended)
@@ -193,7 +201,7 @@ class StageFitter:
         """Return the parameter; a joint stiffness gets an upper bound, above which the time step would be too long."""
         if not p.name.startswith("stiffness"):
             return p
-        most = min(p.upper, simulable(self.model, self.options["step"]))
+        most = min(p.upper, simulable(self.model, self.time_step))
         return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))
 
     def fitted(self, listed: list[Parameter], most: int = 200) -> FitResult:
@@ -201,34 +209,36 @@ class StageFitter:
         if any(p.free for p in listed) or any(e.own_parameters for e in self.train):
             return fit(self.train, self.model, listed, **self.options, max_evaluations=most)
         model, filled = prepare(self.train, self.model, listed)
-        values = {p.name: float(p.value) for p in filled if p.value is not None}
+        values = values_of(filled)
         rmse = {
-            e.name: root_mean_square(predict(model, e, values, self.options["step"])["compared"], e.compared)
+            e.name: root_mean_square(predict(model, e, values, self.time_step)["compared"], e.compared)
             for e in self.train
         }
-        return FitResult(model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
-                         turns=self.train[0].without_positions)  # fmt: skip
+        return FitResult(
+            model, tuple(filled), "Nothing is free: the model as given.", rmse, len(rmse), 0.0, True,
+            turns=self.train[0].without_positions, time_step=self.time_step,
+        )
 
-    def judged(self, stage: Stage, result: FitResult) -> Step:
+    def judged(self, stage: Stage, result: FitResult) -> StageResult:
         """Return the result of a fitted stage with its errors on all recordings and its simulation cost."""
-        step = self.options["step"]
+        time_step = self.time_step
         failures, unseen = Failures(f"of stage {stage.title}"), {}
         for e in self.held_out:
-            row = failures.attempt("prediction", e.name, partial(missed, e, result, step), "held_out")
+            row = failures.attempt("prediction", e.name, partial(missed, e, result, time_step), "held_out")
             if row is not None:
                 unseen[e.name] = row
-        return Step(
+        return StageResult(
             stage, result, tuple(p.name for p in result.parameters if p.free),
             train={e.name: 100 * result.rmse[e.name] / e.travel for e in self.train},
             held_out={name: error({name: row}) for name, row in unseen.items()}, missed=unseen,
-            follows=follows(self.train, result, step, self.options["weighting"]),
-            step_ns=step_cost(result, self.train[0], step), not_computed=tuple(failures),
+            follows=follows(self.train, result, time_step, self.options["weighting"]),
+            step_ns=step_cost(result, self.train[0], time_step), not_computed=tuple(failures),
         )
 
 
-def step_cost(result: FitResult, exp: Experiment, step: float) -> float:
+def step_cost(result: FitResult, exp: Experiment, time_step: float) -> float:
     """Return the wall time [ns] of one simulation step of an experiment, observation included; best of five runs."""
-    forward = forward_problem(result.model, exp, result.values, step)
+    forward = forward_problem(result.model, exp, result.values, time_step)
     best = float("inf")
     for _ in range(5):
         began = clock.perf_counter()
@@ -260,13 +270,13 @@ def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
     return p.with_(value=float(np.clip(found.value, p.lower, p.upper)), scale=p.scale or found.scale)
 
 
-def simulable(model: Model, step: float) -> float:
+def simulable(model: Model, time_step: float) -> float:
     """Return the joint stiffness [N m/rad] above which the time step is too long for the chain's first mode.
 
     Without a ringing motion, a fit could increase stiffness, damping and torque together without limit.
     """
     frequency = float(modes(model)[0][0])
-    return float(model.stiffness.mean()) * (1 / (STEPS_PER_PERIOD * step * frequency)) ** 2
+    return float(model.stiffness.mean()) * (1 / (STEPS_PER_PERIOD * time_step * frequency)) ** 2
 
 
 def ends(result: FitResult | None) -> dict[str, Parameter]:

@@ -36,7 +36,8 @@ GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 
 
 def searched(
-    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], time_step: float,
+    weighting: str,
 ) -> tuple[Model, list[Parameter]]:
     """Return the model and parameters with start values for a fit, the best of several joint stiffnesses.
 
@@ -51,11 +52,11 @@ def searched(
     seen = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
 
     def tried(stiffness: float, ratio: float) -> TrialStart | None:
-        return candidate(seen, model, stated(listed, model, stiffness, ratio), stiffness, step, weighting)
+        return candidate(seen, model, stated(listed, model, stiffness, ratio), stiffness, time_step, weighting)
 
     found = [c for factor in FACTORS if (c := tried(middle * factor, RATIOS[0]))]
     found += [c for best in best_of(found) for ratio in RATIOS[1:] if (c := tried(best.stiffness, ratio))]
-    ends = [short_fit(c, step, weighting, seen) for c in best_of(found)]
+    ends = [short_fit(c, time_step, weighting, seen) for c in best_of(found)]
     if not ends:  # it says what is wrong
         return prepare(experiments, model, parameters)
     values = min(ends, key=lambda end: end[0])[1]
@@ -66,7 +67,8 @@ def searched(
 
 
 def independent_start(
-    problem: Problem, model: Model, parameters: Sequence[Parameter | str], step: float, weighting: str,
+    problem: Problem, model: Model, parameters: Sequence[Parameter | str], time_step: float,
+    weighting: str,
 ) -> Array | None:
     """Return scaled start values (P,) of P parameters of a fit in space, found without the given stiffness and torques;
     None if no such search is needed or it fails.
@@ -80,7 +82,7 @@ def independent_start(
         return None
     unstated = [p.with_(value=None) if p.name in forgotten else p for p in listed]
     try:
-        values = {p.name: p.value for p in searched(problem.experiments, model, unstated, step, weighting)[1]}
+        values = {p.name: p.value for p in searched(problem.experiments, model, unstated, time_step, weighting)[1]}
     except PliantError:
         return None
     x = np.array([values[p.name] for p in problem.free], dtype=float) / problem.scale
@@ -139,7 +141,7 @@ def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: f
 
 
 def candidate(
-    experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, step: float,
+    experiments: Sequence[Experiment], model: Model, listed: Sequence[Parameter], stiffness: float, time_step: float,
     weighting: str,
 ) -> TrialStart | None:
     """Return a trial start at the given joint stiffness, with the torques or gains that fit a linearised motion best.
@@ -152,7 +154,7 @@ def candidate(
         placed, filled = prepare(experiments, model, listed)
         torques = linear_torques(placed, listed)
         fixed = [p.with_(free=p.name in torques) for p in filled]
-        problem = Problem(list(experiments), placed, fixed, step, weighting)
+        problem = Problem(list(experiments), placed, fixed, time_step, weighting)
         found = [problem.start]
         if torques:
             still = np.clip(0.0 * problem.start, *problem.bounds)
@@ -178,10 +180,10 @@ def cost_at(problem: Problem, x: Array) -> float:
 
 
 def short_fit(
-    start: TrialStart, step: float, weighting: str, experiments: Sequence[Experiment],
+    start: TrialStart, time_step: float, weighting: str, experiments: Sequence[Experiment],
 ) -> tuple[float, dict[str, float]]:
     """Run a fit of a few evaluations from a trial start; return its cost and parameter values by name."""
-    problem = Problem(list(experiments), start.model, start.parameters, step, weighting)
+    problem = Problem(list(experiments), start.model, start.parameters, time_step, weighting)
     end = solve(problem, problem.start, "linear", TRIAL)
     return float(end.cost), problem.values(end.x)
 

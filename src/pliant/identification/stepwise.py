@@ -12,9 +12,10 @@ from pliant.display import Card, Shown
 from pliant.errors import FitError, InputError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FIT_OPTIONS, FitOptions
+from pliant.identification.fit_step import starting_step
 from pliant.identification.model_selection import DETERMINED, lead, shared_bic
 from pliant.identification.result import FitResult
-from pliant.identification.stage_fit import StageFitter, Step, entry_name
+from pliant.identification.stage_fit import StageFitter, StageResult, entry_name
 from pliant.identification.stages import STAGES, Entry, Stage, each_chamber, of_chambers
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -28,30 +29,30 @@ SELECTION_OPTIONS: FitOptions = {**FIT_OPTIONS, "starts": 1}
 class ModelSelection(Shown):
     """Result of `select_model`: all stages, the name of the chosen stage, and the reason for the choice."""
 
-    steps: tuple[Step, ...]
+    stages: tuple[StageResult, ...]
     chosen: str
     reason: str
 
     @property
-    def step(self) -> Step:
+    def chosen_stage(self) -> StageResult:
         """Return the result of the chosen stage."""
-        (step,) = (s for s in self.steps if s.stage.name == self.chosen)
-        return step
+        (chosen,) = (s for s in self.stages if s.stage.name == self.chosen)
+        return chosen
 
     @property
     def result(self) -> FitResult:
         """Return the fit of the chosen stage."""
-        assert self.step.result is not None  # a stage without a fit is never chosen
-        return self.step.result
+        assert self.chosen_stage.result is not None  # a stage without a fit is never chosen
+        return self.chosen_stage.result
 
     def card(self) -> Card:
         """Return a display card: table of the error, BIC and cost of every stage."""
         rows = [[
             s.stage.title + " *" * (s.stage.name == self.chosen), str(len(s.freed)), shown(s.train), shown(s.held_out),
             f"{s.bic:.0f}" if s.bic is not None else "-", f"{s.step_ns:.0f}", f"{s.seconds:.2g}",
-        ] for s in self.steps]
+        ] for s in self.stages]
         head = ("stage", "free", "training %", "held out %", "BIC", "ns/step", "fit s")
-        refused = [f"{s.stage.title}: {s.reason}." for s in self.steps if s.reason]
+        refused = [f"{s.stage.title}: {s.reason}." for s in self.stages if s.reason]
         return Card("Model selection; * chosen", (self.reason, *refused), head, rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -64,7 +65,7 @@ class ModelSelection(Shown):
                     "held_out_percent": s.held_out, "bic": s.bic, "fit_s": s.seconds,
                     "step_ns": s.step_ns if s.result else None, "reason": s.reason, "not_determined": s.open,
                     "as_given": list(s.given),
-                } for s in self.steps
+                } for s in self.stages
             },
         }
 
@@ -99,8 +100,8 @@ def select_model(
     late : bool
         Whether a stage that replaces parameters by finer ones, as `joints` does, is tried again at the end, as
         ``NAME_late``, if it was passed over and later stages were accepted.
-    step : float, s
-        Longest integration step; default: 2e-3.
+    time_step : float, s
+        Longest time step of all stages; default: that of a fit of the first stage.
     weighting, loss, starts, rng
         As in `fit`, for each stage; the default of `starts` is 1.
     progress : callable, optional
@@ -129,27 +130,29 @@ def select_model(
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
         laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
         free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
-    fitter = StageFitter(train, held_out, model, how, tuple(free))
     each = [of_chambers(r, model) for r in stages]
-    steps = fit_stages(fitter, each, free, late=late, progress=progress or (lambda _line: None))
-    return chosen(steps, choose_by)
+    first = {**free, **{entry_name(e): e for choice in each[0].frees[:1] for e in choice}}
+    how["time_step"] = how["time_step"] or starting_step(train, model, list(first.values()))
+    fitter = StageFitter(train, held_out, model, how, tuple(free))
+    results = fit_stages(fitter, each, free, late=late, progress=progress or (lambda _line: None))
+    return chosen(results, choose_by)
 
 
 def fit_stages(
     fitter: StageFitter, stages: Sequence[Stage], free: dict[str, Entry], *, late: bool,
     progress: Callable[[str], None],
-) -> list[Step]:
+) -> list[StageResult]:
     """Fit all stages of a model selection in order. With `late`, a stage that replaces parameters but was no
     improvement is tried again at the end, on top of the stages that succeeded after it.
 
     Stages that add new parameters are not tried again: a spring law tried that late improved training recordings only.
     """
-    below, steps, replaced = Step(Stage("", "")), list[Step](), set[str]()
+    below, results, replaced = StageResult(Stage("", "")), list[StageResult](), set[str]()
 
     def paid(stage: Stage) -> bool:
         nonlocal below, free
         added, taken = fitter.fit_stage(stage, below, free)
-        steps.append(added)
+        results.append(added)
         progress(f"stage {stage.title}: {added.reason or f'{added.error:.3g} % of travel'}")
         for failure in added.not_computed:
             progress(f"warning: {failure.sentence}")
@@ -164,18 +167,18 @@ def fit_stages(
         names = {entry_name(e) for choice in stage.frees for e in choice}
         if stage.drops and on != below.stage.name and not replaced & names:
             paid(stage._replace(name=f"{stage.name}_late", title=f"{stage.title}, late"))
-    return steps
+    return results
 
 
-def pays(step: Step, below: Step) -> bool:
+def pays(this: StageResult, below: StageResult) -> bool:
     """Return whether a stage of a model selection has a lower BIC than the stage below, to which it adds parameters."""
-    if below.follows is None or step.follows is None:
+    if below.follows is None or this.follows is None:
         return True
-    mine, theirs = shared_bic([step.follows, below.follows])
+    mine, theirs = shared_bic([this.follows, below.follows])
     return mine < theirs
 
 
-def chosen(steps: Sequence[Step], by: ChooseBy = "held_out") -> ModelSelection:
+def chosen(results: Sequence[StageResult], by: ChooseBy = "held_out") -> ModelSelection:
     """Choose the lowest stage as good as the best on held-out recordings; without any, or by "training", the stage of
     lowest BIC.
 
@@ -183,12 +186,12 @@ def chosen(steps: Sequence[Step], by: ChooseBy = "held_out") -> ModelSelection:
     error of the difference. Stages with undetermined parameters, and stages that cannot predict a held-out recording
     which another stage predicts, are chosen only if there is no other.
     """
-    fitted = [s for s in steps if s.result and s.follows]
+    fitted = [s for s in results if s.result and s.follows]
     if not fitted:
-        raise FitError(f"no stage of the model selection can be fitted: {steps[0].reason}")
+        raise FitError(f"no stage of the model selection can be fitted: {results[0].reason}")
     bic = shared_bic([s.follows for s in fitted if s.follows])
     criteria = {s.stage.name: value for s, value in zip(fitted, bic, strict=True)}
-    steps = tuple(replace(s, bic=criteria.get(s.stage.name)) for s in steps)
+    results = tuple(replace(s, bic=criteria.get(s.stage.name)) for s in results)
     determined = [s for s in fitted if not s.open] or fitted
     able = most_predicted(determined)
     if by == "training":
@@ -209,27 +212,27 @@ def chosen(steps: Sequence[Step], by: ChooseBy = "held_out") -> ModelSelection:
         reason += f" No stage can predict {', '.join(n.record for n in enough.not_computed)}."
     if enough.given:
         reason += f" The recordings do not determine {' and '.join(enough.given)}: held at the given model's values."
-    judged = tuple(replace(s, reason=s.reason or refusal(s, enough, by)) for s in steps)
+    judged = tuple(replace(s, reason=s.reason or refusal(s, enough, by)) for s in results)
     return ModelSelection(judged, enough.stage.name, reason)
 
 
-def most_predicted(steps: Sequence[Step]) -> list[Step]:
+def most_predicted(results: Sequence[StageResult]) -> list[StageResult]:
     """Return those stages of a model selection that predict the largest set of held-out recordings."""
-    most = max(steps, key=lambda s: len(s.held_out or ()))
-    return [s for s in steps if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
+    most = max(results, key=lambda s: len(s.held_out or ()))
+    return [s for s in results if (s.held_out or {}).keys() == (most.held_out or {}).keys()]
 
 
-def refusal(step: Step, chosen: Step, by: ChooseBy) -> str:
+def refusal(this: StageResult, chosen: StageResult, by: ChooseBy) -> str:
     """Return the reason why a fitted stage was not chosen, as text; '' for the chosen stage."""
-    if step.stage.name == chosen.stage.name or not step.result:
+    if this.stage.name == chosen.stage.name or not this.result:
         return ""
-    if step.open:
-        return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {step.open}"
-    if by == "held_out" and step.not_computed and (step.missed or {}).keys() != (chosen.missed or {}).keys():
-        return " ".join(n.sentence for n in step.not_computed)
-    if by == "training" or not (step.missed and chosen.missed):
+    if this.open:
+        return f"not determined by the recordings (standard error over {100 * DETERMINED:.0f} %): {this.open}"
+    if by == "held_out" and this.not_computed and (this.missed or {}).keys() != (chosen.missed or {}).keys():
+        return " ".join(n.sentence for n in this.not_computed)
+    if by == "training" or not (this.missed and chosen.missed):
         return "its BIC is higher"
-    gain, error = lead(chosen.missed, step.missed)
+    gain, error = lead(chosen.missed, this.missed)
     if gain <= 0:
         return f"its error on held-out recordings is {-gain:.2g} % of travel higher"
     small = (f"within the standard error of that difference, {error:.2g} %" if gain <= error
@@ -237,11 +240,11 @@ def refusal(step: Step, chosen: Step, by: ChooseBy) -> str:
     return f"its error on held-out recordings is {gain:.2g} % of travel lower, {small}"
 
 
-def as_good(step: Step, best: Step) -> str:
+def as_good(this: StageResult, best: StageResult) -> str:
     """Return as text in which sense a stage is as good as the best on held-out recordings; '' if it is worse."""
-    if step is best:
+    if this is best:
         return "no other stage has a lower error"
-    gap, error = lead(step.missed or {}, best.missed or {})
+    gap, error = lead(this.missed or {}, best.missed or {})
     which = f"the least of any determined stage, {best.error:.3g} % ({best.stage.title}), is lower by less than"
     if gap <= MATERIAL * best.error:
         return f"{which} {100 * MATERIAL:.0f} % of it"

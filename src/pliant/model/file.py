@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable, Collection
+from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
@@ -17,6 +19,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
+from pliant.model.space import Space
 from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station
 from pliant.model.tendon import Tendon
@@ -40,117 +43,95 @@ MIRRORED = (  # D4
 )
 
 
-class StationEntry(BaseModel):
+class Table(BaseModel):
+    """A table of a model file."""
+
+    model_config = ConfigDict(extra="forbid", protected_namespaces=())
+
+
+T = TypeVar("T", bound=Table)
+GIVEN: Any = ...  # default value of a field that a file must state
+
+
+def fields_of(
+    described: Any, needed: tuple[str, ...] = (), without: Collection[str] = (), **kinds: Any
+) -> Callable[[type[T]], type[T]]:
+    """Return a decorator that gives a table the fields of the class which it describes, with their default values.
+
+    Parameters
+    ----------
+    described : dataclass or named tuple
+    needed : tuple of str
+        Fields that a file must state although the class has a default value. They come first.
+    without : collection of str
+        Fields that the table lacks.
+    **kinds
+        Types of fields in the file, where they are not those of the class.
+    """
+    hints = get_type_hints(described)
+    defaults = {**dict.fromkeys(needed), **defaults_of(described), **dict.fromkeys(needed, GIVEN)}
+
+    def entry(name: str, default: Any) -> tuple[Any, Any]:
+        if dataclasses.is_dataclass(default):
+            default = kinds[name]()
+        elif isinstance(default, np.ndarray | tuple):
+            default = np.array(default).tolist()
+        rows = hints[name] is np.ndarray or get_origin(hints[name]) is tuple
+        return kinds.get(name, list[float] if rows else hints[name]), default
+
+    entries: dict[str, Any] = {name: entry(name, value) for name, value in defaults.items() if name not in without}
+    return lambda table: create_model(table.__name__, __base__=table, __doc__=table.__doc__, **entries)
+
+
+def defaults_of(described: Any) -> dict[str, Any]:
+    """Return the default values of the fields of a dataclass or named tuple by name; `GIVEN` for those without one."""
+    if not dataclasses.is_dataclass(described):
+        return {name: described._field_defaults.get(name, GIVEN) for name in described._fields}
+    absent = dataclasses.MISSING
+    made = {f.name: f.default if f.default_factory is absent else f.default_factory() for f in fields(described)}
+    return {name: GIVEN if value is absent else value for name, value in made.items()}
+
+
+@fields_of(Station)
+class StationEntry(Table):
     """Table of one observed point in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    name: str
-    link: int
-    along: float
-    across: float = 0.0
-    aside: float = 0.0
 
-
-class SpaceEntry(BaseModel):
+@fields_of(Space, rest_turn=list[list[float]])
+class SpaceEntry(Table):
     """Table of the parameters of a chain in space in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    stiffness_ratio: float = 1.0
-    twist_ratio: float = 0.0
-    rest_turn: list[list[float]] = [[0.0, 0.0, 0.0]]
-    base_tilt: list[float] = [0.0, 0.0]
-    radius: float = 0.0
 
-
-class ValveEntry(BaseModel):
+@fields_of(Valve)
+class ValveEntry(Table):
     """Table of the valve parameters in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    rise_time: float = 0.0
-    fall_time: float = 0.0
-    dead_time: float = 0.0
-    natural_frequency: float = 0.0
-    damping_ratio: float = 0.7
-    rise_rate: float = 0.0
-    fall_rate: float = 0.0
-    settle_share: float = 0.0
-    settle_time: float = 1.0
-    dead_band: float = 0.0
-    opening_time: float = 0.0
 
-
-class ChamberEntry(BaseModel):
+@fields_of(Chamber, needed=("name", "torque", "joint_gain"), valve=ValveEntry)
+class ChamberEntry(Table):
     """Table of one pressure chamber in a model file that has several inputs."""
 
-    model_config = ConfigDict(extra="forbid")
-    name: str
-    torque: list[float]
-    joint_gain: list[float]
-    valve: ValveEntry = ValveEntry()
-    swell_share: float = 0.0
-    swell_time: float = 1.0
-    inflation_limit: float = 0.0
-    inflation_time: float = 0.1
-    inflation_jm: float = 0.0
-    axial_gain: list[float] = [0.0]
-    cross_gain: list[float] = [0.0]
-    law: str = "polynomial"
 
-
-class TendonEntry(BaseModel):
+@fields_of(
+    Tendon, needed=("driven_by", "name", "joint_gain", "cross_gain", "lever"), valve=ValveEntry,
+    without={f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"},
+    driven_by=Literal["tension", "displacement", "angle"],
+)  # fmt: skip
+class TendonEntry(Table):
     """Table of one tendon in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    driven_by: Literal["tension", "displacement", "angle"]
-    name: str
-    joint_gain: list[float]
-    cross_gain: list[float]
-    lever: float
-    line_stiffness: float = 0.0
-    pretension: float = 0.0
-    pulley: float = 0.0
-    pair: bool = False
-    friction: float = 0.0
-    slip_rate: float = 1e-3
-    valve: ValveEntry = ValveEntry()
 
-
-class ExtensionEntry(BaseModel):
+@fields_of(Extension, needed=("name",))
+class ExtensionEntry(Table):
     """Table of one extensible segment in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    name: str
-    stiffness: float
-    damping: float = 0.0
-    start: float = 0.0
-    stop: float | None = None
-    stiffening: float | None = None
-    cubic_stiffening: float | None = None
-    stiffening_bound: float | None = None
 
-
-class MemoryEntry(BaseModel):
+@fields_of(Memory)
+class MemoryEntry(Table):
     """Table of the hysteresis parameters of joints and segments in a model file."""
 
-    model_config = ConfigDict(extra="forbid")
-    creep_share: list[float] = []
-    creep_time: list[float] = []
-    slip_share: list[float] = []
-    slip_angle: list[float] = []
-    boucwen_share: float = 0.0
-    boucwen_beta: float = 50.0
-    boucwen_gamma: float = 50.0
-    boucwen_exponent: float = 1.0
-    axial_creep_share: list[float] = []
-    axial_creep_time: list[float] = []
-    axial_slip_share: list[float] = []
-    axial_slip_strain: list[float] = []
 
-
-class ModelFile(BaseModel):
-    """All entries of a model file, with their types and default values."""
-
-    model_config = ConfigDict(extra="forbid", populate_by_name=True, protected_namespaces=())
+class _Chain(Table):
     schema_name: Literal["pliant-model"] = SCHEMA
     schema_version: Literal[1] = SCHEMA_VERSION
     units: dict[str, str] = UNITS
@@ -171,17 +152,6 @@ class ModelFile(BaseModel):
     memory: MemoryEntry = MemoryEntry()
     extensions: list[ExtensionEntry] = []
     space: SpaceEntry | None = None
-    torque: list[float] | None = None  # this and the next ten are of a single chamber; else `chambers`
-    joint_gain: list[float] | None = None
-    valve: ValveEntry | None = None
-    swell_share: float | None = None
-    swell_time: float | None = None
-    inflation_limit: float | None = None
-    inflation_time: float | None = None
-    inflation_jm: float | None = None
-    axial_gain: list[float] | None = None
-    cross_gain: list[float] | None = None
-    law: str | None = None
     chambers: list[ChamberEntry | TendonEntry] | None = None
     stations: list[StationEntry] = []
     source: dict[str, str] = {}
@@ -197,6 +167,14 @@ class ModelFile(BaseModel):
         if wrong:
             raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
         return units
+
+
+SINGLE: dict[str, Any] = {  # entries of a model with one chamber, in place of `chambers`
+    name: (field.annotation | None, None)
+    for name, field in ChamberEntry.model_fields.items() if name != "name" and field.annotation
+}  # fmt: skip
+ModelFile = create_model(
+    "ModelFile", __base__=_Chain, __doc__="All entries of a model file, with their types and default values.", **SINGLE)
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
@@ -225,7 +203,7 @@ def input_entries(law: Chamber) -> dict[str, Any]:
     """
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
-        chamber = {field.name for field in dataclasses.fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
+        chamber = {field.name for field in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
         return {name: value for name, value in entries.items() if name not in chamber}
     return entries
 
@@ -238,7 +216,7 @@ def input_of(entries: dict[str, Any]) -> Chamber:
 
 def plain(of: Any) -> dict[str, Any]:
     """Return the fields of a dataclass instance as a dict, with arrays as lists."""
-    values = {field.name: getattr(of, field.name) for field in dataclasses.fields(of)}
+    values = {field.name: getattr(of, field.name) for field in fields(of)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
@@ -311,7 +289,7 @@ def read_model(text: bytes | str, where: str) -> Model:
     except ValidationError as error:
         if any(e["loc"] == ("bend_sign",) for e in error.errors()):
             raise InputError(f"{where}: {MIRRORED}") from None
-        raise explain_validation(error, where) from None
+        raise explain_validation(error, where, ModelFile) from None
     values = entries.model_dump(exclude={"schema_name", "schema_version", "units", "checksum"}, exclude_none=True)
     values["stations"] = tuple(Station(**s) for s in values["stations"])
     try:

@@ -36,13 +36,11 @@ def cloud(m: Any) -> list[list[float]]:
     """
     places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
     if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
-        raise Refused("a PointCloud2 message has no x, y and z as floating-point numbers: write the bag again without "
-                      "this topic")
+        raise Refused("a PointCloud2 message has no x, y and z as floating-point numbers")
     order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
     beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
     if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
-        raise Refused("a PointCloud2 message has fewer bytes than its points need: the bag is damaged, so copy or "
-                      "record it again")
+        raise Refused("a PointCloud2 message has fewer bytes than its points need")
     rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
     columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
                for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
@@ -69,47 +67,51 @@ def stamp_of(message: Any, received: int) -> int:
     return int(stamp or received)
 
 
-def check_definition(connection: Any) -> None:
-    """Check that the message type of a topic is defined in the bag as in ROS 2; raise `Refused` otherwise."""
+def defined_as_in_ros(connection: Any) -> bool:
+    """Return whether the bag defines the message type of a topic as ROS 2 does, or not at all."""
     definition, name = connection.msgdef, connection.msgtype
     if definition.format == MessageDefinitionFormat.NONE:
-        return
+        return True
     try:
         found = get_types_from_msg(definition.data, name)
     except TypesysError:
-        found = {}
-    if not found or any(fields != STORE.fielddefs.get(kind) for kind, fields in found.items()):
-        raise Refused(f"the bag defines {name} of topic {connection.topic[:60]} differently from ROS 2: write the "
-                      "bag again without this topic")
+        return False
+    return bool(found) and all(fields == STORE.fielddefs.get(kind) for kind, fields in found.items())
 
 
 def read(path: str) -> Content:
     """Read the topics of a ROS 2 bag that hold poses, points or numbers. Return for each topic the times (M,) [ns] of
     its M messages and their values (M, R, 7) or (M, R, 1): R poses of 7 numbers, or R single numbers, per message. Also
-    return the names of all other topics.
+    return the names of all other topics, and for each topic that cannot be read the reason.
     """
+    with Reader(Path(path)) as bag:
+        known = {c.topic: c for c in bag.connections if c.msgtype in ROWS}
+        others = sorted({c.topic for c in bag.connections} - set(known))
+        unread = {c.topic: f"the bag defines {c.msgtype} differently from ROS 2"
+                  for c in bag.connections if c.topic in known and not defined_as_in_ros(c)}  # fmt: skip
+        stamps: dict[str, list[int]] = {topic: [] for topic in known}
+        rows: dict[str, list[list[list[float]]]] = {topic: [] for topic in known}
+        wanted = [c for c in bag.connections if c.topic in known and c.topic not in unread]
+        for connection, received, raw in bag.messages(connections=wanted) if wanted else ():
+            topic = connection.topic
+            if topic in unread:
+                continue
+            message = STORE.deserialize_cdr(raw, connection.msgtype)
+            try:
+                row = ROWS[connection.msgtype](message)
+            except Refused as refused:
+                unread[topic] = str(refused)
+            else:
+                if rows[topic] and len(row) != len(rows[topic][0]):
+                    unread[topic] = "it has a varying number of points per message"
+                stamps[topic].append(stamp_of(message, received))
+                rows[topic].append(row)
+            if topic in unread:
+                rows[topic].clear()
     arrays: dict[str, np.ndarray] = {}
     topics = []
-    with Reader(Path(path)) as bag:
-        known = [c for c in bag.connections if c.msgtype in ROWS]
-        for c in known:
-            check_definition(c)
-        others = sorted({c.topic for c in bag.connections} - {c.topic for c in known})
-        stamps: dict[str, list[int]] = {c.topic: [] for c in known}
-        rows: dict[str, list[list[list[float]]]] = {c.topic: [] for c in known}
-        kinds = {c.topic: c.msgtype for c in known}
-        for connection, received, raw in bag.messages(connections=known) if known else ():
-            message = STORE.deserialize_cdr(raw, connection.msgtype)
-            stamps[connection.topic].append(stamp_of(message, received))
-            try:
-                rows[connection.topic].append(ROWS[connection.msgtype](message))
-            except Refused as refused:
-                raise Refused(f"topic {connection.topic[:60]}: {refused}") from None
     for k, topic in enumerate(rows):
-        if len({len(r) for r in rows[topic]}) > 1:
-            raise Refused(f"topic {topic[:60]} has a varying number of points per message: write the bag again "
-                          "without this topic")
         if rows[topic]:
             arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
-            topics.append({"name": topic, "type": kinds[topic], "times": f"t{k}", "rows": f"v{k}"})
-    return arrays, {"topics": topics, "others": others}
+            topics.append({"name": topic, "type": known[topic].msgtype, "times": f"t{k}", "rows": f"v{k}"})
+    return arrays, {"topics": topics, "others": others, "unread": unread}

@@ -71,13 +71,14 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
     held = {t["name"]: Topic(t["type"], arrays[t["times"]], arrays[t["rows"]]) for t in facts["topics"]}
+    unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
     stations = chosen(held, options.topics, {n.rpartition("/")[2] or n: n for n, t in held.items()
-                                             if t.rows.shape[2] == 7}, path.name)  # fmt: skip
+                                             if t.rows.shape[2] == 7}, facts["unread"], path.name)  # fmt: skip
     pressures = chosen(held, options.pressure, {n.rpartition("/")[2] or n: n for n, t in held.items()
-                                                if t.kind == FLUID}, path.name)  # fmt: skip
+                                                if t.kind == FLUID}, facts["unread"], path.name)  # fmt: skip
     if not stations and not pressures:
         raise InputError(f"{path.name} has no topic of poses, points or FluidPressure: name the topics in its mapping; "
-                         f"it has {shorten([*held, *facts['others']]) or 'none'}")  # fmt: skip
+                         f"it has {'; '.join([shorten([*held, *facts['others']]) or 'none', *unread])}")  # fmt: skip
     origin = min(t.stamps.min() for t in (*stations.values(), *pressures.values()))
     history = [f"times are those of the message headers; 0 s is {origin / 1e9:.3f} s of the ROS clock"]
     left = [*(n for n, t in held.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
@@ -87,19 +88,24 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     try:
         return make_recording(
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
-            history=[*history, *findings],
+            history=[*history, *(f"{text}; it is left out" for text in unread), *findings],
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
 
 
 def chosen(
-    held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], file: str
+    held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], unread: Mapping[str, str],
+    file: str,
 ) -> dict[str, Topic]:
     """Return a dict from the name of each station or chamber to the messages of its topic. `named` is a dict from these
-    names to topics. If it is None or empty, the dict `default` is used.
+    names to topics. If it is None or empty, the dict `default` is used. `unread` holds for each topic that cannot be
+    read the reason.
     """
     for topic in (named or {}).values():
+        if topic in unread:
+            raise InputError(f"{file}: topic {clipped(topic)!r} cannot be read: {unread[topic]}. Choose another topic "
+                             "in its mapping")
         if topic not in held:
             raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type: choose in its mapping among "
                              f"{shorten(list(held))}")

@@ -1,12 +1,12 @@
 """Simulation of a model under pressure inputs: whole motions, reference simulations, and single time steps."""
 
 from pliant.simulation.forces import PointForce
-from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Trace, ramp, step, triangle
+from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Step, Trace, ramp, triangle
 from pliant.simulation.solve import simulate
 from pliant.simulation.state import equilibrium, modes
 from pliant.simulation.stepper import Stepper
 
 __all__ = [
-    "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Stepper", "Trace", "equilibrium", "modes", "ramp",
-    "simulate", "step", "triangle",
+    "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Step", "Stepper", "Trace", "equilibrium", "modes", "ramp",
+    "simulate", "triangle",
 ]

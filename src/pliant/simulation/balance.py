@@ -77,7 +77,7 @@ class Defects(NamedTuple):
     loss: float  # energy lost without dissipation, over the exchanged energy
 
 
-def warn_of_defects(found: Defects, step: float, advice: str) -> None:
+def warn_of_defects(found: Defects, time_step: float, advice: str) -> None:
     """Issue one warning if a motion's tip error exceeds 1 % of the length or its energy is not balanced.
 
     The limit of the energy imbalance is 10 %, or 1 % where the error of the tip was not estimated.
@@ -94,7 +94,7 @@ def warn_of_defects(found: Defects, step: float, advice: str) -> None:
         text, kind = f"the motion {energy}", EnergyWarning
     else:
         return
-    warn(f"{text}: the step of {1e3 * step:.3g} ms is too long for this motion; {advice}", kind, stacklevel=4)
+    warn(f"{text}: the step of {1e3 * time_step:.3g} ms is too long for this motion; {advice}", kind, stacklevel=4)
 
 
 def missing_energy(gain: float, loss: float) -> tuple[float, str]:

@@ -84,8 +84,8 @@ class Layout:
     for models that differ only in other parameters.
     """
 
-    def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> None:
-        self.grid = grids = grid(inputs, dead_times, times, step)
+    def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> None:
+        self.grid = grids = grid(inputs, dead_times, times, time_step)
         self.keep, self.at = grids.keep, np.searchsorted(grids.fine, times)
         self.intervals = Intervals(np.diff(grids.nodes), np.diff(grids.fine), np.searchsorted(grids.fine, grids.nodes))
         pairs = list(zip(inputs, dead_times, strict=True))
@@ -180,8 +180,8 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
     return many
 
 
-def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: float) -> Drive:
-    """Return the time steps, at most `step` [s] long, and the chambers' mean torques in them.
+def drive(model: Model, pressure: Input | Sequence[Input], times: Array, time_step: float) -> Drive:
+    """Return the time steps, at most `time_step` [s] long, and the chambers' mean torques in them.
     Steps end at all output `times` and pressure jumps.
 
     Parameters
@@ -196,17 +196,19 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, step: f
         When the times do not increase or the step is not positive.
     """
     inputs = inputs_of(model, pressure)
-    return driven(model, laid_out(inputs, [c.valve.dead_time for c in model.chambers], times, step))
+    return driven(model, laid_out(inputs, [c.valve.dead_time for c in model.chambers], times, time_step))
 
 
-def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Layout:
+def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> Layout:
     """Return the time steps for one input per chamber, with the commanded pressures, but without torques."""
     times = check_times(times)
-    if not (np.isfinite(step) and step > 0):
-        raise InputError(f"the step must be a positive time in seconds, got {step}")
-    if (times[-1] - times[0]) / step > LONGEST:
-        raise InputError(f"{times[-1] - times[0]:.6g} s in steps of {step:.3g} s are too many steps: use a longer step")
-    return Layout(inputs, dead_times, times, step)
+    if not (np.isfinite(time_step) and time_step > 0):
+        raise InputError(f"time_step must be a positive time in seconds, got {time_step}")
+    if (times[-1] - times[0]) / time_step > LONGEST:
+        raise InputError(
+            f"{times[-1] - times[0]:.6g} s in steps of {time_step:.3g} s are too many steps: use a longer time_step"
+        )
+    return Layout(inputs, dead_times, times, time_step)
 
 
 def check_times(times: Array) -> Array:
@@ -229,16 +231,16 @@ def driven(model: Model, layout: Layout) -> Drive:
                  layout)  # fmt: skip
 
 
-def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, step: float) -> Grid:
-    """Return time steps of at most `step` [s] that end at all output times and at the inputs' jumps.
+def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> Grid:
+    """Return time steps of at most `time_step` [s] that end at all output times and at the inputs' jumps.
     Each jump is delayed by the dead time [s] of its valve.
     """
-    same = max(_SAME * step, 16.0 * float(np.spacing(np.abs(times).max())))
+    same = max(_SAME * time_step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
     jumps = np.concatenate([p.jumps + dead for p, dead in pairs])
     bends = np.concatenate([p.breakpoints + dead for p, dead in pairs])
     corners = merge(times, jumps, same)
-    nodes = subdivide(corners, step)
+    nodes = subdivide(corners, time_step)
     keep = np.full(nodes.size - 1, -1)
     keep[np.searchsorted(nodes, corners)[1:] - 1] = -2
     keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
@@ -262,10 +264,10 @@ def merge(times: Array, moments: Array, same: float) -> Array:
     return np.sort(np.concatenate([times, moments[apart]])) if apart.any() else times
 
 
-def subdivide(corners: Array, step: float) -> Array:
-    """Return times [s] that contain all `corners` and divide each gap into equal steps of at most `step` [s]."""
+def subdivide(corners: Array, time_step: float) -> Array:
+    """Return times [s] that contain all `corners` and divide each gap into equal steps of at most `time_step` [s]."""
     gap = np.diff(corners)
-    parts = np.maximum(1, np.ceil(gap / step * (1 - 1e-9))).astype(int)
+    parts = np.maximum(1, np.ceil(gap / time_step * (1 - 1e-9))).astype(int)
     start = np.repeat(np.arange(gap.size), parts)
     within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     nodes = corners[start] + within * (gap / parts)[start]

@@ -19,8 +19,8 @@ MOST_STEPS = 4_000_000  # of one stage
 STAGES = 16
 
 
-def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
-    """Return the motion extrapolated from two simulations, with steps of at most `step` [s] and with half of them.
+def march_extrapolated(problem: InitialValueProblem, time_step: float) -> Solution:
+    """Return the motion extrapolated from two simulations, with steps of at most `time_step` [s] and with half of them.
 
     The change of the tip by the extrapolation is its estimated error.
 
@@ -32,10 +32,10 @@ def march_extrapolated(problem: InitialValueProblem, step: float) -> Solution:
     if not smooth(problem):
         raise InputError("method='extrapolated' does not support slip or Bouc-Wen, only creep: use method='midpoint'")
     rows = problem.times.size
-    coarse, fine = (problem.marched(even_steps(problem, step, parts), rows) for parts in (1, 2))
-    marched, plan = extrapolated(coarse, fine), problem.plan(step)
+    coarse, fine = (problem.marched(even_steps(problem, time_step, parts), rows) for parts in (1, 2))
+    marched, plan = extrapolated(coarse, fine), problem.plan(time_step)
     error = distance(problem.tips(marched[0]), problem.tips(fine[0]))
-    return Solution(plan.pressure, marched, step, plan.stretch, error)
+    return Solution(plan.pressure, marched, time_step, plan.stretch, error)
 
 
 def extrapolated(coarse: Marched, fine: Marched) -> Marched:
@@ -52,26 +52,26 @@ def smooth(problem: InitialValueProblem) -> bool:
     return not (memory.slip_share or memory.boucwen_share or memory.axial_slip_share or problem.forces)
 
 
-def even_steps(problem: InitialValueProblem, step: float, parts: int) -> Drive:
-    """Return time steps that end at all output times and breakpoints of the inputs. Steps of at most `step` [s] between
-    these are each divided into `parts` equal ones.
+def even_steps(problem: InitialValueProblem, time_step: float, parts: int) -> Drive:
+    """Return time steps that end at all output times and breakpoints of the inputs. Steps of at most `time_step`
+    between these are each divided into `parts` equal ones.
     """
     model, times = problem.model, problem.times
     pairs = zip(problem.pressure, model.chambers, strict=True)
     bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])
-    same = max(1e-9 * step, 16.0 * float(np.spacing(np.abs(times).max())))
-    nodes = subdivide(merge(times, bends, same), step)
+    same = max(1e-9 * time_step, 16.0 * float(np.spacing(np.abs(times).max())))
+    nodes = subdivide(merge(times, bends, same), time_step)
     inner = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(parts) / parts
     nodes = np.append(inner.ravel(), nodes[-1])
-    plan = drive(model, problem.pressure, nodes, step)
+    plan = drive(model, problem.pressure, nodes, time_step)
     rows = np.searchsorted(nodes, times)
     keep = np.full(plan.h.size, -1)
     keep[rows[1:] - 1] = np.arange(1, times.size)
     return problem.loaded(plan._replace(keep=keep))
 
 
-def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) -> Solution:
-    """Return a motion whose tip error is at most `tolerance` times the length; steps start at `step` [s] and shrink.
+def march_accurate(problem: InitialValueProblem, time_step: float, tolerance: float) -> Solution:
+    """Return a motion whose tip error is at most `tolerance` times the length; steps start at `time_step` and shrink.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) 
     best: Marched | None = None
     failed: SimulationError | None = None
     for k in range(STAGES):
-        plan = even_steps(problem, step, 2**k)
+        plan = even_steps(problem, time_step, 2**k)
         if plan.h.size > MOST_STEPS:
             break
         try:
@@ -97,7 +97,7 @@ def march_accurate(problem: InitialValueProblem, step: float, tolerance: float) 
         now = extrapolated(before, fine) if before is not None and smooth(problem) else fine
         error = np.inf if best is None else distance(problem.tips(now[0]), problem.tips(best[0]))
         if error <= tolerance:
-            recorded = problem.plan(step)
+            recorded = problem.plan(time_step)
             return Solution(recorded.pressure, now, float(plan.h.max()), recorded.stretch, error)
         before, best = fine, now
     if best is None and failed is not None:

@@ -26,7 +26,7 @@ class Solution(NamedTuple):
 
     pressure: Array  # (T, C) Pa, behind the valves
     marched: Marched
-    step: float  # s, longest step
+    time_step: float  # s, longest step
     stretch: Array | None = None  # (T, C) hoop stretch, if a chamber inflates
     error: float = np.nan  # upper estimate of the error of the tip, over the length; NaN: not estimated
 
@@ -53,12 +53,12 @@ class InitialValueProblem(NamedTuple):
         start = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
         return self._replace(start=start, states=memory.first_states(model, q, states))
 
-    def plan(self, step: float, times: Array | None = None) -> Drive:
-        """Return time steps of at most `step` [s] that end at all `times`, with the mean torques and forces in them. By
-        default `times` are the output times.
+    def plan(self, time_step: float, times: Array | None = None) -> Drive:
+        """Return time steps of at most `time_step` that end at all `times`, with the mean torques and forces in them.
+        By default `times` are the output times.
         """
         times = self.times if times is None else times
-        return self.loaded(drive(self.model, self.pressure, times, step))
+        return self.loaded(drive(self.model, self.pressure, times, time_step))
 
     def loaded(self, plan: Drive) -> Drive:
         """Return the time steps `plan` together with the loads [N m] that the known forces cause on the links. The

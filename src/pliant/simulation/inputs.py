@@ -41,9 +41,8 @@ def _check(what: str, **values: float) -> None:
 
 @dataclass(frozen=True)
 class Pulse:
-    """A rectangular pulse: `level` [Pa] from `start` [s] for `width` [s], zero elsewhere.
-
-    A pulse of infinite width is a step.
+    """A rectangular pulse: `level` [Pa] from `start` [s] for `width` [s], zero elsewhere. Without a width it does not
+    end, like a `Step`.
 
     Raises
     ------
@@ -63,7 +62,7 @@ class Pulse:
     width: float = np.inf
 
     def __post_init__(self) -> None:
-        _check("pulse", level=self.level, start=self.start)
+        _check(type(self).__name__.lower(), level=self.level, start=self.start)
         if not self.width > 0:
             raise InputError(f"pulse width must be positive, got {self.width}")
 
@@ -83,17 +82,24 @@ class Pulse:
         return np.where((t >= self.start) & (t < self.start + self.width), self.level, 0.0)
 
 
-def step(level: float, start: float = 0.0) -> Pulse:
-    """Return a step from 0 to `level` [Pa] at `start` [s].
+@dataclass(frozen=True)
+class Step(Pulse):
+    """A step from zero to `level` [Pa] at `start` [s]: a `Pulse` that does not end.
+
+    Raises
+    ------
+    InputError
+        When a number is not finite.
 
     Examples
     --------
-    >>> from pliant.simulation import inputs
-    >>> rises = inputs.step(50e3, start=0.1)
-    >>> [float(rises(t)) for t in (0.0, 0.5, 60.0)]
+    >>> import pliant
+    >>> rise = pliant.Step(level=50e3, start=0.1)  # Pa, s
+    >>> [float(rise(t)) for t in (0.0, 0.1, 60.0)]
     [0.0, 50000.0, 50000.0]
     """
-    return Pulse(level, start)
+
+    width: float = field(default=np.inf, init=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

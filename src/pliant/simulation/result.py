@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
 def trajectory(
     model: Model, motion: Motion, energies: dict[str, Array], memory: Mapping[str, tuple[tuple[str, ...], Array]], *,
-    method: str, step: float,
+    method: str, time_step: float,
 ) -> xr.Dataset:
     """Return a simulated motion as an xarray dataset with units, energies and hysteresis states.
 
@@ -89,7 +89,7 @@ def trajectory(
                 "station": [p.name for p in model.points], "axis": list("xyz")[: chain.dimension], **labels,
             }.items()},
         },
-        attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": step,
+        attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": time_step,
                "source": f"pliant {__version__}"},
     )
 

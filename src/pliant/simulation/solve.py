@@ -22,7 +22,7 @@ from pliant.simulation.initial_value import InitialValueProblem, Solution, posed
 from pliant.simulation.inputs import Input
 from pliant.simulation.reference import METHODS, Start, solve_reference
 from pliant.simulation.result import Motion, trajectory
-from pliant.simulation.time_step import EVERY, nice, time_step
+from pliant.simulation.time_step import EVERY, nice, resolving_step
 
 Array = np.ndarray
 STEPS_PER_PERIOD = 8  # of the first mode: fewer steps do not resolve its oscillation
@@ -34,9 +34,9 @@ MOST_STEPS = 500_000  # with the automatic step, at most
 
 
 class Settings(NamedTuple):
-    """Solver settings of `simulate`: method, step, tolerances, and whether to check the accuracy."""
+    """Solver settings of `simulate`: method, time step, tolerances, and whether to check the accuracy."""
 
-    step: float | None
+    time_step: float | None
     method: str
     rtol: float
     tolerance: float
@@ -49,7 +49,7 @@ def simulate(
     *,
     duration: float | None = None,
     times: Array | None = None,
-    step: float | None = None,
+    time_step: float | None = None,
     method: str = "midpoint",
     initial_angle: Array | None = None,
     initial_rate: Array | None = None,
@@ -69,13 +69,13 @@ def simulate(
     pressure : Input, or one for each chamber in their order
         Commanded pressure, Pa gauge: `Pulse`, `Trace`, `Chirp`, ... or any object with the interface `Input`.
     duration : float
-        Duration from time 0, s, with output every `step` (default: every millisecond). Alternatively give `times`.
+        Duration from time 0, s, with output every `time_step` (default: every millisecond). Alternatively give `times`.
     times : array (T,)
         Output times, s, strictly increasing; the first is the start.
-    step : float, optional
-        Longest step, s. Steps end at every output time and at every jump of the pressure. Default: that of
-        `pliant.simulation.time_step.time_step`, at most 1 ms, shortened until the estimated error of the tip is below
-        1 % of the length.
+    time_step : float, optional
+        Longest time step, s. Steps end at every output time and at every jump of the pressure. Default: that of
+        `pliant.simulation.time_step.resolving_step`, at most 1 ms, shortened until the estimated error of the tip is
+        below 1 % of the length.
     method : {"midpoint", "extrapolated", "accurate", "LSODA", "BDF", "Radau"}
         "midpoint": the linearly implicit midpoint rule (second order, stable, fixed cost). "extrapolated": two such
         simulations extrapolated to fourth order, for errors below a hundredth of a millimetre. "accurate": steps halved
@@ -115,7 +115,7 @@ def simulate(
     Raises
     ------
     InputError
-        When times, step or method are not usable, or the step is too long for the model's first mode.
+        When times, time_step or method are not usable, or the step is too long for the model's first mode.
     SimulationError
         When a value is not finite, there is no equilibrium to start from, or `tolerance` cannot be reached.
 
@@ -134,9 +134,9 @@ def simulate(
     >>> dict(motion.tip_position.sizes)["link"]
     5
     """
-    check_step(model, step, method)
-    how = Settings(step, method, rtol, tolerance, check)
-    problem = posed(model, pressure, output_times(duration, times, step), forces)
+    check_step(model, time_step, method)
+    how = Settings(time_step, method, rtol, tolerance, check)
+    problem = posed(model, pressure, output_times(duration, times, time_step), forces)
     problem = problem.started(initial_angle, initial_rate, initial_memory)
     solution = solved(problem, how)
     phi, w, work, states = solution.marched
@@ -147,7 +147,7 @@ def simulate(
         extra["hoop_stretch"] = (("time", "input"), solution.stretch)
     motion = trajectory(
         model, Motion(problem.times, solution.pressure, phi, w), energies(model, phi, w, work), extra,
-        method=method, step=solution.step,
+        method=method, time_step=solution.time_step,
     )
     return judged(motion, solution, how, model.length)
 
@@ -160,25 +160,25 @@ def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float)
         motion.attrs["tip_error"] = solution.error * length
     if how.check and how.method != "accurate":
         advice = "use method='accurate' or simulate a shorter time"
-        if how.step is not None and how.method in OWN_METHODS:
-            shorter = nice(solution.step * step_for(max(solution.error, LIMIT)))
-            advice = f"use step={shorter:g} or leave it out"
-        warn_of_defects(Defects(solution.error, length, gain, loss), solution.step, advice)
+        if how.time_step is not None and how.method in OWN_METHODS:
+            shorter = nice(solution.time_step * step_for(max(solution.error, LIMIT)))
+            advice = f"use time_step={shorter:g} or leave it out"
+        warn_of_defects(Defects(solution.error, length, gain, loss), solution.time_step, advice)
     return motion
 
 
 def solved(problem: InitialValueProblem, how: Settings) -> Solution:
     """Integrate an initial value problem by the method in the settings `how`; return the motion."""
-    step = how.step or EVERY
+    time_step = how.time_step or EVERY
     if problem.forces and how.method not in WITH_FORCES:
         raise InputError(f"forces need method='midpoint' or method='accurate', got {how.method!r}")
     if how.method in METHODS:
-        plan = problem.plan(step)
+        plan = problem.plan(time_step)
         start = Start(*problem.start, problem.initial, problem.states)
         phi, w, work, states, stretch = solve_reference(
             problem.model, problem.pressure, problem.times, start, how.method, how.rtol
         )
-        return Solution(plan.pressure, (phi, w, work, states), step, None if plan.stretch is None else stretch)
+        return Solution(plan.pressure, (phi, w, work, states), time_step, None if plan.stretch is None else stretch)
     if how.method == "accurate":
         return march_accurate(problem, first_step(problem, how), how.tolerance)
     if how.method == "extrapolated":
@@ -188,11 +188,11 @@ def solved(problem: InitialValueProblem, how: Settings) -> Solution:
 
 def first_step(problem: InitialValueProblem, how: Settings) -> float:
     """Return the time step [s] in the settings `how` or, if none is set, the step that the model needs."""
-    if how.step is not None:
-        return how.step
+    if how.time_step is not None:
+        return how.time_step
     model, duration = problem.model, float(np.ptp(problem.times))
     moved = mechanics_of(model).joint_coordinates(problem.start[0]) - state.equilibrium(model)
-    return time_step(model, moved, duration)
+    return resolving_step(model, moved, duration)
 
 
 def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
@@ -201,59 +201,59 @@ def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
     If the motion is too fast for the first automatic step, shorter ones are tried, and SimulationError is raised if
     none makes the tip accurate.
     """
-    step = first = first_step(problem, how)
+    time_step = first = first_step(problem, how)
     refused: SimulationError | None = None
     error = np.nan
     for _ in range(REFINEMENTS):
         try:
-            plan = problem.plan(step)
+            plan = problem.plan(time_step)
             marched = problem.marched(plan)
         except SimulationError as failure:
-            if how.step is not None or step < SHORTER * first:
+            if how.time_step is not None or time_step < SHORTER * first:
                 raise refused or failure from None
-            refused, step = refused or failure, nice(0.5 * step)
+            refused, time_step = refused or failure, nice(0.5 * time_step)
             continue
         error = tip_error(partial(problem.repeated, plan, marched[0])) if how.check else np.nan
-        if how.step is not None or not error > LIMIT or plan.h.size > MOST_STEPS * step_for(error):
+        if how.time_step is not None or not error > LIMIT or plan.h.size > MOST_STEPS * step_for(error):
             break
-        step = nice(step * step_for(error))
+        time_step = nice(time_step * step_for(error))
     if refused is not None and error > LIMIT:
         raise refused
-    return Solution(plan.pressure, marched, step, plan.stretch, error)
+    return Solution(plan.pressure, marched, time_step, plan.stretch, error)
 
 
-def output_times(duration: float | None, times: Array | None, step: float | None) -> Array:
-    """Return the output times [s]: `times` if given, else every `step` (default 1 ms) for the `duration`."""
-    step = EVERY if step is None else step
+def output_times(duration: float | None, times: Array | None, time_step: float | None) -> Array:
+    """Return the output times [s]: `times` if given, else every `time_step` (default 1 ms) for the `duration`."""
+    time_step = EVERY if time_step is None else time_step
     if (duration is None) == (times is None):
         raise InputError("give either duration (s) or times (s), not both")
     if times is not None:
         return np.asarray(times, dtype=float)
     if duration is None or not (np.isfinite(duration) and duration > 0):
         raise InputError(f"the duration must be a positive time in seconds, got {duration}")
-    if duration / step > LONGEST:
-        raise InputError(f"{duration:.6g} s in steps of {step:.3g} s are too many steps: use a longer step")
-    return np.linspace(0.0, duration, max(2, round(duration / step) + 1))
+    if duration / time_step > LONGEST:
+        raise InputError(f"{duration:.6g} s in steps of {time_step:.3g} s are too many steps: use a longer step")
+    return np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))
 
 
-def check_step(model: Model, step: float | None, method: str) -> None:
+def check_step(model: Model, time_step: float | None, method: str) -> None:
     """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the model's first
     mode of vibration.
     """
-    if step is not None and not (np.isfinite(step) and step > 0):
-        raise InputError(f"the step must be a positive time in seconds, got {step}")
+    if time_step is not None and not (np.isfinite(time_step) and time_step > 0):
+        raise InputError(f"time_step must be a positive time in seconds, got {time_step}")
     if method in METHODS:
         return
     if method not in OWN_METHODS:
         raise InputError(f"unknown method {method!r}: use {', '.join((*OWN_METHODS, *METHODS))}")
-    if step is None:
+    if time_step is None:
         return
     first = float(state.modes(model)[0][0])
     longest = 1.0 / (STEPS_PER_PERIOD * first)
-    if step > longest:
+    if time_step > longest:
         raise InputError(
-            f"a step of {step * 1e3:.3g} ms is too long: the first mode rings at {first:.3g} Hz and needs at least "
-            f"{STEPS_PER_PERIOD} steps a period; use a step of {longest * 1e3:.3g} ms or less"
+            f"a step of {time_step * 1e3:.3g} ms is too long: the first mode rings at {first:.3g} Hz and needs at "
+            f"least {STEPS_PER_PERIOD} steps a period; use a step of {longest * 1e3:.3g} ms or less"
         )
 
 

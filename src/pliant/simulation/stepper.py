@@ -41,7 +41,7 @@ class Stepper:
     model : Model
         The model. Its valves act on the commanded pressures; lag and rate limits are exact for a command that is
         constant over the step.
-    step : float
+    time_step : float
         Length of a step, s.
     pressure : float, or array (C,) for several chambers
         Initial pressure, Pa, under which the chain starts in equilibrium.
@@ -72,7 +72,7 @@ class Stepper:
     Warns
     -----
     AccuracyWarning
-        When the step is too long for a mode that moves the tip; see `pliant.simulation.time_step.time_step`.
+        When the step is too long for a mode that moves the tip; see `pliant.simulation.time_step.resolving_step`.
     EnergyWarning
         When energy appears or disappears by more than 1 % of the largest change of any form of energy.
 
@@ -80,14 +80,14 @@ class Stepper:
     --------
     >>> import pliant
     >>> from pliant.actuators import chen2018
-    >>> stepper = pliant.Stepper(chen2018.model(), step=1e-3)
+    >>> stepper = pliant.Stepper(chen2018.model(), time_step=1e-3)
     >>> for _ in range(200):
     ...     state = stepper.step(50e3)  # Pa
     >>> bool(stepper.tips()[-1, 0] < 0)  # positive pressure bends towards -x
     True
     """
 
-    def __init__(self, model: Model, step: float = 1e-3, pressure: float | Array = 0.0) -> None:
+    def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Array = 0.0) -> None:
         for chamber in model.chambers:
             v = chamber.valve
             if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
@@ -95,10 +95,10 @@ class Stepper:
                     "a Stepper supports an ideal or first-order valve only: give the model an ideal valve, and pass "
                     "the pressure behind your valve to `step`"
                 )
-        check_step(model, step, "midpoint")
-        warn_too_coarse(model, step)
+        check_step(model, time_step, "midpoint")
+        warn_too_coarse(model, time_step)
         self.model = model
-        self.length = step
+        self.time_step = time_step
         self._drives = march_loops.Drives(
             model.actuation.kernel(), np.array([lag_of(c.valve) for c in model.chambers]),
             np.zeros(model.actuation.count), np.zeros((model.actuation.count, 2)),
@@ -222,9 +222,9 @@ class Stepper:
             When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
         self._command[:] = pressure
-        held = (self.length, steps, self._command, self._load, self._watch.total)
+        held = (self.time_step, steps, self._command, self._load, self._watch.total)
         failed = self._advance(self._x, self._v, held, *self._parts)
-        self.time += self.length * (steps if failed < 0 else failed + 1)
+        self.time += self.time_step * (steps if failed < 0 else failed + 1)
         if failed >= 0:
             under = ", ".join(f"{p:.6g} {u}" for p, u in zip(self._command, self.model.actuation.units, strict=True))
             if lost := state.given_way(self.model, self._x):
@@ -237,9 +237,9 @@ class Stepper:
                 )
             raise SimulationError(
                 f"at {self.time:.6g} s, under {under}, a link turns by more than a radian within the step of "
-                f"{self.length * 1e3:.3g} ms; use a shorter step or a smaller pressure"
+                f"{self.time_step * 1e3:.3g} ms; use a shorter step or a smaller pressure"
             )
-        self._watch.look(self._x, self._v, self.memory, self.length, steps)
+        self._watch.look(self._x, self._v, self.memory, self.time_step, steps)
         return self.angle, self.rate
 
     def tips(self) -> Array:

@@ -28,7 +28,9 @@ DURATION = 1.0  # s, over which an undamped mode keeps its phase
 NICE = (5.0, 2.0, 1.0)
 
 
-def time_step(model: Model, displacement: Array | None = None, duration: float = DURATION) -> float:
+def resolving_step(
+    model: Model, displacement: Array | None = None, duration: float = DURATION, longest: float = EVERY,
+) -> float:
     """Return the longest time step [s] that resolves every mode of vibration which noticeably moves the tip.
 
     A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
@@ -42,11 +44,13 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
         Joint coordinates at the start of a free motion, from equilibrium, rad (and strains).
     duration : float
         Time for which a mode without damping must keep its phase, s.
+    longest : float
+        Upper bound of the step, s; default: 1 ms.
 
     Returns
     -------
     float
-        1, 0.5, 0.2, 0.1, ... ms, in s.
+        1, 0.5, 0.2, 0.1, ... ms, in s (2 ms for `longest` = 2e-3).
 
     Raises
     ------
@@ -55,18 +59,20 @@ def time_step(model: Model, displacement: Array | None = None, duration: float =
 
     Examples
     --------
-    >>> time_step(pliant.actuators.chen2018.model())
+    >>> resolving_step(pliant.actuators.chen2018.model())
     0.001
     """
-    return nice(min(EVERY, longest_step(model, displacement, duration)))
+    return nice(min(longest, longest_step(model, displacement, duration)))
 
 
-def shared_step(models: Iterable[Model]) -> float:
-    """Return the shortest `time_step` [s] of several models. A model without a stable equilibrium counts as 1 ms."""
-    steps = [EVERY]
+def shared_step(models: Iterable[Model], longest: float = EVERY) -> float:
+    """Return the shortest `resolving_step` [s] of several models, at most `longest` (default: 1 ms). A model without a
+    stable equilibrium does not shorten it.
+    """
+    steps = [longest]
     for model in models:
         with suppress(SimulationError):
-            steps.append(time_step(model))
+            steps.append(resolving_step(model, longest=longest))
     return min(steps)
 
 
@@ -88,16 +94,17 @@ def mode_steps(
     return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)
 
 
-def warn_too_coarse(model: Model, step: float) -> None:
+def warn_too_coarse(model: Model, time_step: float) -> None:
     """Issue an `AccuracyWarning` if a step [s] causes an error above 1 % of the length in any noticeable mode."""
     omega, decay, moved = tip_modes(model)
     longest = mode_steps(omega, decay, moved, tolerance=LIMIT)
     worst = int(longest.argmin())
-    if step > longest[worst]:
+    if time_step > longest[worst]:
         shorter = nice(mode_steps(omega, decay, moved).min())
         warn(
-            f"a step of {1e3 * step:.3g} ms is too long for the mode of {omega[worst] / (2 * np.pi):.3g} Hz, in which "
-            f"a sudden pressure moves the tip by {100 * moved[worst]:.2g} % of the length: use step={shorter:g}",
+            f"a step of {1e3 * time_step:.3g} ms is too long for the mode of {omega[worst] / (2 * np.pi):.3g} Hz, in "
+            f"which a sudden pressure moves the tip by {100 * moved[worst]:.2g} % of the length: use "
+            f"time_step={shorter:g}",
             AccuracyWarning, stacklevel=3,
         )
 
@@ -106,7 +113,7 @@ def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, A
     """Return arrays (N,) for N modes of vibration: angular frequency [rad/s], decay rate [1/s], and tip displacement as
     a fraction of the body's length.
 
-    The displacement is the largest under the sudden pressures of `time_step`.
+    The displacement is the largest under the sudden pressures of `resolving_step`.
     """
     body, q = mechanics_of(model), state.equilibrium(model)
     M, K = body.linear_parts(q)
@@ -121,8 +128,8 @@ def tip_modes(model: Model, displacement: Array | None = None) -> tuple[Array, A
     return omega, decay, amplitude * np.linalg.norm(J @ shapes, axis=0)
 
 
-def nice(step: float) -> float:
+def nice(time_step: float) -> float:
     """Round a time step [s] down to the series 1, 0.5, 0.2, 0.1, ... ms, in seconds."""
-    step = max(step, SHORTEST)
-    power = 10.0 ** np.floor(np.log10(step * (1 + 1e-9)))
-    return float(f"{next(k * power for k in NICE if k * power <= step * (1 + 1e-9)):.6g}")
+    time_step = max(time_step, SHORTEST)
+    power = 10.0 ** np.floor(np.log10(time_step * (1 + 1e-9)))
+    return float(f"{next(k * power for k in NICE if k * power <= time_step * (1 + 1e-9)):.6g}")

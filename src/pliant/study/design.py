@@ -41,4 +41,4 @@ def design_study(
         name, entry = next(iter(study.fits.items()))
         fitted = run_fit(study, name, entry, ready.experiments, model, notify)
     train = [r.experiment for r in fitted.records if r.role == "train"]
-    return design(fitted.result, train, highest=highest, criterion=criterion, step=study.step)
+    return design(fitted.result, train, highest=highest, criterion=criterion)

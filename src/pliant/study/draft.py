@@ -126,7 +126,6 @@ def draft_study(
     out.say(*(f"! {line}" for line in doubts))
     out.put("name", title)
     out.put("title", title.replace("_", " "))
-    out.put("step", 2e-3, "s, time step of the integration")
     camera(out, trials)
     units(out, trials)
     actuator(out, first, length, mass, diameter)

@@ -53,7 +53,7 @@ def run_fit(
     began = clock.perf_counter()
     training = [experiments[r] for r in entry.train]
     result = fit(
-        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
         loss=entry.loss, starts=entry.starts,
         weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
         rng=study.seed, progress=lambda line: notify(f"fit {name}: {line}"),
@@ -84,10 +84,10 @@ def fit_outcome(
     train, held_out = ([experiments[r] for r in names] for names in (entry.train, entry.held_out))
     if entry.bootstrap and result.covariance is not None:
         notify(f"fit {name}: {entry.bootstrap} replicates of a block bootstrap")
-        drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap, step=study.step,
+        drawn = partial(bootstrapped, train, result, replicates=entry.bootstrap,
                         weighting=entry.weighting, loss=entry.loss, rng=study.seed)
         result = failures.attempt("bootstrap of standard errors", "", drawn) or result
-    records = records_of(train, held_out, result, study.step, entry.weighting, failures)
+    records = records_of(train, held_out, result, result.time_step, entry.weighting, failures)
     notify(f"fit {name}: {result.status}")
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
@@ -112,7 +112,7 @@ def run_model_selection(
     return select_model(
         [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
         common=parameters_from(entry.common), stages=stages_of(entry), choose_by=entry.choose_by,
-        step=study.step, weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
+        time_step=study.time_step, weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
         progress=lambda line: notify(f"model selection: {line}"),
     )
 
@@ -122,28 +122,28 @@ def selection_fit(
 ) -> FitOutcome:
     """Return the results of the model that the model selection chose, in the same form as those of a fit."""
     entry = study.model_selection or SelectionEntry(train=[], starts=1)
-    step = selection.step
+    chosen = selection.chosen_stage
     return fit_outcome(
-        study, "model_selection", f"Model selection, {step.stage.title}", entry, selection.result, step.seconds,
+        study, "model_selection", f"Model selection, {chosen.stage.title}", entry, selection.result, chosen.seconds,
         experiments, notify,
     )
 
 
 def outcome_of(
-    exp: Experiment, role: Role, result: FitResult, values: Mapping[str, float], step: float,
+    exp: Experiment, role: Role, result: FitResult, values: Mapping[str, float], time_step: float,
 ) -> RecordOutcome:
     """Return the comparison of one recording with the motion that the fitted model predicts for it."""
-    prediction = predict(result.model, exp, values, step)
+    prediction = predict(result.model, exp, values, time_step)
     finite(prediction["compared"], "the modelled motion")
     metrics = compare(exp.synchronised(values), prediction["compared"], result.model.length)
-    body = None if exp.without_positions else predict_body(result.model, exp, values, step)
+    body = None if exp.without_positions else predict_body(result.model, exp, values, time_step)
     actuation = result.model.actuation
     return RecordOutcome(exp.name, role, exp, prediction["compared"], prediction["pressure"], metrics, body=body,
                          inputs=dict(zip(actuation.names, actuation.units, strict=True)))  # fmt: skip
 
 
 def records_of(
-    train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, step: float, weighting: str,
+    train: Sequence[Experiment], held_out: Sequence[Experiment], result: FitResult, time_step: float, weighting: str,
     failures: Failures,
 ) -> tuple[RecordOutcome, ...]:
     """Compare each training and held-out recording with the motion that the fitted model predicts for it, and return
@@ -156,18 +156,19 @@ def records_of(
     """
     records = []
     for exp in train:
-        followed = partial(outcome_of, exp, "train", result, result.values, step)
+        followed = partial(outcome_of, exp, "train", result, result.values, time_step)
         if (record := failures.attempt("prediction", exp.name, followed, "train")) is not None:
             records.append(record)
-            warn_of_step(record, result, result.values, step, failures)
+            warn_of_step(record, result, result.values, time_step, failures)
     for exp in held_out:
-        predicted = failures.attempt("prediction", exp.name, partial(predicted_outcome, exp, result, step), "held_out")
+        forecast = partial(predicted_outcome, exp, result, time_step)
+        predicted = failures.attempt("prediction", exp.name, forecast, "held_out")
         if predicted is None:
             continue
         record, refit = predicted
-        warn_of_step(record, refit, refit.values, step, failures)
+        warn_of_step(record, refit, refit.values, time_step, failures)
         if result.covariance is not None:
-            banded = partial(band_of, train, result, record, refit, step, weighting)
+            banded = partial(band_of, train, result, record, refit, time_step, weighting)
             if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
                 held = 100 * band.holds(exp.compared)
                 record = replace(record, metrics={**record.metrics, "within_band_percent": held}, band=band)
@@ -176,7 +177,7 @@ def records_of(
 
 
 def warn_of_step(
-    record: RecordOutcome, result: FitResult, values: Mapping[str, float], step: float, failures: Failures,
+    record: RecordOutcome, result: FitResult, values: Mapping[str, float], time_step: float, failures: Failures,
 ) -> None:
     """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length."""
     model, exp = result.model, record.experiment
@@ -186,36 +187,36 @@ def warn_of_step(
     def tips(h: float) -> Array:
         return predict_body(model, exp, values, h)[:, -1] / model.length
 
-    given = tips(step) if record.body is None else record.body[:, -1] / model.length
-    error = tip_error(lambda factor: (given, tips(factor * step)))
+    given = tips(time_step) if record.body is None else record.body[:, -1] / model.length
+    error = tip_error(lambda factor: (given, tips(factor * time_step)))
     if error > LIMIT and failures.warn is not None:
         size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
         failures.warn(
             f"warning: fit {failures.fit}: the simulated tip of record {exp.name} may be wrong {size}: the "
-            f"step of {1e3 * step:.3g} ms is too long for its motion; set step = "
-            f"{nice(step * step_for(error)):g} in the study"
+            f"step of {1e3 * time_step:.3g} ms is too long for its motion; set time_step = "
+            f"{nice(time_step * step_for(error)):g} in the study"
         )
 
 
-def predicted_outcome(exp: Experiment, result: FitResult, step: float) -> tuple[RecordOutcome, FitResult]:
+def predicted_outcome(exp: Experiment, result: FitResult, time_step: float) -> tuple[RecordOutcome, FitResult]:
     """Return the comparison of a held-out recording with its prediction. If its pressure was not measured, the times at
     which the pressure rises and falls are fitted to the recording; the result of this fit is returned too.
     """
-    _, refit = predict_held_out(exp, result, step=step)
-    record = outcome_of(exp, "held_out", refit, refit.values, step)
+    _, refit = predict_held_out(exp, result, time_step=time_step)
+    record = outcome_of(exp, "held_out", refit, refit.values, time_step)
     edges = {p.name.removeprefix(f"{exp.name}."): refit.values[p.name] for p in refit.parameters if p.free}
     return replace(record, metrics={**record.metrics, **({"fitted_edges_s": edges} if edges else {})}), refit
 
 
 def band_of(
-    train: Sequence[Experiment], result: FitResult, record: RecordOutcome, refit: FitResult, step: float,
+    train: Sequence[Experiment], result: FitResult, record: RecordOutcome, refit: FitResult, time_step: float,
     weighting: str,
 ) -> Band:
     """Return the 95 % band of a prediction, from the parameters' uncertainty and the noise of the training
     residuals.
     """
     exp = record.experiment
-    noise = residual_noise(train, result, exp, record.modelled, step=step, weighting=weighting)
-    band = prediction_band(exp, result, step=step, noise=noise, own=refit, training=train)
+    noise = residual_noise(train, result, exp, record.modelled, time_step=time_step, weighting=weighting)
+    band = prediction_band(exp, result, time_step=time_step, noise=noise, own=refit, training=train)
     finite(band.std, "the width of the band")
     return band

@@ -77,7 +77,7 @@ def run_forecast(
     seen: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
-        motion = predict(result.model, case, {**values, **own}, study.step)
+        motion = predict(result.model, case, {**values, **own}, result.time_step)
         tip, grown = motion["compared"][:, -1], {} if case.without_positions else growth(motion["position"], NAMES)
         traits = {**response(template.synchronised(values), tip), **grown}
         seen[:] = seen or [k for k, v in traits.items() if v is not None]
@@ -96,7 +96,7 @@ def run_forecast(
     def half_width() -> np.ndarray:
         if problems:
             raise SimulationError(problems[0])
-        lacks = tip_lacks(result, case, {**result.values, **own}, training, study.step)
+        lacks = tip_lacks(result, case, {**result.values, **own}, training, result.time_step)
         return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
@@ -118,12 +118,12 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 
 
 def tip_lacks(
-    result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], step: float,
+    result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], time_step: float,
 ) -> np.ndarray:
     """Return the standard deviation of the model's additional error where pressure or speed go beyond those in
     training, for the last station over T frames: (T, axes) in m, or in rad for angles alone.
     """
-    prediction = predict(result.model, case, values, step)
+    prediction = predict(result.model, case, values, time_step)
     return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
 
 

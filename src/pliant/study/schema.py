@@ -310,7 +310,7 @@ class Study(StudyEntry):
     forecasts: dict[str, ForecastEntry] = {}
     targets: Targets = Targets()
     sweep: Sweep | None = None
-    step: float = Field(2e-3, gt=0, le=0.1)  # s, of the integration
+    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 ms
     seed: int = 0
     folder: str = "."  # start of relative file names; set when the study is loaded
 
@@ -342,7 +342,7 @@ def load_study(path: str | Path) -> Study:
         refuse_mapping(content, path)
         study = Study.model_validate(expanded(content, path))
     except ValidationError as error:
-        raise explain_validation(error, f"study {path}") from None
+        raise explain_validation(error, f"study {path}", Study) from None
     check_names(study, path)
     return study.model_copy(update={"folder": str((path.parent / study.folder).resolve())})
 

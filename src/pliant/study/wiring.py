@@ -106,11 +106,11 @@ def fit_statistics(study: Study, name: str, training: list[Experiment], model: M
     """
     entry = study.fits[name]
     result = fit(
-        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), step=study.step,
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
         loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
     )
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
-    return follows(training, result, study.step, entry.weighting), error
+    return follows(training, result, result.time_step, entry.weighting), error
 
 
 def wiring_warnings(wirings: Wirings | None) -> tuple[str, ...]:

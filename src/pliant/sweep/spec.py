@@ -72,7 +72,7 @@ class Sweep(BaseModel):
     fit: str | None = None  # for bootstrap and multi_start: name of a fit of the study; default the first
     duration: float = Field(4.0, gt=0)  # s
     rate: float = Field(75.0, gt=0)  # Hz, output rate
-    step: float | None = Field(None, gt=0)  # s; None: chosen for the given model, at most 1 ms
+    time_step: float | None = Field(None, gt=0)  # s; None: chosen for the given model, at most 1 ms
     block: float = Field(0.25, gt=0)  # s, length of a bootstrap's residual blocks
 
     @model_validator(mode="after")
@@ -148,6 +148,6 @@ def sweep_from(content: dict[str, Any]) -> Sweep:
     try:
         return Sweep.model_validate(content)
     except ValidationError as error:
-        raise explain_validation(error, "[sweep]") from None
+        raise explain_validation(error, "[sweep]", Sweep) from None
     except TypeError:
         raise InputError(f"[sweep] must be a table, got {content!r:.60}") from None

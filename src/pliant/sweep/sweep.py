@@ -84,9 +84,9 @@ def run_sweep(
     sweep : mapping or Sweep
         The ``[sweep]`` table of a study file, SI: ``kind`` (design, monte_carlo, bootstrap, multi_start), ``samples``,
         ``seed``, ``chunk`` (samples computed together), ``parameters``, ``duration`` [s], ``rate`` [Hz] of the output,
-        ``step`` [s]. Parameters are those of the model, and ``level`` [Pa], ``start`` and ``width`` [s] of the pulse.
-        ``NAME.level`` is that of one of several chambers, which otherwise stay at 0. Each is a number, or a table of
-        ``values``; of ``low``, ``high`` and ``count``; of ``low`` and ``high``; or of ``mean`` and ``std``.
+        ``time_step`` [s]. Parameters are those of the model, and ``level`` [Pa], ``start`` and ``width`` [s] of the
+        pulse. ``NAME.level`` is that of one of several chambers, which otherwise stay at 0. Each is a number, or a
+        table of ``values``; of ``low``, ``high`` and ``count``; of ``low`` and ``high``; or of ``mean`` and ``std``.
     model : Model
     folder : str or Path
         Folder for campaign.json, chunks/ and, at the end, samples.nc. An interrupted sweep continues from there.

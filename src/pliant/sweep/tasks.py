@@ -66,10 +66,10 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     pressures = [tuple(pulse_of(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
     pressures = pressures[:1] if len(set(pressures)) == 1 else pressures
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
-    step = sweep.step or shared_step([campaign.model])  # one for all chunks
+    time_step = sweep.time_step or shared_step([campaign.model])  # one for all chunks
     run = simulate_batch(
         campaign.model, pressures, parameters=everything or {"tip_mass": np.full(count, campaign.model.tip_mass)},
-        times=times, step=step, variables=("tip_position",), threads=campaign.threads, failures="mark",
+        times=times, time_step=time_step, variables=("tip_position",), threads=campaign.threads, failures="mark",
     )
     tip = run["tip_position"].values[:, :, -1]
     moved = np.linalg.norm(tip - tip[:, :1], axis=-1)
@@ -107,8 +107,7 @@ def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
         raise ValueError("a bootstrap needs the fit whose residuals it resamples")
     values = base.values
     start = list(base.parameters)
-    step = float((campaign.fit_options or {}).get("step", 2e-3))
-    modelled = [predict(base.model, exp, values, step)["compared"] for exp in campaign.experiments]
+    modelled = [predict(base.model, exp, values, base.time_step)["compared"] for exp in campaign.experiments]
     rows = []
     for sample in range(first, last):
         rng = generator(campaign.sweep.seed, sample)

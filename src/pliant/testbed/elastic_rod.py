@@ -32,17 +32,17 @@ class Pressures(elastica.NoForces):
         turn = np.stack([np.sin(body.azimuth), -np.cos(body.azimuth)], axis=-1)
         self.moment = body.torque * pressure @ turn  # (T, 2) N m
         self.push = body.area * pressure.sum(axis=1)  # (T,) N
-        self.step = body.step
+        self.time_step = body.time_step
 
     def apply_forces(self, system: Any, time: float = 0.0) -> None:
         """Add the thrust of the chambers to the nodes of every element."""
-        push = self.push[min(round(time / self.step), len(self.push) - 1)] * system.tangents
+        push = self.push[min(round(time / self.time_step), len(self.push) - 1)] * system.tangents
         system.external_forces[:, 1:] += push
         system.external_forces[:, :-1] -= push
 
     def apply_torques(self, system: Any, time: float = 0.0) -> None:
         """Add the chambers' moment to the last cross-section; the clamp carries the reaction."""
-        system.external_torques[:2, -1] += self.moment[min(round(time / self.step), len(self.moment) - 1)]
+        system.external_torques[:2, -1] += self.moment[min(round(time / self.time_step), len(self.moment) - 1)]
 
 
 class Keeper(elastica.CallBackBaseClass):
@@ -80,11 +80,11 @@ def integrate(body: BodyInSpace, pressure: Array, *, every: int) -> tuple[Array,
     world.add_forcing_to(rod).using(elastica.GravityForces, acc_gravity=np.array([0.0, 0.0, -GRAVITY]))
     world.add_forcing_to(rod).using(Pressures, body=body, pressure=pressure)
     world.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=body.damping,
-                            time_step=body.step)  # fmt: skip
+                            time_step=body.time_step)  # fmt: skip
     world.collect_diagnostics(rod).using(Keeper, every=every, kept=kept)
     world.finalize()
     steps = len(pressure) - 1
-    elastica.integrate(elastica.PositionVerlet(), world, steps * body.step, steps, progress_bar=False)
+    elastica.integrate(elastica.PositionVerlet(), world, steps * body.time_step, steps, progress_bar=False)
     position, directors, curvature = (np.array(a) for a in zip(*kept, strict=True))
-    time = every * body.step * np.arange(len(position))
+    time = every * body.time_step * np.arange(len(position))
     return time, pressure[::every][: len(position)], position, directors, curvature

@@ -96,10 +96,10 @@ def run_rod(
     case: Scenario, rod: RodParameters, lab: Laboratory, progress: Callable[[float], None] | None = None
 ) -> RodMotion:
     """Simulate the actuator's true motion in a scenario."""
-    stride = max(1, round(RECORD / case.step))
-    steps = int(np.ceil(case.duration / (case.step * stride))) * stride
-    fine = max(1, round(case.step / SUPPLY_STEP))  # the valve's own grid: edges stay where they are
-    time = np.asarray(np.arange(steps * fine + 1) * (case.step / fine), dtype=float)
+    stride = max(1, round(RECORD / case.time_step))
+    steps = int(np.ceil(case.duration / (case.time_step * stride))) * stride
+    fine = max(1, round(case.time_step / SUPPLY_STEP))  # the valve's own grid: edges stay where they are
+    time = np.asarray(np.arange(steps * fine + 1) * (case.time_step / fine), dtype=float)
     loads = np.zeros((steps, len(rod.chambers) + 3))
     both = zip(one_each(case.command, rod, "command"), one_each(lab.valve, rod, "valve"), strict=True)
     for c, (command, valve) in enumerate(both):
@@ -109,7 +109,7 @@ def run_rod(
         loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
     rows = obstacle_rows(case.obstacles)
     return simulate(
-        replace(rod, gravity=case.gravity), loads, case.step, stride=stride, obstacles=rows, progress=progress
+        replace(rod, gravity=case.gravity), loads, case.time_step, stride=stride, obstacles=rows, progress=progress
     )
 
 

@@ -57,7 +57,7 @@ class Plant:
         Actuator "a", "b" or "c", a seed of the family with its own valve and sensors, or parameters of your own.
     rate : float
         Frame rate of the shape sensor, Hz.
-    step : float
+    time_step : float
         Time step of the rod, s; the frame period must be a multiple of it.
     seed : int
         Seed of the sensors' errors.
@@ -81,20 +81,22 @@ class Plant:
     """
 
     def __init__(
-        self, body: str | int | RodParameters | Member = "a", *, rate: float = 250.0, step: float = 5e-4, seed: int = 1,
-        perfect: bool = False, valve: SupplyRegulator | None = None, obstacles: Sequence[Circle | Wall] = (),
+        self, body: str | int | RodParameters | Member = "a", *, rate: float = 250.0, time_step: float = 5e-4,
+        seed: int = 1, perfect: bool = False, valve: SupplyRegulator | None = None,
+        obstacles: Sequence[Circle | Wall] = (),
     ) -> None:
         if isinstance(body, RodParameters):
             body = Member("custom", body)
         who = body if isinstance(body, Member) else member(body)
         self.parameters = who.body
         self.period = 1.0 / rate
-        self._substeps = round(self.period / step)
-        if self._substeps < 1 or abs(self._substeps * step - self.period) > 1e-9:
+        self._substeps = round(self.period / time_step)
+        if self._substeps < 1 or abs(self._substeps * time_step - self.period) > 1e-9:
             raise InputError(
-                f"the frame period of {self.period:g} s is no whole number of steps of {step:g} s: change rate or step"
+                f"the frame period of {self.period:g} s is no whole number of steps of {time_step:g} s: change rate "
+                "or time_step"
             )
-        self._step = step
+        self._time_step = time_step
         chosen = valve or who.valve
         if isinstance(chosen, tuple) or len(self.parameters.chambers) > 1:
             raise InputError(f"actuator {who.name} has {len(self.parameters.chambers)} chambers: Plant supports one; "
@@ -109,7 +111,7 @@ class Plant:
             fibre = replace(fibre, noise=0.0, bias=0.0, gain_error=0.0, jitter=0.0, drop_out=0.0, latency=0.0)
             transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)
         self._sensing = Sensing(fibre, transducer)
-        self._clock = _clock(self._body, step, static=False)
+        self._clock = _clock(self._body, time_step, static=False)
         self._work = _work(self._body)
         self._out = _out(2, self._body.rest_length.size + 1, self._body)
         self._rest = settle(self.parameters, obstacles=self._rows)
@@ -124,7 +126,7 @@ class Plant:
         self._state = type(self._rest)(*(array.copy() for array in self._rest))
         self.time = 0.0
         self._held = np.zeros(2)
-        self._commands = deque([0.0] * round(self._valve.dead_time / self._step))
+        self._commands = deque([0.0] * round(self._valve.dead_time / self._time_step))
         self._load = np.zeros(2)
         self._rng = np.random.default_rng([self._seed, 7])
         waves = np.random.default_rng([self._seed, 8]).standard_normal(24) / self._sensing.fibre.bias_length
@@ -178,7 +180,7 @@ class Plant:
         asked = np.array([self._commands.popleft() for _ in range(m)])
         behind = np.empty(m)
         twin(regulate_on)(
-            asked, self._step, max(1, round(self._step / SUPPLY_STEP)), self._valve.law, self._held, behind
+            asked, self._time_step, max(1, round(self._time_step / SUPPLY_STEP)), self._valve.law, self._held, behind
         )
         loads[:, 0] = behind
         status, _, update, _ = twin(march)(

@@ -89,7 +89,7 @@ class Scenario:
     obstacles: tuple[Circle | Wall, ...] = ()
     gravity: tuple[float, float] = (0.0, 0.0)
     rate: float = 75.0
-    step: float = 2.5e-4
+    time_step: float = 2.5e-4
     pushes: tuple[tuple[float, float, float], ...] = ()  # s, N, N: force on the tip, straight lines between
 
 
@@ -144,10 +144,11 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("pulse_119_sideways", "119 kPa, gravity across the rest tangent", 4.5, pulse(119e3, 2.76),
                  gravity=(9.81, 0.0)),
         Scenario("pulse_119_250hz", "the paper's pulse at the fibre's full rate", 4.5, pulse(119e3, 2.76), rate=250.0),
-        Scenario("contact_circle", "150 kPa against a rigid round post", 4.5, pulse(150e3, 2.76), (POST,), step=1e-4),
-        Scenario("contact_wall", "150 kPa against a rigid wall", 4.5, pulse(150e3, 2.76), (WALL,), step=1e-4),
+        Scenario("contact_circle", "150 kPa against a rigid round post", 4.5, pulse(150e3, 2.76), (POST,),
+                 time_step=1e-4),
+        Scenario("contact_wall", "150 kPa against a rigid wall", 4.5, pulse(150e3, 2.76), (WALL,), time_step=1e-4),
         Scenario("contact_spring", "150 kPa into a soft ball: a spring at a known place", 4.5,
-                 pulse(150e3, 2.76), (SPRING,), step=1e-4),
+                 pulse(150e3, 2.76), (SPRING,), time_step=1e-4),
         Scenario("in_turn", "two chambers: 120 kPa for 1.2 s in the first, then in the second", 5.0,
                  (pulse(120e3, 1.2), pulse(120e3, 1.2, start=2.3))),
         Scenario("overlapping", "two chambers: 120 kPa in the first; 100 kPa in the second 0.7 s later", 4.5,

@@ -96,9 +96,9 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
         from pliant.testbed import elastic_rod
     except ImportError:
         raise InputError("the virtual body in space needs PyElastica: pip install 'pliant[bench]'") from None
-    time = body.step * np.arange(round(DURATION / body.step) + 1)
-    pressure = lagged(COMMANDS[name](time), body.step / body.lag)
-    return MotionInSpace(*elastic_rod.integrate(body, pressure, every=round(1.0 / (RATE * body.step))))
+    time = body.time_step * np.arange(round(DURATION / body.time_step) + 1)
+    pressure = lagged(COMMANDS[name](time), body.time_step / body.lag)
+    return MotionInSpace(*elastic_rod.integrate(body, pressure, every=round(1.0 / (RATE * body.time_step))))
 
 
 def lagged(command: Array, part: float) -> Array:

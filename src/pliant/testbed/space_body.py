@@ -26,7 +26,7 @@ class BodyInSpace:
     offset: float = 9e-3  # m
     lag: float = 0.03  # s
     elements: int = 24
-    step: float = 5e-5  # s, half of the limit of the stretch wave
+    time_step: float = 5e-5  # s, half of the limit of the stretch wave
 
     @property
     def torque(self) -> float:

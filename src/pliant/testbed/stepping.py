@@ -140,9 +140,9 @@ def _out(records: int, nodes: int, body: RodBody) -> Out:
     )  # fmt: skip
 
 
-def _clock(body: RodBody, dt: float, *, static: bool) -> StepClock:
-    h = 2.0 * dt / 3.0
-    return StepClock(float(dt), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, dt))
+def _clock(body: RodBody, time_step: float, *, static: bool) -> StepClock:
+    h = 2.0 * time_step / 3.0
+    return StepClock(float(time_step), h, 0.0 if static else 1.0 / h**2, prony_decay(body.prony_time, time_step))
 
 
 def settle(
@@ -225,7 +225,7 @@ def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
 def simulate(
     p: RodParameters,
     loads: ArrayLike,
-    dt: float,
+    time_step: float,
     *,
     stride: int = 4,
     obstacles: ArrayLike | None = None,
@@ -241,7 +241,7 @@ def simulate(
     loads : (S, C + 3) array
         For each step: regulated pressure of each chamber (Pa gauge), force on the pushed node (x and y, N), couple on
         the last edge (N m).
-    dt : float, s
+    time_step : float, s
     stride : int
         Number of steps between two records.
     obstacles : (O, 7) array, optional
@@ -261,8 +261,8 @@ def simulate(
     from pliant.testbed.stepping_loops import march
 
     table = _loads(p, loads)
-    if not (dt > 0 and stride >= 1):
-        raise InputError(f"the step must be > 0 and the stride >= 1, got {dt} and {stride}")
+    if not (time_step > 0 and stride >= 1):
+        raise InputError(f"time_step must be > 0 and the stride >= 1, got {time_step} and {stride}")
     body, rows = build_body(p), _obstacles(obstacles)
     state = settle(p, obstacles=obstacles) if start is None else RodState(*(array.copy() for array in start))
     steps, chambers = table.shape[0], len(p.chambers)
@@ -271,7 +271,7 @@ def simulate(
     out.volume[0] = state.chamber[:, 0]
     out.pressure[0] = table[0, :chambers] if steps else 0.0
     work = _work(body)
-    clock = _clock(body, STATIC_STEP if static else dt, static=static)
+    clock = _clock(body, STATIC_STEP if static else time_step, static=static)
     _first_energy(body, rows, state, out)
     total = 0
     for first in range(0, steps, CHUNK):
@@ -282,8 +282,8 @@ def simulate(
             why = "did not converge" if status == 1 else "left the range where the section law is defined"
             pressure = " and ".join(f"{p:.0f}" for p in table[at, :chambers])
             raise SimulationError(
-                f"the rod {why} at {at * dt:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
-                f"use a step shorter than {dt:g} s or gentler loads"
+                f"the rod {why} at {at * time_step:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
+                f"use a time_step shorter than {time_step:g} s or gentler loads"
             )
         if progress is not None:
             progress(span.stop / steps)
@@ -291,7 +291,8 @@ def simulate(
     if chambers == 1:
         fields |= {"pressure": out.pressure[:, 0], "volume": out.volume[:, 0]}
     return RodMotion(
-        time=np.asarray(np.arange(out.energy.shape[0]) * (dt * stride), dtype=float), arc_length=node_position(p),
+        time=np.asarray(np.arange(out.energy.shape[0]) * (time_step * stride), dtype=float),
+        arc_length=node_position(p),
         **fields, iterations=total / max(steps, 1),
     )  # fmt: skip
 

@@ -138,6 +138,7 @@ class FitEntry(MetricsEntry):
     notes: list[str] = Field(description="warnings")
     converged: bool
     bic: float | None = Field(description="N ln(mean square residual) + k ln N of the training records")
+    time_step_s: float = Field(description="time step of the fit and of its predictions, s")
     records: dict[str, Record | AngleRecord | MissingRecord]
     not_computed: list[Failure] = Field([], description="predictions and bands that could not be computed, and why")
     parameters: dict[str, Value]

@@ -80,7 +80,7 @@ class FitOutcome:
         covariance = self.result.covariance
         return {
             "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
-            "converged": self.result.converged, "bic": self.result.bic,
+            "converged": self.result.converged, "bic": self.result.bic, "time_step_s": self.result.time_step,
             "not_computed": [n._asdict() for n in self.not_computed],
             "records": self.record_dicts(),
             "parameters": {p.name: parameter_dict(p) for p in self.result.parameters},

@@ -76,16 +76,16 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
 
 def selection_figure(selection: ModelSelection) -> Any:
     """Draw the errors of every stage on training and held-out recordings; on a wide page also the computation times."""
-    steps = [s for s in selection.steps if s.result]
-    rows = np.arange(len(steps))
+    fitted = [s for s in selection.stages if s.result]
+    rows = np.arange(len(fitted))
     narrow = WIDTH.get() < NARROW
     with drawing():
-        height = 0.9 + 0.32 * len(steps)
+        height = 0.9 + 0.32 * len(fitted)
         figure, axes = side_by_side(1 if narrow else 3, (1,) if narrow else (2, 1, 1), height, sharey=True)
         axes = np.atleast_1d(axes)
         draw_errors(axes[0], selection, rows)
         for ax, (cost, what) in zip(axes[1:], (
-            ([s.seconds for s in steps], "time of the fits (s)"), ([s.step_ns for s in steps], "simulated step (ns)"),
+            ([s.seconds for s in fitted], "time of the fits (s)"), ([s.step_ns for s in fitted], "simulated step (ns)"),
         ), strict=False):
             bars = ax.barh(rows, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
             ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
@@ -98,10 +98,10 @@ def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
     """Draw the mean error of every stage as a marker and that of each recording as a dash, and shade the
     chosen stage.
     """
-    steps = [s for s in selection.steps if s.result]
+    fitted = [s for s in selection.stages if s.result]
     for label, colour, marker, errors in (
-        ("training", "0.55", "o", [s.train for s in steps]),
-        ("held out", "#0b2f6b", "s", [s.held_out for s in steps]),
+        ("training", "0.55", "o", [s.train for s in fitted]),
+        ("held out", "#0b2f6b", "s", [s.held_out for s in fitted]),
     ):
         if not any(errors):
             continue
@@ -110,9 +110,9 @@ def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
                 label=label)
         for k, row in enumerate(rows if max(map(len, rows)) > 1 else ()):
             ax.plot(row, [k] * len(row), color=colour, marker="|", linestyle="", markersize=8)
-    (chosen,) = (k for k, s in enumerate(steps) if s.stage.name == selection.chosen)
+    (chosen,) = (k for k, s in enumerate(fitted) if s.stage.name == selection.chosen)
     ax.axhspan(chosen - 0.4, chosen + 0.4, color="0.88", zorder=0, label="chosen")
-    ax.set_yticks(at, [clip(s.stage.title, 26) for s in steps])
+    ax.set_yticks(at, [clip(s.stage.title, 26) for s in fitted])
     ax.invert_yaxis()
     ax.set(xlabel="error (% of peak displacement)", xlim=(0, None))
     ax.legend()

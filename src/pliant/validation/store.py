@@ -15,7 +15,7 @@ from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.files import whole
 from pliant.identification import Band, Experiment, FitResult, ModelSelection, Parameter
-from pliant.identification.stage_fit import Step
+from pliant.identification.stage_fit import StageResult
 from pliant.identification.stages import Stage
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
@@ -315,7 +315,7 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
-        turns=any("rmse_deg" in r for r in entry["records"].values()),
+        turns=any("rmse_deg" in r for r in entry["records"].values()), time_step=entry["time_step_s"],
     )
 
 
@@ -353,14 +353,15 @@ def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSele
     """
     if content is None:
         return None
-    steps = [
-        Step(Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
-             r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
-             bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""),
-             given=tuple(r.get("as_given", ())))
+    stages = [
+        StageResult(
+            Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
+            r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
+            bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""), given=tuple(r.get("as_given", ())),
+        )
         for name, r in content["stages"].items()
     ]
-    return ModelSelection(tuple(steps), content["chosen"], content["reason"])
+    return ModelSelection(tuple(stages), content["chosen"], content["reason"])
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:

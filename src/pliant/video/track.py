@@ -154,7 +154,7 @@ def _camera(camera: Camera | dict[str, Any]) -> Camera:
     try:
         return Camera.model_validate(camera)
     except ValidationError as error:
-        raise explain_validation(error, "camera") from None
+        raise explain_validation(error, "camera", Camera) from None
 
 
 def _followed(reel: Reel, how: Tracking) -> tuple[list[str], list[str], Iterator[tuple[float, Array, Array | None]]]:

@@ -229,8 +229,8 @@ class Live:
         self.debt = min(self.debt + self.speed * elapsed, LATEST)
         with catch_warnings():
             simplefilter("ignore", EnergyWarning)  # a pulling hand adds energy
-            while self.debt >= self.stepper.length - TINY:
-                self.debt -= self.stepper.length
+            while self.debt >= self.stepper.time_step - TINY:
+                self.debt -= self.stepper.time_step
                 self.advance_step()
 
     def advance_step(self) -> None:
@@ -275,7 +275,7 @@ class Live:
         gap = np.clip(hand_at - point, -m.length, m.length)
         self.force[:] = stiffness * gap
         push = chain.position_jacobian(x, hand).T @ self.force
-        self.stepper.velocity[:] += self.stepper.length * np.linalg.solve(chain.inertia(x), push)
+        self.stepper.velocity[:] += self.stepper.time_step * np.linalg.solve(chain.inertia(x), push)
 
     def frame(self) -> dict[str, Any]:
         """Return the present state for drawing: positions of the joints [mm], inputs [kPa; for tendons N, mm or rad]

@@ -218,11 +218,11 @@ def plausible(m: Model) -> list[tuple[str, str]]:
 
 def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
     """Return the texts of the rows in the table of a model selection, one for each stage."""
-    titles = {s.stage.name: s.stage.title for s in selection.steps}
-    freed = {s.stage.name: set(s.freed) for s in selection.steps}
+    titles = {s.stage.name: s.stage.title for s in selection.stages}
+    freed = {s.stage.name: set(s.freed) for s in selection.stages}
     rows, before = [], ""
-    most = max(sum(e.values()) / len(e) for s in selection.steps for e in (s.train, s.held_out) if e)
-    for s in selection.steps:
+    most = max(sum(e.values()) / len(e) for s in selection.stages for e in (s.train, s.held_out) if e)
+    for s in selection.stages:
         means = [sum(e.values()) / len(e) if e else None for e in (s.train, s.held_out)]
         errors = [digits(m) for m in means]
         shares = [f"{100 * (m or 0.0) / most:.0f}%" for m in means]

@@ -1,0 +1,35 @@
+"""The default time step of fits and predictions, from the modes of the model at its starting parameter values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+
+from pliant.errors import PliantError
+from pliant.identification.experiment import Experiment
+from pliant.identification.initial_guess import prepare
+from pliant.identification.parameters import Parameter, apply
+from pliant.model import Model
+from pliant.simulation.time_step import shared_step
+
+LONGEST = 2e-3  # s
+
+
+def fit_step(model: Model, values: Mapping[str, float]) -> float:
+    """Return the longest time step [s], at most 2 ms, that resolves the modes of a model with the parameter `values`
+    (SI). Parameters that no model has, such as those of a recording, have no effect.
+    """
+    return shared_step([apply(model, values)], LONGEST)
+
+
+def values_of(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the known values (SI) of parameters by name."""
+    return {p.name: float(p.value) for p in parameters if p.value is not None}
+
+
+def starting_step(experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str]) -> float:
+    """Return the `fit_step` [s] of a fit's starting model. It is 2 ms if the start values cannot be estimated."""
+    with suppress(PliantError):
+        model, filled = prepare(experiments, model, parameters)
+        return fit_step(model, values_of(filled))
+    return LONGEST
