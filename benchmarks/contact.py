@@ -157,7 +157,7 @@ def in_mujoco(seed, seconds, pushes=()):
     import mujoco
 
     rng, chain = np.random.default_rng([91, seed]), arm()
-    text = mjcf(chain, Provenance(chain, "mjcf", "benchmark"), timestep=FRAME / SUBSTEPS, highest=1e6)
+    text = mjcf(chain, Provenance(chain, "mjcf", "benchmark"), time_step=FRAME / SUBSTEPS, highest=1e6)
     m = mujoco.MjModel.from_xml_string(text)
     d = mujoco.MjData(m)
     clock = np.arange(round(seconds / FRAME)) * FRAME
