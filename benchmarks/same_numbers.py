@@ -107,7 +107,8 @@ def exported(model: pliant.Model) -> Numbers:
                 continue
             texts = (p for p in Path(folder).rglob("*") if p.is_file() and p.suffix in (".c", ".h", ".xml", ".urdf"))
             for path in sorted(texts):
-                numbers[f"export/{path.name}"] = np.frombuffer(path.read_bytes(), dtype=np.uint8).astype(float)
+                content = path.read_bytes().replace(folder.encode(), b"")  # stated in the command of the file
+                numbers[f"export/{path.name}"] = np.frombuffer(content, dtype=np.uint8).astype(float)
     return numbers
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.model.spring import SPRING_TERMS
+from pliant.equations.spring_terms import SPRING_TERMS
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "pliant"

@@ -72,7 +72,7 @@ def similar_entry(model: Any, path: Sequence[Any]) -> str:
     for part in path[:-1]:  # keys of tables and positions in lists are not fields
         if field := getattr(model, "model_fields", {}).get(part):
             model = next(models_in(field.annotation), None)
-    name, known = str(path[-1])[:80], list(getattr(model, "model_fields", {}))
+    name, known = "".join(map(str, path[-1:]))[:80], list(getattr(model, "model_fields", {}))
     near = [k for k in known if name in k.split("_")] or get_close_matches(name, known, 1)
     return f"use {near[0]!r}, or remove it" if near else "remove it or correct its name"
 

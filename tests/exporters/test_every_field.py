@@ -22,7 +22,7 @@ from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve
 
 PARTS = (Model, Chamber, Valve, Memory, Extension, Station, Space, Tendon)
-ENDS = {"mjcf": ".xml", "c99": ".c", "fmu": ".fmu", "state-space": ".npz", "urdf": ".urdf"}
+ENDS = {name: e.suffixes[0] for name, e in exporters().items()} | {"state-space": ".npz"}
 OPTIONS: dict[str, dict[str, Any]] = {"state-space": {"pressure": [2e4, 3e4]}, "mjcf": {"highest": 2e5}}
 IN_SPACE = {**OPTIONS, "state-space": {"pressure": [2e-3, 0.3, 1.0]}}
 

@@ -13,6 +13,7 @@ from target_models import longer, pulled, twisting
 
 import pliant
 from pliant.actuators import chen2018
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.exporters.difference import difference
 from pliant.exporters.features import FEATURES, missing, named, without
 from pliant.exporters.provenance import standard_errors
@@ -55,6 +56,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(extensions=(Extension(500.0),), memory=Memory(**branch))
     if key == "space_lengthening":
         model = longer()
+    if key in SPRING_TERMS:
+        model = model.with_(**{key: 0.1})
     if key == "points":
         model = model.with_(stations=[("middle", 2, 0.01)])
     if key == "chambers":

@@ -30,7 +30,7 @@ from pliant.exporters.names import with_identifiers
 from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.model import Model
 
-ENDS = {"mjcf": ".xml", "c99": ".c", "fmu": ".fmu", "state-space": ".npz", "urdf": ".urdf"}
+ENDS = {name: e.suffixes[0] for name, e in exporters().items()} | {"state-space": ".npz"}
 NAME = re.compile(r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*)*", re.ASCII)
 WORDS = {("Model", "mass_at")}  # one of a few words, checked by the model
 

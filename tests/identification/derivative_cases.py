@@ -12,6 +12,7 @@ from typing import Any, get_args
 import numpy as np
 
 from pliant.equations.laws import LAWS
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
 from pliant.identification.chamber_parameters import OWN, owners
@@ -57,10 +58,12 @@ VALUES: dict[str, float] = {
     "fractional_share": 0.05, "fractional_order": 0.25, "fractional_low": 0.3, "fractional_high": 30.0,
     "payne_share": 2.0, "payne_angle": 0.02, "payne_exponent": 0.4, "payne_low": 2e-3, "payne_high": 0.2,
     "boucwen_share": 0.2, "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
+    **{name: 0.7 * term.fit[2] for name, term in SPRING_TERMS.items()},
     "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6,
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04, "inflation_jm": 3.0,
     "body_stiffness": 0.85, "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
     "axial_creep_share_1": 0.3, "axial_creep_time_1": 0.2, "axial_slip_share_1": 0.4, "axial_slip_strain_1": 0.003,
+    **{f"axial_{name}": 0.7 * term.axial[2] for name, term in SPRING_TERMS.items()},
     "axial_stiffening": -15.0, "axial_cubic_stiffening": 800.0, "axial_stiffening_bound": 0.1,
     "elastic_wall_lever": 5e-7, "elastic_wall_compliance": 1.1e-6,
     **{f"{law.name}_{name}": value for law in LAWS for name, value in law.start(LEVELS, TORQUES).items()},

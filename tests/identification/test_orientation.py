@@ -1,5 +1,7 @@
 """Orientations of rigid bodies in a fit: rotation vectors against SciPy, derivatives against differences, twist."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,7 +12,7 @@ from pliant.identification import Parameter, experiment
 from pliant.identification.experiment import Experiment
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
-from pliant.identification.observation import frames_of, rotation_vectors, turn_slopes, turns_off, with_axes
+from pliant.identification.observation import frames_of, rotation_vectors, slopes_through, turns_off, with_axes
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import white_noise
 from pliant.mechanics import mechanics_of
@@ -61,7 +63,9 @@ def test_turns_since_the_first_frame_are_compared_in_the_measured_axes(rng):
     expected = (turns[1].inv() * (turns[0] * turns[0][0].inv())).as_rotvec()
     assert off[:, 0] == pytest.approx(expected, abs=1e-12)
     more = rng.normal(0, 1, (2, *rows.shape))
-    slopes = turn_slopes(rows, more, np.array([0]), turns[1].as_matrix()[:, None])
+    slopes = slopes_through(
+        partial(turns_off, oriented=np.array([0]), measured=turns[1].as_matrix()[:, None]), rows, more
+    )
     for slope, change in zip(slopes, more, strict=True):
         ahead, behind = (turns_off(rows + s * 1e-6 * change, np.array([0]), turns[1].as_matrix()[:, None])
                          for s in (1, -1))  # fmt: skip

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pliant.equations import elastic
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Extension, Model, Station
-from pliant.model.spring import SPRING_TERMS
 
 H = 1e-6
 

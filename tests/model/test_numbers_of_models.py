@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.equations.laws import POLYNOMIAL
+from pliant.equations.spring_terms import in_words
 from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model
 from pliant.model.actuation import Actuation, chambers_of
@@ -19,7 +20,6 @@ from pliant.model.limits import LIMITS, check_limit
 from pliant.model.memory import payne, springpot
 from pliant.model.section import bending_stiffness, joint_placement, segments
 from pliant.model.space import Space, rows_of, space_of
-from pliant.model.spring import in_words
 from pliant.model.statics import joint_torques_over, torques_over
 from pliant.model.torque_law import laid_torque, unfinished_law
 

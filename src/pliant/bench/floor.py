@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from pliant.bench.timing import best
+from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
@@ -45,7 +46,9 @@ def library() -> Any:
 def constants(model: Model) -> Array:
     """Return the parameters of a model of five links as one array, in the order of the C struct `Chain` in floor.c."""
     body, joints = mechanics_of(model).body, mechanics_of(model).joints
-    second, third, scale = joints.hardening  # the law in the form that floor.c uses
+    second, third, *later, scale = joints.hardening  # the law in the form that floor.c uses
+    if np.any(later):
+        raise InputError("floor.c has the first two terms of the springs only: use a model without later terms")
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, second,
         joints.unloaded, third, scale,

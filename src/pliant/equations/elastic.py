@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pliant.equations.spring_terms import SPRING_TERMS
+
 LEAST_STRETCH = 0.05  # smallest admissible ratio of a segment's length to its unstretched length
-TERMS = 2  # number of nonlinear terms of a spring's torque: the first rows of `symbols.Joints.hardening`
+TERMS = len(SPRING_TERMS)  # nonlinear terms of a spring's torque: the first rows of `symbols.Joints.hardening`
 ROWS = TERMS + 1  # of `hardening`; the last one, R, bounds the change of the slope by the first term
 TWO_THIRDS = 2.0 / 3.0
 

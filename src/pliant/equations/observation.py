@@ -7,9 +7,31 @@ whole motion.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # kinds of rows of a measurement
+
+
+class RowKind(NamedTuple):
+    """What a kind of row measures, its unit, and in which dimensions of space `observe_rows` computes it."""
+
+    meaning: str
+    unit: str
+    dimensions: tuple[int, ...]
+
+
+KINDS = {  # of every kind, in the order of its number
+    ANGLE: RowKind("angle of a link from the base", "rad", (2,)),
+    ALONG_X: RowKind("x of a point", "m", (2, 3)),
+    ALONG_Y: RowKind("y of a point", "m", (2, 3)),
+    JOINT: RowKind("angle of a link from the link before it", "rad", (2,)),
+    ALONG_Z: RowKind("z of a point", "m", (3,)),
+    TURN_X: RowKind("x of the rotation vector of a link", "rad", (3,)),
+    TURN_Y: RowKind("y of the rotation vector of a link", "rad", (3,)),
+    TURN_Z: RowKind("z of the rotation vector of a link", "rad", (3,)),
+}
 
 
 def place_links(x, base_angle, chain, links):
@@ -106,8 +128,8 @@ def observe_rows(x, frame, links, seen, H):
     """Write the m predicted measurements at coordinates x (N,) to `seen` (m,), and their derivatives by x to H (m, N).
 
     A row of `frame.rows` is (kind, link, along, across). It measures the angle of a link [rad], from +y or from the
-    link before it, or the x or y position [m] of a point fixed to the link. `links` is scratch. Chains in space use
-    `spatial_observation.observe_rows`.
+    link before it, or the x or y position [m] of a point fixed to the link; other kinds are NaN. `links` is scratch.
+    Chains in space use `spatial_observation.observe_rows`.
     """
     rows = frame.rows
     place_links(x, frame.base_angle, frame.chain, links)
@@ -122,8 +144,10 @@ def observe_rows(x, frame, links, seen, H):
             if kind == JOINT and link > 0:
                 seen[r] -= x[link - 1]
                 H[r, link - 1] = -1.0
-            continue
-        seen[r] = observe_point(kind - ALONG_X, rows[r], frame.chain, links, H[r])
+        elif kind in (ALONG_X, ALONG_Y):
+            seen[r] = observe_point(kind - ALONG_X, rows[r], frame.chain, links, H[r])
+        else:
+            seen[r] = np.nan
 
 
 def tip_outputs(angle, strain, geometry, out):

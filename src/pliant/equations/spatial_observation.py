@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.observation import ALONG_X, ALONG_Z, TURN_X
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, TURN_X, TURN_Y, TURN_Z
 from pliant.equations.spatial import pose_links, stumpff
 from pliant.equations.spatial_points import axis_slope, point_position
 
@@ -35,21 +35,23 @@ def observe_rows(x, frame, links, seen, H):
     derivatives by x to H (m, N).
 
     A row of `frame.rows` is (kind, link, along, across, aside). It measures x, y or z [m] of a point fixed to a link.
-    Three consecutive rows measure the orientation of a link. `links` is scratch. The planar function is
-    `observation.observe_rows`.
+    Three consecutive rows measure the orientation of a link; other kinds are NaN. `links` is scratch. The planar
+    function is `observation.observe_rows`.
     """
     rows = frame.rows
     pose_links(x, frame.chain, links)
     for r in range(rows.shape[0]):
         kind = int(rows[r, 0])
         link = int(rows[r, 1])
-        if kind < TURN_X:
+        if kind in (ALONG_X, ALONG_Y, ALONG_Z):
             axis = 2 if kind == ALONG_Z else kind - ALONG_X
             point_position(link, rows[r, 4], rows[r, 3], rows[r, 2], links, links.turn)
             axis_slope(axis, link, rows[r, 2], links.turn, frame.chain, links, H[r])
             seen[r] = links.turn[axis]
         elif kind == TURN_X:
             observe_turn(link, frame.values[r : r + 3], links, seen[r : r + 3], H[r : r + 3])
+        elif kind not in (TURN_Y, TURN_Z):  # those are written with TURN_X
+            seen[r] = np.nan
 
 
 def observe_turn(link, value, work, seen, H):

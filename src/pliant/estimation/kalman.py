@@ -14,12 +14,11 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import chamber
 from pliant.equations.memory import memory_angle
-from pliant.equations.observation import ANGLE, JOINT, TURN_X
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
-from pliant.estimation.measurement import check_frame, flips
+from pliant.estimation.measurement import IN_RADIANS, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
@@ -287,7 +286,7 @@ class KalmanFilter:
         self.counts.flipped += flips(event.rows, event.value, workspace.seen)
         self.counts.last_ratio = square / used if used else math.nan
         off = np.abs(event.value - workspace.seen)
-        angular = (event.rows[:, 0] == ANGLE) | (event.rows[:, 0] == JOINT) | (event.rows[:, 0] >= TURN_X)
+        angular = np.isin(event.rows[:, 0], IN_RADIANS)
         if used and np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad or {LARGEST} body lengths"
 

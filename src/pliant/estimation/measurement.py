@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT, TURN_X, TURN_Y, TURN_Z
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT, KINDS, TURN_X, TURN_Y, TURN_Z
 from pliant.errors import InputError
 from pliant.estimation.noise import Noise
 from pliant.identification.residuals import measured_turns
@@ -22,6 +22,8 @@ from pliant.simulation import state
 Array = np.ndarray
 AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 TURNS = (TURN_X, TURN_Y, TURN_Z)
+MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.dimensions] for d in (2, 3)}
+IN_RADIANS = [kind for kind, row in KINDS.items() if row.unit == "rad"]
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
@@ -73,8 +75,8 @@ def row_width(model: Model) -> int:
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
-    """Raise InputError if a measured frame is invalid: its rows, values and variances differ in number, or an
-    orientation does not have three successive rows or exceeds half a turn.
+    """Raise InputError if a measured frame is invalid: its rows, values and variances differ in number, a row has an
+    unknown kind or link, or an orientation does not have three successive rows or exceeds half a turn.
 
     Raises
     ------
@@ -87,7 +89,15 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
             f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
             f"and variances {variance.shape}"
         )
-    turns = np.flatnonzero(rows[:, 0] >= TURN_X)
+    dimension = 2 if model.space is None else 3
+    known = np.isin(rows[:, 0], MEASURED_IN[dimension]) & np.isin(rows[:, 1], range(model.n))
+    if not known.all():
+        raise InputError(
+            f"a row must begin with a kind of measurement, in {dimension} dimensions "
+            f"{', '.join(f'{kind} ({KINDS[kind].meaning})' for kind in MEASURED_IN[dimension])}, and a link from 0 to "
+            f"{model.n - 1}, got {rows[~known][0, :2].tolist()}: make rows with rows_of"
+        )
+    turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
     if not turns.size:
         return
     threes = rows[turns, :2].reshape(-1, 3, 2) if turns.size % 3 == 0 else np.empty((0, 3, 2))
@@ -107,7 +117,7 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 
     These are the orientations that were given but are NaN in `seen` (..., m).
     """
-    turned = rows[:, 0] >= TURN_X
+    turned = np.isin(rows[:, 0], TURNS)
     given, found = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
     return int((np.isfinite(given).all(axis=-1) & np.isnan(found[..., 0])).sum())
 

@@ -20,7 +20,7 @@ from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, Text, parameters
 from pliant.exporters.c_space import text_of
-from pliant.exporters.features import ALL
+from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
@@ -35,7 +35,12 @@ from pliant.simulation.time_step import shared_step, warn_too_coarse
 from pliant.text import escaped
 
 Array = np.ndarray
-CAN = ALL - {"second_order", "opening", "settling", "dead_band"}
+CAN = LATER_TERMS | {
+    "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "curved_segments", "axial_memory",
+    "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag", "rates",
+    "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
+    "tendon_friction", "pair_pretension", "boucwen",
+}
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
 
 

@@ -13,10 +13,10 @@ from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.equations import energy, inertia, laws, motion, symbols
 from pliant.equations.elastic import ROWS, TERMS
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.extension import CURVES
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of

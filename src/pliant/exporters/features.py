@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.equations.laws import POLYNOMIAL
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
 from pliant.model import Chamber, Memory, Model, Space, Tendon
 from pliant.model.extension import CURVES
 from pliant.model.model import DEFAULTS
-from pliant.model.spring import SPRING_TERMS
 from pliant.simulation.state import equilibrium, first_alone, typical_pressure
 
 
@@ -83,11 +83,12 @@ def unbounded(model: Model) -> Model:
     """Return the model with polynomial springs in place of its springs whose softening is bounded. The new torque at
     the joint angle q is K q (1 + s q + a q^2); K is kept, s and a are fitted to the old torque.
 
-    The fit covers the bend up to that of the typical pressure.
+    The fit covers the bend up to that of the typical pressure. Terms of the springs after these two are kept.
     """
+    bare = springs_of(model.with_(**dict.fromkeys(LATER_TERMS, 0.0)))
     most = max(np.abs(equilibrium(model, first_alone(model, typical_pressure(model)))).max(), 0.01)
     bend = np.linspace(-most, most, 41)[:, None]
-    held = np.array([springs_of(model).torque(np.full(model.n, q)) for q in bend[:, 0]])
+    held = np.array([bare.torque(np.full(model.n, q)) for q in bend[:, 0]])
     more = (held / model.stiffness - bend) / most
     shape, *_ = np.linalg.lstsq((bend / most) ** [2, 3], more)
     return model.with_(stiffening=shape[0] / most, cubic_stiffening=shape[1] / most**2, stiffening_bound=[0.0])
@@ -112,7 +113,12 @@ def first_order(chamber: Chamber) -> Chamber:
 
 def soft(model: Model) -> bool:
     """Return whether the model's joint springs are nonlinear (soften or stiffen with the angle)."""
-    return bool(model.stiffening.any() or model.cubic_stiffening.any())
+    return any(getattr(model, name).any() for name in SPRING_TERMS)
+
+
+def straight_springs(model: Model) -> Model:
+    """Return the model with linear springs in its joints."""
+    return model.with_(**dict.fromkeys(CURVES, 0.0))
 
 
 def untwisted(model: Model) -> Model:
@@ -233,7 +239,7 @@ FEATURES: dict[str, Feature] = {
     "softening": Feature(
         "springs that soften or stiffen",
         when("softening springs", soft),
-        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0], stiffening_bound=[0.0]),
+        straight_springs,
         ("Model.stiffening", "Model.cubic_stiffening"),
     ),
     "bounded": Feature(
@@ -316,7 +322,7 @@ FEATURES: dict[str, Feature] = {
     "soft_swing": Feature(
         "springs that soften or stiffen, of a body in space",
         when("springs that soften with the size of a swing", lambda m: m.space is not None and soft(m)),
-        lambda m: m.with_(stiffening=[0.0], cubic_stiffening=[0.0], stiffening_bound=[0.0]),
+        straight_springs,
         ("Model.stiffening", "Model.cubic_stiffening"),
     ),
     "space_memory": Feature(
@@ -348,8 +354,6 @@ EVERYWHERE = (  # fields that every target writes, names, and fields that contai
 KNOWN = frozenset(EVERYWHERE).union(*(feature.fields for feature in FEATURES.values()))
 ALL = frozenset(FEATURES)
 LATER_TERMS = frozenset(tuple(SPRING_TERMS)[2:])  # later terms of the springs, see `SPRING_TERMS`
-RUBBER = frozenset({"swelling", "inflation"})
-AXIAL = frozenset({"curved_segments", "axial_memory"})
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:

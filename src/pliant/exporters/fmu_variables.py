@@ -11,12 +11,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from pliant.equations.laws import LAWS
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Tendon
 from pliant.model.extension import CURVES
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")

@@ -22,7 +22,6 @@ import numpy as np
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.features import ALL, AXIAL, LATER_TERMS, RUBBER
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -43,10 +42,10 @@ from pliant.simulation.state import equilibrium, typical_pressure
 from pliant.text import identifiers
 
 Array = np.ndarray
-CAN = ALL - AXIAL - RUBBER - LATER_TERMS - {
-    "bounded", "own_law", "lagging_law", "two_lags", "second_order", "rates",
-    "opening", "settling", "dead_band", "boucwen", "soft_swing", "space_memory", "tendon_friction", "pair_pretension",
-}
+CAN = frozenset({
+    "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "gravity", "softening", "law",
+    "dead_time", "lag", "creep", "slip", "space", "twist", "tendons",
+})
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge, since MuJoCo needs an inertia
 TINY = 1e-12  # kg m^2, of a hidden body
 STRONGEST = 1e6  # N, upper limit of a tendon's force

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.features import ALL, RUBBER
+from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
@@ -28,8 +28,11 @@ from pliant.model import Model
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
-CAN = ALL - RUBBER - {"points", "two_lags", "rates", "opening", "settling", "dead_band", "slip", "boucwen",
-                      "axial_memory", "space_memory", "tendon_friction"}  # fmt: skip
+CAN = LATER_TERMS | {
+    "springs", "drive", "chambers", "lengthening", "space_lengthening", "curved_segments", "gravity", "softening",
+    "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "creep", "space", "twist",
+    "soft_swing", "tendons", "pair_pretension",
+}
 
 
 def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS, in_words
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import owners
 from pliant.model import Extension, Model
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {
     "axial_stiffness": ("N", 1e-6, np.inf, 0.0, "EA of an extensible segment, force per strain"),
     "axial_damping": ("N s", 0.0, np.inf, 0.0, "force per strain rate of an extensible segment"),
     **{
-        f"axial_{name}": ("1", *bounds, f"{term.letter} of axial springs EA e (1 + s e + a e^2) of the strain e")
-        for (name, term), bounds in zip(SPRING_TERMS.items(), ((-100.0, 100.0, 2.0), (-1e4, 1e4, 50.0)), strict=True)
+        f"axial_{name}": ("1", *term.axial, f"{term.letter} of axial springs {in_words(law='EA e')} of the strain e")
+        for name, term in SPRING_TERMS.items()
     },
     f"axial_{SPRING_BOUND}": ("1", 1e-3, 0.99, 0.2, "f of them: what s does to the slope at most, in parts of EA"),
     "axial_gain": ("1/m", -1e5, 1e5, 0.0, "axial force of a chamber over its torque; 1 / offset by geometry"),

@@ -152,12 +152,11 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
     return rotation_vectors(np.swapaxes(measured, -1, -2) @ turned)
 
 
-def turn_slopes(rows: Array, derivatives: Array, oriented: Array, measured: Array) -> Array:
-    """Return the derivatives (P, T, m, 3) with respect to P parameters of the rotation vectors from the measured to the
-    modelled orientation of m stations in T frames. `derivatives` (P, T, S + 2 m, 3) are those of the modelled
-    positions.
+def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:
+    """Return the derivatives (P, T, m, 3) with respect to P parameters of ``function(rows)`` (T, m, 3), by complex
+    steps. `derivatives` (P, T, S, 3) are those of the modelled positions and angles `rows` (T, S, 3).
     """
-    return np.asarray(turns_off(rows + 1j * TINY * derivatives, oriented, measured).imag / TINY)
+    return np.asarray(function(rows + 1j * TINY * derivatives).imag / TINY)
 
 
 def rotation_vectors(R: Array) -> Array:

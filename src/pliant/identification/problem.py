@@ -133,7 +133,7 @@ class Problem:
             free_sizes = {self.free[k].name: sizes[self.free[k].name] for k in mine}
             slopes = slopes_of(self.model, o.exp, values, free_sizes, self.time_step, self.plans)
             rows = None
-            if o.exp.oriented.size:
+            if o.more:
                 forward = forward_problem(self.model, o.exp, values, self.time_step, self.plans)
                 rows = observed_rows(forward, forward.numbers, o.exp.time.size)
             J[end - o.count : end, mine] = o.slopes(slopes, rows).T

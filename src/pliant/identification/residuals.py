@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from pliant.identification.experiment import Experiment
-from pliant.identification.observation import rotation_vectors, turn_slopes, turns_off
+from pliant.identification.observation import rotation_vectors, slopes_through, turns_off
 from pliant.identification.prediction import referenced_angles
 from pliant.preprocessing.detectors import quantum
 
@@ -33,9 +36,9 @@ class Observations:
         angle = np.full(exp.position.shape[:2], np.nan) if exp.angle is None else exp.angle
         self.exp, self.planar = exp, exp.dimension == 2
         position = np.full_like(exp.position, np.nan) if exp.angles_alone else exp.position
-        self.data = np.concatenate([position, angle[..., None]], axis=2) if self.planar else position
-        self.seen = np.isfinite(self.data)
-        self.rows, self.station, self.channel = np.nonzero(self.seen)
+        self.take(np.concatenate([position, angle[..., None]], axis=2) if self.planar else position)
+        self.more: list[Callable[[Array], Array]] = []  # modelled values of kinds beside positions and angles
+        self.unknown: list[tuple[int, tuple[int, ...]]] = []  # their rows and channels whose noise level is not given
         swing = angle_travel(exp)
         stations = np.ones(len(exp.stations)) if weighting == "noise" else length_weights(exp)
         scale = {"travel": (exp.travel, swing), "metre": (1.0, swing / exp.travel), "noise": (1.0, 1.0)}[weighting]
@@ -50,16 +53,31 @@ class Observations:
         (m,) holds the weights of the stations.
         """
         turn, seen = measured_turns(quaternion)
-        self.turn, vectors = turn, np.where(seen[..., None], rotation_vectors(turn), np.nan)
+        vectors = np.where(seen[..., None], rotation_vectors(turn), np.nan)
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
         scale = {"travel": swing, "metre": swing / self.exp.travel, "noise": 1.0}[weighting]
         weight = np.repeat(np.sqrt(share)[:, None], 3, axis=1) / scale
+        known = self.exp.orientation_noise
         if weighting == "noise":
-            known = self.exp.orientation_noise
             weight /= white_noise(vectors) if known is None else known
-        self.data = np.concatenate([self.data, 0.0 * vectors], axis=1)
+        off = partial(turns_off, oriented=self.exp.oriented, measured=turn)
+        self.add(0.0 * vectors, weight, off, noise_known=known is not None)
+
+    def add(self, values: Array, weight: Array, modelled: Callable[[Array], Array], *, noise_known: bool) -> None:
+        """Add m values (T, m, 3) of another kind in T frames, with their weights (m, 3).
+
+        ``modelled(rows)`` returns what the model says of them, (..., T, m, 3), from the positions and angles (..., T,
+        S, 3) of S observed points. Its derivatives are those of complex steps, so that it must take complex numbers.
+        """
+        first = self.data.shape[1]
+        self.take(np.concatenate([self.data, values], axis=1))
         self.weight = np.concatenate([self.weight, weight])
-        self.seen = np.isfinite(self.data)
+        self.more.append(modelled)
+        self.unknown += [] if noise_known else [(first + i, (0, 1, 2)) for i in range(values.shape[1])]
+
+    def take(self, data: Array) -> None:
+        """Set the observed values (T, S, 3), NaN where nothing was seen, and the indices of those that were seen."""
+        self.data, self.seen = data, np.isfinite(data)
         self.rows, self.station, self.channel = np.nonzero(self.seen)
 
     @property
@@ -85,7 +103,7 @@ class Observations:
         """Return the derivatives (P, N) of N weighted residuals with respect to P parameters, from those of the
         positions and angles of S stations in T frames, (P, T, S, 3).
 
-        With observed orientations, `rows` (T, S, 3) themselves are needed too.
+        If there are values of further kinds (`more`), `rows` (T, S, 3) themselves are needed too.
         """
         return self.modelled(derivatives, rows)[:, self.seen] * self.flat_weight
 
@@ -96,21 +114,20 @@ class Observations:
         found = [(s, places) for s, name in enumerate(exp.stations) if name not in exp.noise]
         if self.planar and exp.angle_noise is None:
             found += [(s, (2,)) for s in range(len(exp.stations))]
-        if exp.orientation_noise is None:
-            found += [(len(exp.stations) + i, (0, 1, 2)) for i in range(exp.oriented.size)]
-        return found
+        return found + self.unknown
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
         """Return modelled positions and angles in the form of the observed ones. Angles are measured from the
         recording's reference. An orientation is returned as the rotation vector [rad] from the measured one.
         """
-        if self.exp.oriented.size:  # `about`: the rows themselves, if `rows` are their derivatives
-            stations, given = len(self.exp.stations), (self.exp.oriented, self.turn)
-            off = turns_off(rows, *given) if about is None else turn_slopes(about, rows, *given)
-            return np.concatenate([rows[..., :stations, :], off], axis=-2)
-        if self.exp.angle is None:
-            return rows
-        return np.concatenate([rows[..., :2], referenced_angles(self.exp, rows)[..., None]], axis=-1)
+        own = rows
+        if self.exp.angle is not None:
+            own = np.concatenate([rows[..., :2], referenced_angles(self.exp, rows)[..., None]], axis=-1)
+        if not self.more:
+            return own
+        # `about`: the rows themselves, if `rows` are their derivatives
+        more = [of(rows) if about is None else slopes_through(of, about, rows) for of in self.more]
+        return np.concatenate([own[..., : len(self.exp.stations), :], *more], axis=-2)
 
 
 def measured_turns(quaternion: Array) -> tuple[Array, Array]:

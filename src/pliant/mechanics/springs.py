@@ -1,6 +1,6 @@
 """Joint springs as arrays: torque, stiffness, angle under a given torque, and the largest torque of a softening spring.
 
-The law is `equations.elastic.spring_torque`, with the terms of `model.spring.SPRING_TERMS`. This module adds its
+The law is `equations.elastic.spring_torque`, with the terms of `equations.spring_terms`. This module adds its
 inverse and its limits.
 """
 
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from pliant.equations.elastic import TERMS, spring_slope, spring_torque
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import SimulationError
 from pliant.model import Model
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 Array = np.ndarray
 EVERY = slice(None)  # joint
@@ -75,7 +75,9 @@ class Springs:
         """Return the smallest positive angles [rad] at which the springs lose their stiffness, infinite where they
         never do.
         """
-        s, a = self.terms  # roots of 1 + 2 s q + 3 a q^2
+        s, a, *later = self.terms  # roots of 1 + 2 s q + 3 a q^2
+        if any(term.any() for term in later):
+            return self.turn_of_all_terms()
         inside = s * s - 3.0 * a
         inverse = np.where(inside > 0, np.sqrt(np.maximum(inside, 0.0)) - s, 0.0)
         with np.errstate(divide="ignore"):
@@ -87,6 +89,32 @@ class Springs:
             holds = self.slope(middle) > 0
             low, high = np.where(holds, middle, low), np.where(holds, high, middle)
         return np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
+
+    def turn_of_all_terms(self) -> Array:
+        """Return the same angles as `turn`, for any number of terms, by the roots of polynomials.
+
+        Where the first term is bounded, the root lies between those of the least and of the largest slope within the
+        bound. Of 257 angles there, the first without stiffness is refined by bisection.
+        """
+        rows = np.stack([(k + 2.0) * term for k, term in enumerate(self.terms)])
+        free = positive_roots(rows).min(axis=-1)
+        if not self.bound.any():
+            return free
+        rows[0] = 0.0
+        least = positive_roots(rows / (1.0 - np.where(self.terms[0] < 0, self.bound, 0.0)))
+        most = positive_roots(rows / (1.0 + np.where(self.terms[0] > 0, self.bound, 0.0))).min(axis=-1)
+        low, last = least.min(axis=-1), np.where(np.isfinite(least), least, 0.0).max(axis=-1)
+        high = np.where(np.isfinite(most), most * (1.0 + 1e-9), last)
+        low = np.where(np.isfinite(low), low, 0.0)
+        angles = np.linspace(low, high, 257)
+        lost = np.array([self.slope(q) <= 0 for q in angles])
+        first = np.maximum(lost.argmax(axis=0), 1)[None]
+        low, high = (np.take_along_axis(angles, k, axis=0)[0] for k in (first - 1, first))
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            holds = self.slope(middle) > 0
+            low, high = np.where(holds, middle, low), np.where(holds, high, middle)
+        return np.where(self.bound > 0, np.where(lost.any(axis=0), low, np.inf), free)
 
     def most(self, torque: Array) -> Array:
         """Return the largest torque [N m] that each spring can hold in the direction of `torque` (n, ...), as an
@@ -117,6 +145,25 @@ class Springs:
             below = unit.torque(middle) < size
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         return np.where(held, np.sign(x) * 0.5 * (low + high), np.nan)
+
+
+def positive_roots(rows: Array) -> Array:
+    """Return the positive roots q (..., m) of the polynomials 1 + rows[0] q + ... + rows[m - 1] q^m, for coefficients
+    `rows` (m, ...); infinite in place of other roots.
+
+    1 / q are the eigenvalues of the companion matrix of the reversed polynomial, which stays monic where high
+    coefficients are 0.
+    """
+    m = len(rows)
+    companion = np.zeros((*rows.shape[1:], m, m))
+    companion[..., 0, :] = -np.moveaxis(rows, 0, -1)
+    companion[..., np.arange(1, m), np.arange(m - 1)] = 1.0
+    inverse = np.linalg.eigvals(companion)
+    real = (np.abs(inverse.imag) <= 1e-7 * np.abs(inverse)) & (inverse.real > 0)
+    q = np.where(real, 1.0 / np.where(real, inverse.real, 1.0), 0.0)
+    terms = np.moveaxis(rows, 0, -1)[..., None, :] * q[..., None] ** np.arange(1, m + 1)
+    is_root = np.abs(1.0 + terms.sum(axis=-1)) <= 1e-6 * (1.0 + np.abs(terms).sum(axis=-1))
+    return np.where(real & is_root, q, np.inf)
 
 
 def springs_of(source: Model | Mapping[str, Any]) -> Springs:

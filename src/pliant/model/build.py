@@ -7,7 +7,8 @@ from typing import Unpack
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.model import KEYWORD_DEFAULTS, ChainValues, Model
+from pliant.model.model import KEYWORD_DEFAULTS, Model
+from pliant.model.parameters import ChainValues
 from pliant.options import full_signature
 
 

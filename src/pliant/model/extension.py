@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.model.checks import one_number
 from pliant.model.limits import check_limit
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 
 Array = np.ndarray
 CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring soften or stiffen, as those of a joint

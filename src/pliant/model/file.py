@@ -13,14 +13,14 @@ from typing import Any, Literal, TypeVar, get_origin, get_type_hints
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field_validator
 
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
 from pliant.model.chamber import Chamber
-from pliant.model.extension import Extension
+from pliant.model.extension import CURVES, Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
 from pliant.model.space import Space
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
 from pliant.model.station import Station
 from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
@@ -126,6 +126,11 @@ class ExtensionEntry(Table):
     """Table of one extensible segment in a model file."""
 
 
+@fields_of(Extension, without={f.name for f in fields(Extension)} - {*CURVES})
+class AxialCurve(Table):
+    """Entries of the nonlinear terms of an axial spring, for tables of other files."""
+
+
 @fields_of(Memory)
 class MemoryEntry(Table):
     """Table of the hysteresis parameters of joints and segments in a model file."""
@@ -141,9 +146,6 @@ class _Chain(Table):
     link_mass: list[float]
     stiffness: list[float]
     damping: list[float]
-    stiffening: list[float] = [0.0]
-    cubic_stiffening: list[float] = [0.0]
-    stiffening_bound: list[float] = [0.0]
     mass_at: Literal["rod", "tip"] = "rod"
     tip_mass: float = 0.0
     base_length: float = 0.0
@@ -169,12 +171,15 @@ class _Chain(Table):
         return units
 
 
+SPRINGS: dict[str, Any] = dict.fromkeys(CURVES, (list[float], [0.0]))  # nonlinear terms of the joints
 SINGLE: dict[str, Any] = {  # entries of a model with one chamber, in place of `chambers`
     name: (field.annotation | None, None)
     for name, field in ChamberEntry.model_fields.items() if name != "name" and field.annotation
 }  # fmt: skip
 ModelFile = create_model(
-    "ModelFile", __base__=_Chain, __doc__="All entries of a model file, with their types and default values.", **SINGLE)
+    "ModelFile", __base__=_Chain, __doc__="All entries of a model file, with their types and default values.",
+    **SPRINGS, **SINGLE,
+)  # fmt: skip
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
-from pliant.model.spring import SPRING_TERMS
 
 MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is not a reduced model
 MOST_TERMS = 16  # of the torque law, and branches of each kind of hysteresis

@@ -10,18 +10,18 @@ from typing import Any, Unpack
 import numpy as np
 
 from pliant.display import Card
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
-from pliant.model.chamber import FIELDS, Chamber, ChamberValues
+from pliant.model.chamber import FIELDS, Chamber
 from pliant.model.checks import numbers, one_number
 from pliant.model.extensible import joints_inside
-from pliant.model.extension import Extension, extensions_of
+from pliant.model.extension import extensions_of
 from pliant.model.limits import MOST_LINKS
 from pliant.model.memory import Memory
-from pliant.model.parameters import ModelParameters
+from pliant.model.parameters import ChainValues, ModelParameters
 from pliant.model.physical import check_physical
-from pliant.model.space import Space, space_of
-from pliant.model.spring import SPRING_BOUND, SPRING_TERMS
+from pliant.model.space import space_of
 from pliant.model.station import stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
@@ -31,32 +31,6 @@ Array = np.ndarray
 PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS, SPRING_BOUND)
 ARRAYS = (*PER_LINK, "gravity")
 SCALARS = ("tip_mass", "base_length", "base_angle")
-
-
-class ChainValues(ChamberValues, total=False):
-    """Type of the keyword arguments of `Model`, without the lengths and masses of the links.
-
-    Those of `Chamber` are for a model with a single chamber.
-    """
-
-    stiffness: Any
-    damping: Any
-    chambers: tuple[Chamber, ...]
-    rest_angle: Any
-    stiffening: Any
-    cubic_stiffening: Any
-    stiffening_bound: Any
-    mass_at: str
-    tip_mass: float
-    base_length: float
-    base_angle: float
-    gravity: Any
-    memory: Memory
-    extensions: tuple[Extension, ...]
-    space: Space | None
-    stations: Any
-    name: str
-    source: dict[str, str]
 
 
 class Values(ChainValues, total=False):

@@ -4,17 +4,44 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pliant.display import Shown
-from pliant.model.chamber import Chamber
+from pliant.model.chamber import Chamber, ChamberValues
 from pliant.model.extension import Extension, shares
 from pliant.model.memory import Memory
 from pliant.model.space import Space
 from pliant.model.station import Station
 
 Array = np.ndarray
+
+
+class ChainValues(ChamberValues, total=False):
+    """Type of the keyword arguments of `Model`, without the lengths and masses of the links.
+
+    Those of `Chamber` are for a model with a single chamber.
+    """
+
+    stiffness: Any
+    damping: Any
+    chambers: tuple[Chamber, ...]
+    rest_angle: Any
+    stiffening: Any
+    cubic_stiffening: Any
+    stiffening_bound: Any
+    mass_at: str
+    tip_mass: float
+    base_length: float
+    base_angle: float
+    gravity: Any
+    memory: Memory
+    extensions: tuple[Extension, ...]
+    space: Space | None
+    stations: Any
+    name: str
+    source: dict[str, str]
 
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)

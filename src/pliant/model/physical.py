@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection
 from math import inf, isfinite
 
+from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
 from pliant.model.checks import check_numbers
 from pliant.model.extensible import check_extensions
 from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
 from pliant.model.parameters import ModelParameters
 from pliant.model.space import check_space
-from pliant.model.spring import SPRING_TERMS
 
 LIGHTEST = LIMITS["link_mass"].least
 POSITIVE = ("link_length", "stiffness")

@@ -6,10 +6,10 @@ import numpy as np
 
 from pliant.display import Card
 from pliant.drawing import body_svg
+from pliant.equations.spring_terms import SPRING_TERMS, in_words
 from pliant.model.extension import Extension
 from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
-from pliant.model.spring import SPRING_TERMS, in_words
 
 BENT = (0.1, 0.2)  # rad, of each joint: bent shapes in the drawing
 HEAD = ("link", "length mm", "mass g", "stiffness N m/rad", "damping N m s/rad", "rest angle deg")

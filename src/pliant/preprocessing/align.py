@@ -30,6 +30,7 @@ from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
 from pliant.preprocessing.side import bending_sign, half_turn, planar_side
 from pliant.recording import append_history, check_recording, make_recording
+from pliant.recording.schema import refuse_loss
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -324,6 +325,7 @@ def _aligned(
     )  # fmt: skip
     others = recording.drop_dims("station").drop_vars(["axis", "component"], errors="ignore")
     result = result.assign({n: others[n] for n in others.data_vars}).assign_attrs(attrs)
+    refuse_loss(recording, result, "align", ("quaternion", "angle"))
     space = report.frame == "spatial"
     frame = f"base {report.base} at the origin, tangent {report.tangent} along +{'z' if space else 'y'}, "
     frame += f"plane {report.plane}{' normal to x' if space else ''}"

@@ -9,7 +9,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.numerics.spline import local_cubic_matrix
 from pliant.preprocessing.arc_length import station_arc_length, whole_frames
-from pliant.recording.schema import append_history, check_recording
+from pliant.recording.schema import append_history, check_recording, refuse_loss
 
 FEWEST_FRAMES = 10
 TOUCH = 1e-9  # m: a station that is this close to an end belongs to the body
@@ -88,6 +88,7 @@ def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
         start = base
     cut = cut.assign_coords(arc_length=("station", at - start))
     cut["arc_length"].attrs.update(units="m", long_name="arc length of the station from the base")
+    refuse_loss(recording, cut, "cut_body", ("strain",))
     lead, tail = inside[0], s.size - 1 - inside[-1]
     line = f"cut to the body from {base * 1e3:.2f} to {tip * 1e3:.2f} mm: {lead} station(s) of lead, {tail} of tail"
     return check_recording(append_history(cut, line))

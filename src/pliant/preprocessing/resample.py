@@ -10,6 +10,7 @@ from pliant.errors import InputError
 from pliant.preprocessing.arc_length import station_arc_length
 from pliant.preprocessing.rotations import continuous
 from pliant.recording import append_history, check_recording, make_recording
+from pliant.recording.schema import VARIABLES, refuse_loss
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 LEAST_STATIONS = 4  # a cubic needs four points
 GAP_RATIO = 2.5
+OF_STATIONS = ("time", "station")
 TOUCH = 1e-12  # m: a new station that is this close to an old one coincides with it
 
 
@@ -53,7 +55,7 @@ def resample_time(
         new = old[0] + np.arange(count) / float(rate_hz or np.nan)
     else:
         new = np.asarray(time, dtype=np.float64)
-    arrays = {n: recording[n].values for n in ("position", "quaternion", "angle") if n in recording}
+    arrays = {n: recording[n].values for n in VARIABLES if n in recording and recording[n].dims[:2] == OF_STATIONS}
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
     resampled = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
@@ -61,6 +63,7 @@ def resample_time(
         norm = np.linalg.norm(resampled["quaternion"], axis=-1, keepdims=True)
         resampled["quaternion"] = resampled["quaternion"] / np.where(norm > 0.1, norm, np.nan)
     result = _with(recording.drop_dims("time"), recording, resampled, time=new)
+    refuse_loss(recording, result, "resample_time", ("strain",))
     empty = int(np.isnan(resampled["position"]).any(-1).sum())
     bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
     return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
@@ -134,6 +137,7 @@ def resample_arc_length(
         station=[f"s{i:03d}" for i in range(len(new))],
         arc_length=new,
     )
+    refuse_loss(recording, result, "resample_arc_length", ("quaternion", "angle", "strain"))
     empty = int(np.isnan(place).any(-1).sum())
     line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({findings[0]}), "
             f"{1e3 * (arc[-1] - new[-1]):.3g} mm left over at the tip, {empty} points missing")  # fmt: skip

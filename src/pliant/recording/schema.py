@@ -154,6 +154,17 @@ def make_recording(
     return check_recording(recording)
 
 
+def refuse_loss(before: xr.Dataset, after: xr.Dataset, step: str, dropped: Sequence[str] = ()) -> None:
+    """Raise InputError if a processing `step` lost a variable of a recording that it does not drop on purpose, because
+    the step does not know how to transform it.
+
+    `dropped` holds the names of the variables that the step drops on purpose.
+    """
+    if lost := [name for name in VARIABLES if name in before and name not in after and name not in dropped]:
+        raise InputError(f"{step} would lose {', '.join(lost)} of the recording: leave out this step, or remove "
+                         f"{lost[0]} from the recording")  # fmt: skip
+
+
 def append_history(recording: xr.Dataset, *lines: str) -> xr.Dataset:
     """Return the recording with `lines` appended to its history. The data arrays are shared, not copied."""
     added = (line.replace("\n", " ") for line in lines)

@@ -15,6 +15,7 @@ from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
 from pliant.model import Station
+from pliant.model.file import AxialCurve
 from pliant.simulation.forces import PointForce
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
@@ -59,16 +60,14 @@ class TendonTable(StudyEntry):
     slip_rate: float = Field(1e-3, gt=0)  # m/s, width of the smooth sign change of friction
 
 
-class ExtensionTable(StudyEntry):
-    """A segment of the body that lengthens, between two positions along it."""
+class ExtensionTable(StudyEntry, AxialCurve):
+    """A segment of the body that lengthens, between two positions along it; spring terms as in a model file."""
 
     name: str = Field("body", min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
     start: float = 0.0  # m, from the base
     stop: float | None = None  # m; default: the tip
     stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
     damping: float = Field(0.0, ge=0)  # N s
-    stiffening: float | None = None  # s of an axial spring EA e (1 + s e + a e^2); default: a linear one
-    cubic_stiffening: float | None = None  # a of the same
     stiffening_bound: float | None = Field(None, ge=0, lt=1)  # f: what s does to the slope at most, in parts of EA
 
 

@@ -1,0 +1,69 @@
+"""Every kind of row that the table of measurements lists has the derivative of differences, or is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.equations import observation, spatial_observation
+from pliant.equations.observation import KINDS
+from pliant.errors import InputError
+from pliant.estimation import KalmanFilter, rows_of
+from pliant.estimation.measurement import TURNS
+from pliant.estimation.offline import frame_of
+from pliant.mechanics import mechanics_of
+from pliant.model import Extension, Model, Space, Station
+
+PLANAR = Model(
+    link_length=[0.05, 0.04], link_mass=0.02, stiffness=0.5, damping=0.004, torque=[1e-6], base_length=0.01,
+    base_angle=0.2, extensions=(Extension(300.0, 1.0),), stations=[Station("tip", 1, 0.04)],
+)
+SPATIAL = PLANAR.with_(space=Space(stiffness_ratio=1.2), gravity=np.zeros(3), base_angle=0.0)
+BODIES = {2: (PLANAR, observation.observe_rows), 3: (SPATIAL, spatial_observation.observe_rows)}
+PLACES = [(dimension, kind) for dimension in BODIES for kind in KINDS]
+
+
+def seen_at(dimension, rows, x):
+    """Values and slopes of rows."""
+    model, observe = BODIES[dimension]
+    frame = frame_of(model, rows, np.full(len(rows), 0.1), np.ones(len(rows)))
+    seen, H = np.full(len(rows), np.inf), np.zeros((len(rows), model.size))
+    observe(x, frame, mechanics_of(model).observed()[1], seen, H)
+    return seen, H
+
+
+def rows_with(dimension, kind):
+    """Rows of a kind for both links; an orientation has three."""
+    kinds = TURNS if kind in TURNS else (kind,)
+    rows = [(k, link, 0.03, 0.004, 0.002) for link in (0, 1) for k in kinds]
+    return np.array(rows, dtype=float)[:, : dimension + 2]
+
+
+@pytest.mark.parametrize(("dimension", "kind"), PLACES)
+def test_a_kind_has_its_derivative_or_is_refused(dimension, kind):
+    rows, model = rows_with(dimension, kind), BODIES[dimension][0]
+    x = mechanics_of(model).coordinates(0.1 + 0.05 * np.arange(model.size))
+    seen, H = seen_at(dimension, rows, x)
+    if dimension not in KINDS[kind].dimensions:
+        assert np.isnan(seen).all()
+        with pytest.raises(InputError, match="a row must begin with a kind of measurement"):
+            KalmanFilter(model).push_frame(0.0, rows, np.zeros(len(rows)), np.ones(len(rows)))
+        return
+    assert np.isfinite(seen).all()
+    each = 1e-6 * np.eye(model.size)
+    slope = np.stack([(seen_at(dimension, rows, x + d)[0] - seen_at(dimension, rows, x - d)[0]) / 2e-6 for d in each])
+    np.testing.assert_allclose(H, slope.T, atol=1e-8)
+    assert (np.abs(H).max(axis=1) > 1e-3).any()
+
+
+def test_kinds_are_numbered_in_order():
+    assert list(KINDS) == list(range(len(KINDS)))
+
+
+@pytest.mark.parametrize("wrong", [(9.0, 1.0), (-1.0, 1.0), (1.5, 1.0), (1.0, 2.0), (1.0, -1.0), (np.nan, 1.0)])
+def test_unknown_kinds_and_links_are_refused(wrong):
+    model = PLANAR.with_(extensions=())
+    rows = rows_of(model, model.points)
+    rows[0, :2] = wrong
+    with pytest.raises(InputError, match=r"got \["):
+        KalmanFilter(model).push_frame(0.0, rows, np.zeros(2), np.ones(2))
