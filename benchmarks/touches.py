@@ -139,7 +139,7 @@ def sudden_changes(shown: FilteredFreeMotion) -> np.ndarray:
     """
     answer, made = shown.answer, []
     for part in shown.parts:
-        e, R = np.nan_to_num(part.found["innovation"].values), answer.response[answer.case(part.motion)]
+        e, R = np.nan_to_num(part.estimated["innovation"].values), answer.response[answer.case(part.motion)]
         T, frames = len(e) - R.shape[1], range(R.shape[1])
         y = sum(np.einsum("tm,tmn->tn", e[j : j + T], R[j : j + T, j]) for j in frames)
         information = sum(np.einsum("tmn,tmk->tnk", R[j : j + T, j], R[j : j + T, j]) for j in frames)

@@ -7,9 +7,10 @@ import pytest
 from bodies import LATENCY, NOISE, fitted, free, made
 
 from pliant.contact import find_contact, free_motion, locate
-from pliant.contact.contact import episodes
+from pliant.contact.contact import episodes, filtered_free_motion
 from pliant.contact.free_motion import FreeMotion, Sudden, cumulative, excursions, tail
-from pliant.contact.likelihood_ratio import InnovationResponse
+from pliant.contact.likelihood_ratio import InnovationResponse, likelihood_ratio
+from pliant.contact.moment_arms import moment_arms
 from pliant.contact.occupancy_map import probing_contacts_of
 from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force
@@ -107,7 +108,7 @@ def test_the_threshold_keeps_its_promise_on_known_noise(rng):
 def test_a_contact_is_over_when_what_is_left_is_what_free_motion_drifts(stays, over):
     """Changes of 1 within 0.53 s, a scatter of 2: 1.6 is drift after 0.7 s, 3 is never."""
     period, one = 1 / 75, np.eye(5)
-    sudden = Sudden(InnovationResponse(np.zeros(1), np.zeros((1, 13, 5, 5)), period), np.ones(1), 1.0)
+    sudden = Sudden(InnovationResponse(np.zeros(1), np.zeros((1, 13, 5, 5)), period, np.ones(1)), np.ones(1), 1.0)
     free_of = FreeMotion(np.zeros((1, 5)), 4.0 * one, 0.0, 1.8, 1.0, 0.9, one, sudden, 60.0, period, 1.0, True)
     np.testing.assert_allclose(free_of.drift(np.array([0, 40, 80, 10**6])), [1.0, 1.0, 2.0, 4.0])
     left = np.zeros((600, 5))
@@ -117,6 +118,64 @@ def test_a_contact_is_over_when_what_is_left_is_what_free_motion_drifts(stays, o
     (event,) = episodes(np.zeros(600), fast, since, left, free_of, np.ones(600))
     assert (event.onset, event.alarm) == (75, 77)
     assert event.end == (157 if over else 600)
+
+
+def rung(second=None, frames=400):
+    """Contacts in an exact recording of the test's statistic: a force until frame 150, whose release rings on.
+
+    The release leaves 1000 times the threshold, which falls by a tenth in 8 frames; `second` is another force.
+    """
+    period, one = 1 / 75, np.eye(5)
+    fade = 0.1 ** (np.arange(200) / 8)
+    answer = InnovationResponse(np.zeros(1), np.zeros((1, 13, 5, 5)), period, fade)
+    free_of = FreeMotion(
+        np.zeros((1, 5)), one, 0.0, 1.8, 1.0, 0.9, one, Sudden(answer, np.ones(1), 1.0), 60.0, period, 1.0, True
+    )  # fmt: skip
+    left, fast = np.zeros((frames, 5)), np.full(frames, 0.3)
+    left[75:153], fast[77] = 10.0, 2.0
+    noise = np.sqrt(fast[155:355])
+    fast[155:355] = (np.sqrt(1000.0 * fade) + noise) ** 2  # norms that add up, the worst of all phases
+    if second:
+        fast[second:], left[second + 1 :] = 30.0, 10.0
+    return episodes(np.zeros(frames), fast, np.full(frames, 3), left, free_of, np.ones(frames)), fast
+
+
+def test_what_a_release_leaves_in_the_filter_is_no_contact():
+    events, fast = rung()
+    assert len(events) == 1
+    assert (fast[events[0].end + 15 :] > 1.0).sum() > 5  # 0.2 s after the contact, where a fixed pause ends
+
+
+@pytest.mark.parametrize("second", [176, 200, 300])
+def test_another_force_soon_after_a_release_is_a_contact(second):
+    """Thirty times the threshold, while 2.4 and less of the release is left."""
+    events, _ = rung(second)
+    assert [e.alarm for e in events] == [77, second]
+
+
+def test_the_echo_of_steps_is_the_largest_that_any_of_them_leaves():
+    answer = InnovationResponse(np.zeros(1), np.zeros((1, 1, 1, 1)), 1.0, np.array([1.0, 0.5, 0.25, 0.1]))
+    np.testing.assert_allclose(answer.echo(np.array([100.0, 1.0, 2.0])), [10.0, 0.5, 0.2])
+    np.testing.assert_allclose(answer.echo(np.array([8.0])), [4.0, 2.0, 0.8])
+
+
+@pytest.mark.slow  # compiles the filter
+def test_the_statistic_of_a_step_fades_as_the_filter_follows():
+    """A step of force that the filter itself predicts at rest, in a plane: its statistic stays under the table."""
+    model = fitted("a")
+    answer = filtered_free_motion([free("pulse_60")], model, NOISE, latency=LATENCY).answer
+    assert answer.fade[0] == 1.0
+    assert (np.diff(answer.fade) <= 0.0).all()
+    assert answer.fade[-1] < 1e-6  # long enough
+    x = mechanics_of(model).coordinates(equilibrium(model))
+    J = moment_arms(model, x[None], np.array([4]), np.array([0.02]))[0, 0, 0]
+    e, W = np.zeros((200, answer.response.shape[2])), answer.response.shape[1]
+    e[20 : 20 + W] = 5.0 * answer.response[0] @ J
+    ratio, _ = likelihood_ratio(answer, model, e, np.zeros(200), np.tile(x, (200, 1)))
+    peak = int(ratio.argmax())
+    assert peak < 20 + W
+    later = ratio[peak : 20 + W] / ratio[peak]
+    assert (later <= answer.fade[: later.size] * (1 + 1e-9)).all()
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,6 @@ from pliant.recording import make_recording, write
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 5e-3}
 H, SUB, NOISE = 1 / 75, 10, 1e-4
-AFTER = 0.6  # s in which an arm that was let go swings faster than the free motion ever did
 
 
 def test_moment_arms_are_those_of_virtual_work(rng):
@@ -173,7 +172,7 @@ def commanded(folder, *recordings):
 
 @pytest.mark.slow  # compiles the filter, for sizes that tests of the filter have
 def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco(tmp_path):
-    """Two forces of 0.2 N on the last link are noticed within 0.1 s; without them there is no alarm.
+    """Two forces of 0.2 N on the last link are noticed within 0.1 s, their releases not; without them is no alarm.
 
     The place lies within its interval, what is across the body is right to 15 %, all three components to what is said.
     """
@@ -183,7 +182,7 @@ def test_a_push_is_noticed_located_and_measured_in_an_arm_of_mujoco(tmp_path):
     pushes = [(4.0, 5.0, np.array([0.15, -0.12, 0.0])), (8.0, 9.0, np.array([-0.1, 0.15, 0.08]))]
     report, found = commanded(tmp_path, *free, filmed(4, 12.0, pushes))
     alarms = np.array(found.attrs["alarm_s"])
-    assert all(any(start < alarm < stop + AFTER for start, stop, _ in pushes) for alarm in alarms)
+    assert len(alarms) == len(pushes)  # none while the filter still shows a release, up to half a second after it
     for start, stop, force in pushes:
         assert start < alarms[alarms > start][0] < start + 0.1
         late = found.sel(time=slice(start + 0.6, stop - 0.05))

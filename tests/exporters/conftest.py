@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from target_models import MODELS, SPATIAL, two_chambers
+from target_models import MODELS, SPATIAL, flat_longer, two_chambers
 
 from pliant.model import Model
 
@@ -16,8 +16,8 @@ def branched() -> Model:
 
 @pytest.fixture(params=list(MODELS))
 def model(request: pytest.FixtureRequest) -> Model:
-    """Each of the three."""
-    return MODELS[request.param]()
+    """Each of the three; a test may ask for one that lengthens too."""
+    return {**MODELS, "flat_longer": flat_longer}[request.param]()
 
 
 @pytest.fixture(params=list(SPATIAL))

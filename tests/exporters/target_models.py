@@ -91,4 +91,25 @@ def longer(links: int = 3) -> Model:
     return model.with_(chambers=(near, far, cord), extensions=segments, name="longer")
 
 
+EVERY_BRANCH = Memory(
+    (0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1, axial_creep_share=(0.2, 0.1), axial_creep_time=(3.0, 0.1),
+    axial_slip_share=(0.1, 0.2), axial_slip_strain=(0.01, 0.03),
+)  # of joints and of segments
+
+
+def flat_longer(links: int = 2) -> Model:
+    """In a plane, two segments that lengthen, of which one softens; one with one link. A point beside a link."""
+    stop = None if links == 1 else 0.15
+    segments = (Extension(60.0, 0.05, 0.0, stop, "lower", -0.3, 0.7, 0.6), Extension(40.0, 0.03, 0.15, None, "upper"))
+    chambers = (
+        Chamber((1e-6,), axial_gain=30.0, swell_share=0.2, swell_time=0.3, name="a"),
+        Chamber((4e-7,), axial_gain=5.0, valve=Valve(rise_time=0.02, fall_time=0.03), name="b"),
+    )
+    return chain_model(
+        length=0.3, mass=0.1, links=links, joint_placement="midsegment", stiffness=0.5, damping=2e-3, tip_mass=0.01,
+        gravity=(0.3, -9.81), chambers=chambers, extensions=segments[:links], name="flat_longer",
+        stations=[("side", 0, 0.03, 0.002), ("base", -1, 0.01, 0.001), ("tip", links - 1, 0.15 / links)],
+    )
+
+
 SPATIAL = {"in_space": in_space, "twisting": twisting, "pulled": pulled}

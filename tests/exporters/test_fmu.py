@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from target_models import longer, pulled
+from target_models import EVERY_BRANCH, flat_longer, longer, pulled
 
 import pliant
 from pliant.actuators import chen2018
@@ -174,6 +174,43 @@ def test_a_body_in_space_that_lengthens(made, tmp_path):
         stepper.step(levels)
     found = [run.get(f"tip.{axis}") for axis in "xyz"] + [run.get("strain_near"), run.get("strain_far")]
     assert found == pytest.approx([*stepper.stations()[0][-1], *stepper.position[-2:]], abs=1e-12)
+    run.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_body_in_a_plane_that_lengthens(version, tmp_path):
+    """Tuned parameters: springs and masses act by what `update` derives from them."""
+    from fmpy.validation import validate_fmu
+
+    model = flat_longer(2).with_(memory=EVERY_BRANCH)
+    file = str(pliant.export(model, "fmu", tmp_path / "arm.fmu", fmi=version, time_step=1e-3).files[0])
+    assert validate_fmu(file) == []
+    units = {v.name: v.unit or "" for v in fmpy.read_model_description(file).modelVariables}
+    names = ("strain_lower", "axial_stiffness[2]", "axial_damping[1]", "axial_stiffening[1]", "axial_creep_time[2]")
+    assert [units[n] for n in names] == ["", "N", "N.s", "", "s"]
+    run = Session(file, version, tmp_path)
+    segments = [replace(e, stiffness=1.3 * e.stiffness, damping=2.0 * e.damping, stiffening=-0.1)
+                for e in model.extensions]  # fmt: skip
+    tuned = model.with_(extensions=segments, link_mass=[0.03, 0.04])
+    for s, e in enumerate(segments, 1):
+        run.set(f"axial_stiffness[{s}]", e.stiffness)
+        run.set(f"axial_damping[{s}]", e.damping)
+        run.set(f"axial_stiffening[{s}]", -0.1)
+    run.set("link_mass[1]", 0.03)
+    run.set("link_mass[2]", 0.04)
+    stepper = Stepper(tuned, 1e-3, np.zeros(2))
+    stepper.reset(0.0, joint_angle=pliant.equilibrium(model, np.zeros(2)))
+    stepper.memory[:] = Stepper(model, 1e-3, np.zeros(2)).memory
+    for name, level in zip(("a", "b"), (6e4, 2e4), strict=True):
+        run.set(f"pressure_{name}", level)
+    for _ in range(300):
+        run.go(1)
+        stepper.step([6e4, 2e4])
+    seen = [run.get(n) for n in ("tip.x", "tip.y", "strain_lower", "strain_upper", "q_1", "q_2")]
+    joints = mechanics_of(tuned).joint_coordinates(stepper.position)
+    assert seen == pytest.approx([*stepper.stations()[0][-1], *joints[2:], *joints[:2]], abs=1e-12)
+    assert np.abs(joints[2:] - pliant.equilibrium(model, np.zeros(2))[2:]).max() > 0.01
     run.close()
 
 

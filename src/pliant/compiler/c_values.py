@@ -181,6 +181,8 @@ class Expressions:
             return known(left, right)
         if sign == "**":
             return self.power(left, right)
+        if sign == "*" and not isinstance(left, Real) and left == 0.0:  # kernels' zero of the type of another number
+            return 0.0
         return Real(f"({self.number(left)} {sign} {self.number(right)})")
 
     def power(self, base: Any, exponent: Any) -> Real:

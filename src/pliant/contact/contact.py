@@ -32,7 +32,6 @@ Array = np.ndarray
 GONE = 2.0  # mean normalised square of the torques, over that of their drift, below which a contact is over
 STAYS = 0.01  # of the largest mean square of a contact: residual torque by hysteresis
 CALM = 0.107  # s for which the torques must stay below these limits
-SHY = 0.2  # s after a contact without a new alarm
 PACE = 0.2  # relative difference allowed between the frame rates of the recording and of the free motion
 
 
@@ -74,8 +73,9 @@ def find_contact(
     Returns
     -------
     xarray.Dataset
-        statistic (threshold 1), in_contact (time), external_torque [N m] (time, joint) without the part explained by
-        free motion; for an extensible body also external_axial_force [N] (time, segment). While in contact:
+        statistic (threshold 1, higher while the filter still follows a release), in_contact (time), external_torque
+        [N m] (time, joint) without the part explained by free motion; for an extensible body also external_axial_force
+        [N] (time, segment). While in contact:
         contact_arc_length [m] with arc_low and arc_high (95 %), contact_position [m], contact_normal, contact_force [N]
         (time, axis), force_covariance, normal_force, tangential_force with `_sd`, hidden_tangential (time). In space
         there are three axes, and external_torque_x and external_torque_y. attrs: threshold, alarm times, onset times,
@@ -241,17 +241,21 @@ def episodes(
     """Return the contacts in order of time. Each is detected by an alarm, and ends when the external torques have been
     nearly zero for several frames.
 
+    After a contact the filter still shows its changes of force, such as the release. The root of the statistic is a
+    norm of the innovations, so without a new force it is at most 1, the threshold, plus the root of this echo.
+
     The torques before the onset are subtracted, reduced by their correlation over time; the limit for the end grows
     with the drift of free motion since then. Hysteresis leaves a small fraction of the largest torques, which counts as
     vanished.
     """
     mean, events, k = running_mean(left, learnt.period), [], 0
-    calm, shy = frames_of(CALM, learnt.period), frames_of(SHY, learnt.period)
+    calm, limit = frames_of(CALM, learnt.period), np.ones(len(left))
     while k < len(left):
-        if not (fast[k] > 1.0 or (slow[k] > 1.0 >= slow[max(k - 1, 0)])):
+        sudden = fast[k] > limit[k]
+        if not (sudden or (slow[k] > 1.0 >= slow[max(k - 1, 0)])):
             k += 1
             continue
-        onset = max(k + 1 - int(since[k]), 0) if fast[k] > 1.0 else last_zero(slow, k)
+        onset = max(k + 1 - int(since[k]), 0) if sudden else last_zero(slow, k)
         before = learnt.kept * mean[max(onset - 2, 0)] if onset > 2 else np.zeros(left.shape[1])
         power = normalised(left[k:] - before, learnt.change) / scale[k:]
         drifted = GONE * learnt.drift(np.arange(k, len(left)) - onset)
@@ -260,7 +264,9 @@ def episodes(
         gone = np.flatnonzero(quiet[calm:] >= calm) + calm
         end = k + int(gone[0]) if gone.size else len(left)
         events.append(ContactEvent(onset, k, end, before))
-        k = end + shy
+        echo = learnt.sudden.answer.echo(fast[k:end])[: len(left) - end]
+        limit[end : end + len(echo)] = np.maximum(limit[end : end + len(echo)], (1.0 + np.sqrt(echo)) ** 2)
+        k = end
     return events
 
 

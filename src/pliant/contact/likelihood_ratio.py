@@ -3,6 +3,10 @@
 The innovations are white with unit variance as long as the model holds. After a step of the torques by J f, with f a
 force at a point of the body and J its moment arms, their mean is R_j J f at j frames after the onset. The test
 statistic is the largest (sum y)^2 / sum |R_j J|^2 over recent onsets and all positions along the body.
+
+The filter takes a while to follow a step of the torques. After the release of a force, which is a step too, the
+statistic therefore stays above its threshold longer than the force lasts. How it fades is tabulated with R, for each
+body and noise.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from pliant.simulation import state
 Array = np.ndarray
 WINDOWS = (0.027, 0.04, 0.053, 0.067, 0.08, 0.107, 0.133, 0.173)  # s since the onset
 MOTIONS = (0.0, 0.05, 0.25, 1.2, 6.0, 20.0)  # rad^2/s^2, mean square joint rates of the tabulated responses
-SETTLED = 2.7  # s after which the filter's covariance is stationary
+SETTLED = 2.7  # s after which the filter's covariance is stationary, and the response to a step has faded
 PLACES = (0.25, 0.75)  # positions on each link but the first, which hardly responds to a force
 
 
@@ -42,11 +46,15 @@ class InnovationResponse:
         Response of row m, at w frames after a unit step of torque n, 1/(N m); n + S torques for an extensible body.
     period : float
         Time between two frames, s.
+    fade : (L,) array
+        Largest fraction of its peak that the statistic of a step of force still has, 0, 1, ... frames after the peak
+        or later, at rest. The filter follows faster in motion.
     """
 
     motion: Array
     response: Array
     period: float
+    fade: Array
 
     @property
     def windows(self) -> list[int]:
@@ -59,6 +67,14 @@ class InnovationResponse:
         """
         edges = np.sqrt(np.maximum(self.motion[1:], 1e-3) * np.maximum(self.motion[:-1], 1e-2))
         return np.searchsorted(edges, motion)
+
+    def echo(self, statistic: Array) -> Array:
+        """Return how much at most is left in the next L - 1 frames (L - 1,) of the steps of force that the statistic
+        (T,) has shown in T frames.
+        """
+        newest = statistic[: -len(self.fade) : -1]
+        return np.array([np.max(newest[: len(self.fade) - j] * self.fade[j : j + len(newest)])
+                         for j in range(1, len(self.fade))])  # fmt: skip
 
 
 def frames_of(seconds: float, period: float) -> int:
@@ -82,13 +98,31 @@ def innovation_response(
     grown = [noise.random_walk * float(np.sqrt(1.0 + noise.motion_growth * a)) for a in MOTIONS]
     cases = [replace(noise, random_walk=walk, motion_growth=0.0) for walk in grown]
     period = float(np.median(np.diff(measurement.time)))
-    made = [response_of(model, one, measurement, period, max(1, int(np.ceil(period / time_step)))) for one in cases]
-    return InnovationResponse(np.array(MOTIONS), np.stack(made), period)
+    longest, whole = windows_of(period)[-1], frames_of(SETTLED, period)
+    steps = max(1, int(np.ceil(period / time_step)))
+    made = [response_of(model, one, measurement, period, steps, longest if k else whole) for k, one in enumerate(cases)]
+    known = InnovationResponse(np.array(MOTIONS), np.stack([r[:longest] for r in made]), period, np.ones(1))
+    return replace(known, fade=fading(known, model, made[0]))
 
 
-def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int) -> Array:
+def fading(answer: InnovationResponse, model: Model, response: Array) -> Array:
+    """Return the attribute `fade` (L,) of an innovation response, from the innovations `response` (L, m, n) in the L
+    frames after a unit step of each torque, at rest. Forces at all positions of the test are tried, across the body; in
+    space along both axes of the link.
+    """
+    frames, x = len(response), mechanics_of(model).coordinates(state.equilibrium(model))
+    fade = np.zeros(frames)
+    for push in moment_arms(model, x[None], *places_of(model))[0, :, :-1].reshape(-1, model.size):
+        ratio, _ = likelihood_ratio(answer, model, response @ push, np.zeros(frames), np.tile(x, (frames, 1)))
+        peak = int(np.argmax(ratio))
+        later = np.maximum.accumulate(ratio[: peak - 1 if peak else None : -1] / ratio[peak])[::-1]
+        fade[: later.size] = np.maximum(fade[: later.size], later)
+    return fade
+
+
+def response_of(model: Model, noise: Noise, measurement: Measurement, period: float, steps: int, frames: int) -> Array:
     """Return the response (W, m, n) of the m whitened innovations of the filter to a unit step of each of n joint
-    torques, in the W frames after the step.
+    torques, in the W = `frames` frames after the step.
     """
     n, rows = model.size, measurement.rows
     workspace = make_workspace(model, noise.states(model), len(rows))
@@ -111,7 +145,6 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
     for _ in range(frames_of(SETTLED, period)):
         frame(start, start.angle.copy())
-    frames = windows_of(period)[-1]
     made = np.zeros((frames, len(rows), n))
     push = 1e-4 * float(np.mean(model.stiffness))
     for i in range(n):
@@ -143,8 +176,7 @@ def likelihood_ratio(
         Absolute link angles, rad, followed by the strains of extensible segments.
     """
     e, case = np.nan_to_num(innovation), answer.case(motion)
-    link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
-    J = moment_arms(model, angle, link, share * model.link_length[link])[:, :, :-1]
+    J = moment_arms(model, angle, *places_of(model))[:, :, :-1]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
         R, at = answer.response[b], case == b
@@ -158,6 +190,14 @@ def likelihood_ratio(
             since[ratio > best] = w
             best = np.maximum(best, ratio)
     return best, since
+
+
+def places_of(model: Model) -> tuple[Array, Array]:
+    """Return the points of the body at which the test tries a force: link index (P,) and distance from the link's joint
+    (P,) [m].
+    """
+    link, share = (a.ravel() for a in np.meshgrid(np.arange(min(1, model.n - 1), model.n), PLACES, indexing="ij"))
+    return link, share * model.link_length[link]
 
 
 def shifted(e: Array, frames: int) -> Array:

@@ -27,6 +27,7 @@ from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.extension import CURVES
 from pliant.model.file import UNITS
 from pliant.simulation import state
 from pliant.simulation.solve import check_step
@@ -35,9 +36,10 @@ from pliant.text import escaped
 
 Array = np.ndarray
 CAN = LATER_TERMS | {
-    "springs", "drive", "chambers", "points", "space_lengthening", "gravity", "softening", "bounded", "law", "own_law",
-    "lagging_law", "dead_time", "two_lags", "lag", "rates", "swelling", "inflation", "creep", "slip", "space", "twist",
-    "soft_swing", "space_memory", "tendons", "tendon_friction", "pair_pretension", "boucwen",
+    "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "curved_segments", "axial_memory",
+    "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag", "rates",
+    "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
+    "tendon_friction", "pair_pretension", "boucwen",
 }
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
 
@@ -154,7 +156,9 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         labels = ", ".join(text.model.memory.labels)
         m, branches = text.remembered
         owner = "turn" if text.model.space else "joint"
-        rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner} */")
+        axial = ", ".join(text.model.memory.axial.labels)
+        strains = f"; 1, {axial} of each segment" if axial else ""
+        rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner}{strains} */")
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, delayed commands */", "int next; /* index of the next command */"]
     units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),
@@ -162,6 +166,8 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
              "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
              "tendon_stiffness": "N/m, also in `torque`", "pretension": "N", "friction": "1",
              "slip_rate": "m/s", "beyond": "1", "axial_stiffness": "N", "axial_damping": "N s",
+             **{f"axial_{name}": "1" for name in CURVES}, "axial_creep_share": "1", "axial_creep_time": "s",
+             "axial_slip_share": "1", "axial_slip_strain": "1",
              "share": "fraction of each link, the base part first, in each segment"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [
@@ -198,12 +204,13 @@ def code(
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
         "POINTS": ", ".join(p.name for p in model.points),
     }
-    words["LINEARISE"] = "" if model.space else filled(LINEARISE, words)
+    linearise = text.linearise()
+    words["LINEARISE"] = filled(LINEARISE, words) if linearise else ""
     header = filled((files("pliant.exporters") / "templates" / "c99.h").read_text(encoding="utf-8"), words)
     parts = [
         text.update(), defaults(text),
         start(text, pressure, queue), text.step(), public, text.tips(), text.joint_angles(), text.stations(),
-        text.energy(), text.linearise(),
+        text.energy(), linearise,
     ]
     if any(f"{prefix}_cos_sin(" in part for part in parts):
         parts.insert(0, cosine_and_sine(text.kind, f"{prefix}_", single=single))

@@ -16,6 +16,7 @@ from pliant.equations.elastic import ROWS, TERMS
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.extension import CURVES
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of
@@ -51,15 +52,15 @@ def constants(model: Model) -> dict[str, Array]:
     actuation = model.actuation.kernel()
     memory = model.memory.law()
     lags = np.array([lag_of(c.valve) for c in model.chambers])
+    branches = {f: getattr(memory, f) for f in memory._fields if not f.startswith("boucwen")}
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
         "stiffness": model.stiffness, "damping": model.damping,
         **{t: getattr(model, t) for t in (*SPRING_TERMS, SPRING_BOUND)},
         **rest_shape(model), "base_length": model.base_length, "gravity": model.gravity,
         "torque": actuation.law, "joint_gain": actuation.gain, "valve": lags,
-        "rubber": actuation.rubber[:, :FORM], "creep_share": memory.creep_share, "creep_time": memory.creep_time,
-        "slip_share": memory.slip_share, "slip_angle": memory.slip_angle,
-        "boucwen": np.array([getattr(memory, f) for f in memory._fields[4:]]),
+        "rubber": actuation.rubber[:, :FORM], **branches,
+        "boucwen": np.array([getattr(memory, f) for f in memory._fields if f not in branches]),
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
     derived = {"hardening": np.zeros((ROWS, mechanics_of(model).joints.hardening.shape[1]))} | derived_constants(model)
@@ -67,15 +68,18 @@ def constants(model: Model) -> dict[str, Array]:
 
 
 def rest_shape(model: Model) -> dict[str, Any]:
-    """Return the parameters of a model's rest shape as {name: value}. For a model in space the dict also holds the
-    radius, the stiffness ratios, and the constants of tendons and extensible segments.
+    """Return the parameters of a model's rest shape and of its extensible segments as {name: value}. For a model in
+    space the dict also holds the radius, the stiffness ratios, and the constants of tendons.
     """
+    curves = CURVES if any(e.curved for e in model.extensions) else ()
+    axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in model.extensions])
+             for field in ("stiffness", "damping", *curves)}  # fmt: skip
+    body = mechanics_of(model).body
     if not model.space:
-        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle}
-    space, body = model.space, mechanics_of(model).body
-    more: dict[str, Any] = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
-    for field in ("stiffness", "damping"):
-        more[f"axial_{field}"] = np.array([getattr(e, field) for e in model.extensions])
+        share = {"share": body.share} if model.extensions else {}
+        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **share}
+    space = model.space
+    more: dict[str, Any] = ({"twist_ratio": space.twist_ratio} if space.turns == 3 else {}) | axial
     return {
         "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
         "stiffness_ratio": space.stiffness_ratio, **more, **{f: getattr(body, f) for f in beside_inertia(body)},
@@ -92,10 +96,10 @@ def beside_inertia(body: Any) -> tuple[str, ...]:
 def derived_constants(model: Model) -> dict[str, Any]:
     """Return {name: array} of the constants that the C code computes from other parameters."""
     chain = mechanics_of(model)
-    if not model.space:
+    if not model.space and not model.extensions:
         return {name: getattr(chain.body, name) for name in ("B", "I", "h")}
     springs = {"K": chain.joints.K, "D": chain.joints.D}
-    return springs | {name: getattr(chain.body, name) for name in IN_SPACE}
+    return springs | {name: getattr(chain.body, name) for name in (IN_SPACE if model.space else ("B", "h"))}
 
 
 def place(model: Model, who: str, field: str) -> Any:
@@ -116,6 +120,11 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         return place(model, "p", field)
 
     gravity = of("gravity")
+    if not model.space and model.extensions:
+        length = np.array([of("base_length"), *of("link_length")], dtype=object)
+        body: Any = symbols.ExtensibleBody(of("B"), length, of("h"), of("share"), *gravity)
+        springs = [of(f) for f in ("base_angle", "rest_angle", "K", "D", "hardening", "rest_angle")]
+        return body, symbols.ExtensibleJoints(*springs, mechanics_of(model).joints.rest)
     if not model.space:
         springs = [of(f) for f in ("base_angle", "rest_angle", "stiffness", "damping", "hardening", "rest_angle")]
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
@@ -133,8 +142,10 @@ def names(model: Model) -> Names:
 
     body, joints = chain_names(model)
     law = model.memory.law()
-    boucwen = [of("boucwen")[i] if law.boucwen_share else v for i, v in enumerate(law[4:])]
-    memory = symbols.MemoryLaw(of("creep_share"), of("creep_time"), of("slip_share"), of("slip_angle"), *boucwen)
+    smooth = [f for f in law._fields if f.startswith("boucwen")]
+    memory = law._replace(**{f: of(f) for f in law._fields if f not in smooth})
+    if law.boucwen_share:
+        memory = memory._replace(**dict(zip(smooth, of("boucwen"), strict=True)))
     valve, rubber = of("valve"), of("rubber")
     for c, chamber in enumerate(model.chambers):
         lag = lag_of(chamber.valve)
@@ -180,12 +191,14 @@ class Text:
         """Return the hysteresis argument of the kernels: the law, the states in the C struct, and scratch arrays, which
         are declared as local variables of the C function.
         """
-        rows = {
-            f: writer.scratch(f"held_{f}", (self.model.n,)) for f in symbols.Held._fields if f != "springs"
-        }
-        springs = self.given.joints._replace(theta0=rows["theta0"], K=rows["K"])
+        example, joints = mechanics_of(self.model).held(), self.given.joints
+        shapes = {f: v.shape for f, v in example._asdict().items() if f != "springs"}
+        rows = {f: writer.scratch(f"held_{f}", shape) for f, shape in shapes.items()}
+        if "rest" not in rows:
+            rows["K"][self.model.n :] = joints.K[self.model.n :]  # of segments, which have no hysteresis
+        springs = joints._replace(**{f: rows[f] for f in ("theta0", "K", "rest") if f in rows})
         memory = cells("s->memory", self.remembered)
-        return symbols.Past(self.given.memory, memory, symbols.Held(springs=springs, **rows))
+        return symbols.Past(self.given.memory, memory, example._replace(springs=springs, **rows))
 
     def step(self) -> str:
         """Return the source of the C function for one time step of length h under constant commands. It returns 0, or
@@ -243,20 +256,34 @@ class Text:
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
-    def curved_spring(self, w: CWriter, k: int, i: int) -> None:
+    def curved_spring(self, w: CWriter, k: int, i: int, kind: str = "") -> None:
         """Write C code that sets the nonlinear spring terms of joint k, whose angle is the coordinate with the index i.
+        With `kind` "axial_" they are those of segment k, whose strain is this coordinate.
 
         The terms are those of `Springs.hardening`.
         """
+        stiffness = self.given.joints.K[i] if kind else f"p->stiffness[{k}]"
         for j, term in enumerate(SPRING_TERMS):
-            w.say(f"{self.given.joints.hardening[j, i]} = p->stiffness[{k}] * p->{term}[{k}];")
+            w.say(f"{self.given.joints.hardening[j, i]} = {stiffness} * p->{kind}{term}[{k}];")
         row, first = self.given.joints.hardening[TERMS, i], next(iter(SPRING_TERMS))
         w.say(f"{row} = {w.number(0.0)};")
-        w.say(f"if (p->{SPRING_BOUND}[{k}] > {w.number(0.0)}) {{")
-        inverse = f"({w.number(1.0)} / p->{SPRING_BOUND}[{k}])"
-        w.say(f"    {row} = {w.number(4.0 / 3.0)} * p->{first}[{k}] * {inverse};")
+        w.say(f"if (p->{kind}{SPRING_BOUND}[{k}] > {w.number(0.0)}) {{")
+        inverse = f"({w.number(1.0)} / p->{kind}{SPRING_BOUND}[{k}])"
+        w.say(f"    {row} = {w.number(4.0 / 3.0)} * p->{kind}{first}[{k}] * {inverse};")
         w.say(f"    {row} = {row} * {row};")
         w.say("}")
+
+    def segment(self, w: CWriter, s: int, length: Array) -> None:
+        """Write C code that sets the spring and damper of extensible segment s, in proportion to its unstretched
+        length.
+
+        `length` (n + 1,) holds the C expressions of the lengths of base part and links.
+        """
+        joints, share, whole = self.given.joints, self.given.body.share, w.local("whole")
+        i = self.model.size - len(self.model.extensions) + s
+        w.say(f"{whole} = {' + '.join(f'{l} * {share[k, s]}' for k, l in enumerate(length))};")
+        w.say(f"{joints.K[i]} = p->axial_stiffness[{s}] * {whole};")
+        w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
 
     def tips(self) -> str:
         """Return the source of the C function that computes the positions of the link tips."""
@@ -295,12 +322,16 @@ class Text:
         return self.reading("stations", f"pose[{rows}][3]", w)
 
     def joint_angles(self) -> str:
-        """Return the source of the C function that computes the joint angles relative to the rest shape."""
+        """Return the source of the C function that computes the joint angles relative to the rest shape, and copies the
+        strains of segments that lengthen.
+        """
         w = self.writer()
         for k in range(self.model.n):
             before = self.phi[k - 1] if k else "p->base_angle"
             w.say(f"q[{k}] = {self.phi[k]} - {before} - p->rest_angle[{k}];")
-        return self.reading("joint_angles", f"q[{self.model.n}]", w)
+        for i in range(self.model.n, self.model.size):
+            w.say(f"q[{i}] = {self.phi[i]};")
+        return self.reading("joint_angles", f"q[{self.model.size}]", w)
 
     def energy(self) -> str:
         """Return the source of the C function that computes kinetic, elastic and gravitational energy."""

@@ -13,6 +13,7 @@ from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
 from pliant.compiler.choose import SPATIAL
 from pliant.equations import motion, spatial, spatial_points, spatial_springs, symbols, tendon
+from pliant.exporters.c_extensible import ExtensibleText
 from pliant.exporters.c_functions import LIMITS, Text
 from pliant.mechanics import mechanics_of
 
@@ -68,7 +69,7 @@ class SpatialText(Text):
             turn = (Real(f"p->rest_turn[{k}][{i}]") for i in range(3))
             w.call(turn_matrix, *turn, body.rest[k])
         for s in range(len(self.model.extensions)):
-            self.segment(w, s)
+            self.segment(w, s, body.length)
         self.cap(w)
         w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
@@ -89,17 +90,6 @@ class SpatialText(Text):
                 continue
             for row in joints.hardening[:, i]:
                 w.say(f"{row} = {w.number(0.0)};")
-
-    def segment(self, w: CWriter, s: int) -> None:
-        """Write C code that sets the spring and damper of extensible segment s, in proportion to its unstretched
-        length.
-        """
-        joints, body, whole = self.given.joints, self.given.body, w.local("whole")
-        i = joints.hardening.shape[1] + s
-        parts = [f"{body.length[k]} * {body.share[k, s]}" for k in range(self.model.n + 1)]
-        w.say(f"{whole} = {' + '.join(parts)};")
-        w.say(f"{joints.K[i]} = p->axial_stiffness[{s}] * {whole};")
-        w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
 
     def rod(self, w: CWriter, k: int) -> None:
         """Write C code that sets mass and moments of inertia of link k, a round rod."""
@@ -178,5 +168,8 @@ class SpatialText(Text):
 
 
 def text_of(model: Any, prefix: str, *, single: bool) -> Text:
-    """Return the writer of a model's C functions, for a planar model or a model in space."""
-    return (SpatialText if model.space else Text)(model, prefix, single=single)
+    """Return the writer of a model's C functions, for a planar model with or without segments that lengthen, or a model
+    in space.
+    """
+    kind = SpatialText if model.space else ExtensibleText if model.extensions else Text
+    return kind(model, prefix, single=single)

@@ -16,6 +16,7 @@ from pliant.exporters.c_functions import DERIVED, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Tendon
+from pliant.model.extension import CURVES
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")
@@ -25,7 +26,8 @@ UNIT_OF = {  # unit of each parameter; one unit per column if the columns of an 
     "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
     "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "stiffness_ratio": "", "twist_ratio": "",
     "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "friction": "", "slip_rate": "m/s", "beyond": "",
-    "axial_stiffness": "N", "axial_damping": "N.s", "share": "",
+    "axial_stiffness": "N", "axial_damping": "N.s", "share": "", **{f"axial_{name}": "" for name in CURVES},
+    "axial_creep_share": "", "axial_creep_time": "s", "axial_slip_share": "", "axial_slip_strain": "",
     "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
     "boucwen": ("", "1/rad^n", "1/rad^n", ""),
     **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",
