@@ -12,14 +12,16 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
     os.environ[_name] = "1"
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from pliant.sweep.scheduler import executor_of, run_campaign
+from pliant.sweep.scheduler import executor_of, run_chunks
 from pliant.sweep.store import Store
 
 
@@ -30,13 +32,9 @@ class OneByOne:
     count: int
 
     @property
-    def chunks(self) -> int:
-        """Number of samples."""
-        return self.count
-
-    def bounds(self, chunk: int) -> tuple[int, int]:
-        """Return the bounds of chunks with one sample each."""
-        return chunk, chunk + 1
+    def bounds(self) -> list[tuple[int, int]]:
+        """Bounds of chunks with one sample each."""
+        return [(k, k + 1) for k in range(self.count)]
 
 
 def options(document: str, name: str, seeds: int) -> argparse.ArgumentParser:
@@ -54,9 +52,11 @@ def samples(work: Any, key: dict[str, Any], args: argparse.Namespace) -> xr.Data
     store = Store(args.output, key)
     if not args.so_far:
         began = time.perf_counter()
-        account = run_campaign(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
+        if args.scheduler == "processes":  # which import the class by name, and do not run the script again
+            work = getattr(import_module(Path(sys.argv[0]).stem), type(work).__name__)(**vars(work))
+        account = run_chunks(work, store, executor_of(args.scheduler), lambda line: print(line, flush=True))
         print(f"{account.sentence()}; {time.perf_counter() - began:.0f} s")
-    parts = [part for k in range(work.chunks) if (part := store.load(k, *work.bounds(k))) is not None]
+    parts = [part for k, bounds in enumerate(work.bounds) if (part := store.load(k, *bounds)) is not None]
     if not parts:
         raise SystemExit(f"nothing is done yet in {args.output}")
     return xr.concat(parts, dim="sample", data_vars="all", combine_attrs="override")

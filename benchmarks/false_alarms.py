@@ -96,7 +96,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=int, default=60, help="of motion that each seed sees")
     args = parser.parse_args()
     work = Minutes(len(NAMES) * args.minutes, args.seeds)
-    print(table(chunks.samples(work, {"campaign": "false alarms", "seeds": args.seeds}, args)))
+    print(table(chunks.samples(work, {"sweep": "false alarms", "seeds": args.seeds}, args)))
 
 
 if __name__ == "__main__":

@@ -274,7 +274,7 @@ def main() -> None:
         bound()
         return
     args = chunks.options(__doc__, "touches", 20).parse_args()
-    told(chunks.samples(Touches(args.seeds), {"campaign": "touches"}, args))
+    told(chunks.samples(Touches(args.seeds), {"sweep": "touches"}, args))
 
 
 if __name__ == "__main__":

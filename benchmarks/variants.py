@@ -1,7 +1,7 @@
 """Fit the examples with one term added, removed or replaced: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|stiffening|creep|levels ...]; the recordings come by
-`pliant data fetch`.
+Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|left_out|stiffening|creep|levels|parts ...]; the
+recordings come by `pliant data fetch`.
 """
 
 from __future__ import annotations
@@ -137,6 +137,24 @@ def pulses() -> None:
         show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
+def left_out() -> None:
+    """Predict each pulse of the pneumatic arm from the three others, with four sets of terms."""
+    study = load_study(EXAMPLES / "pneumatic_arm_pulses.toml")
+    sets = {"settling, creep and softening": "together_beyond", "and a bounded stretch": "bounded_beyond",
+            "settling": "inflating_beyond", "creep": "no_settling_beyond"}  # fmt: skip
+    fits = {}
+    for name, source in sets.items():
+        for level in study.recordings:
+            others = [r for r in study.recordings if r != level]
+            changes = {"title": f"{name}, {level} left out", "train": others, "held_out": [level]}
+            fits[f"{source}_{level}"] = study.fits[source].model_copy(update=changes)
+    outcome = run_study(study.model_copy(update={"fits": fits}))
+    for fit in outcome.fits:
+        (record,) = (r for r in fit.records if r.role == "held_out")
+        print(f"{fit.title}: {record.metrics['rmse_percent_of_travel']:.2f} % of peak displacement, "
+              f"{record.metrics['within_band_percent']:.0f} % within the band", flush=True)  # fmt: skip
+
+
 def stiffening() -> None:
     """Predict the demo's actuator at 240 kPa from 60 and 180, with and without springs that stiffen again."""
     study, pulses = load_study(demo_study()), {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
@@ -173,6 +191,31 @@ def levels() -> None:
         print(f"degree {degree}, {nearest} levels: % of travel {np.round(missed, 1)}, mean {np.mean(missed):.1f}")
 
 
+def parts() -> None:
+    """Print the errors of the levels left out in turn: whole, first swing, what follows it, and rest displacement.
+
+    The first swing is the first 0.3 s after the tip has passed a tenth of its peak displacement.
+    """
+    study = load_study(EXAMPLES / "pneumatic_arm_levels.toml")
+    fits = {name: fit for name, fit in study.fits.items() if fit.held_out}
+    rows = []
+    for fit in run_study(study.model_copy(update={"fits": fits, "forecasts": {}})).fits:
+        (record,) = (r for r in fit.records if r.role == "held_out")
+        exp, first = record.experiment, 0.3  # s
+        off = np.linalg.norm(record.modelled[:, -1] - exp.position[:, -1], axis=1)
+        moved = np.linalg.norm(exp.position[:, -1] - exp.position[0, -1], axis=1)
+        since = exp.time - exp.time[np.argmax(moved > 0.1 * exp.travel)]
+        spans = (np.isfinite(since), (since >= 0.0) & (since < first), since >= first)
+        at_rest = record.metrics["steady_state_mm"]
+        errors = [np.sqrt(np.mean(off[span] ** 2)) for span in spans]
+        errors.append(1e-3 * (at_rest["modelled"] - at_rest["measured"]))
+        rows.append(100.0 * np.array(errors) / exp.travel)
+        print(f"{record.name}: % of peak displacement: whole, first swing, later, at rest {np.round(rows[-1], 1)}",
+              flush=True)  # fmt: skip
+    rows = np.abs(rows)
+    print(f"means {np.round(np.mean(rows, axis=0), 1)}, of the six between {np.round(np.mean(rows[1:-1], axis=0), 1)}")
+
+
 def show(study: object) -> None:
     """Run a study of one fit, and print a line for each recording, parameter with its error, and forecast."""
     outcome = run_study(study).to_dict()
@@ -195,7 +238,7 @@ def rounded(content: object) -> str:
 
 
 if __name__ == "__main__":
-    tables = {"beam": beam, "trunk": trunk, "swings": swings, "pulses": pulses, "stiffening": stiffening,
-              "creep": creep, "levels": levels}
+    tables = {"beam": beam, "trunk": trunk, "swings": swings, "pulses": pulses, "left_out": left_out,
+              "stiffening": stiffening, "creep": creep, "levels": levels, "parts": parts}
     for asked in sys.argv[1:] or tables:
         tables[asked]()

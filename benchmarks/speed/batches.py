@@ -15,8 +15,8 @@ from pliant.batch import simulate_batch
 from pliant.bench.floor import floor
 from pliant.bench.kernels import TORQUE
 from pliant.bench.timing import best
-from pliant.cores import cores
 from pliant.mechanics import mechanics_of
+from pliant.parallel import cores
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march

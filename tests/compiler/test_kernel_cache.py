@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import types
 
 import pliant
 from pliant.compiler import cache, choose, duals, kernel_cache, simd, twin
 from pliant.compiler.twin import fingerprint, reached, stable
 from pliant.equations import extension_linearised, linearised, motion
 from pliant.estimation import kalman_loops
+from pliant.identification import follow_loops
 from pliant.simulation import march_loops
 from pliant.testbed import stepping_loops
 
@@ -223,6 +225,36 @@ def test_a_kernel_has_one_twin_whoever_calls_it():
             for kernel in reached(entry):
                 made.setdefault((kernel.__module__, kernel.__qualname__), set()).add(id(make(kernel, links)))
         assert all(len(twins) == 1 for twins in made.values())
+
+
+def test_kernels_without_a_step_are_compiled_once_for_all_sizes():
+    """What depends only on whether a chain lengthens or moves in space has one compiled form; a march has its own."""
+    sizes = {"plane": [(2,), (5,)], "lengthens": [(2, 1), (5, 2, 1, 0, 1)], "space": [(2, 0, 2), (5, 2, 3, 4)]}
+    observers = {}
+    for kind, chains in sizes.items():
+        for make in (choose.twin, duals._inner):
+            made = [make(follow_loops.look_before, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
+            assert made[0] is made[1], (kind, make)
+            observers[kind, make] = made[0]
+            marches = [make(march_loops.march, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
+            assert make is duals._inner or marches[0] is not marches[1], kind
+    assert len(set(map(id, observers.values()))) >= 4
+    cords = [choose.twin(march_loops.march, 2, 0, 2, tendons) for tendons in (0, 1, 4)]
+    assert cords[1] is cords[2] is not cords[0]
+
+
+def test_a_kernel_that_only_kernels_call_has_no_machine_code():
+    """Only its callers have: to them its code is linked."""
+    callee = cache.part(cache.kept(doubled_0))
+    callee._cache.disable()
+    callee.compile((types.float64,))
+    library = callee.overloads[types.float64,].library
+    assert [f.name for f in library._final_module.functions] == []
+    assert any(not f.is_declaration and "doubled" in f.name for f in library._get_module_for_linking().functions)
+
+
+def doubled_0(x):
+    return 2.0 * x
 
 
 READ_ONLY = """

@@ -41,7 +41,9 @@ METHODS = {  # of Numba's classes, called or overridden
     ("numba.core.caching", "IndexDataCacheFile"): {
         "load", "_load_index", "_save_index", "_save_data", "_data_path", "_dump", "_open_for_write"},
     ("numba.core.caching", "CompileResultCacheImpl"): {"_locator_classes", "filename_base"},
-    ("numba.core.codegen", "JITCodeLibrary"): {"_optimize_final_module", "enable_object_caching"},
+    ("numba.core.codegen", "JITCodeLibrary"): {
+        "_optimize_final_module", "enable_object_caching", "_finalize_final_module", "_finalize_dynamic_globals",
+        "_verify_declare_only_symbols", "_get_module_for_linking", "_finalized", "_final_module"},
     ("numba.core.compiler", "Compiler"): {"define_pipelines"},
     ("numba.core.codegen", "JITCPUCodegen"): {"_module_pass_manager"},
 }

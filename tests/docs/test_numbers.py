@@ -28,7 +28,7 @@ LINK = re.compile(r"\]\(([\w./]*)#([\w-]+)\)")
 CHOSEN = {  # page -> section -> why its numbers need no source
     "metrics.md": {"metrics": "definitions"},
     "real_time.md": {"what-vents-and-when": "settings"},
-    "scaling_out.md": {"a-campaign": "defaults, an example", "a-cluster": "an example of a setting"},
+    "scaling_out.md": {"a-sweep": "defaults, an example", "a-cluster": "an example of a setting"},
     "studies.md": {
         "the-study-itself": "defaults", "alignment": "a bound that is set", "reduction": "defaults",
         "fitsname": "defaults", "how-a-fit-is-judged": "a bound that is set",

@@ -174,7 +174,7 @@ def moves_as_pliant(model, step, integrator, bound, reference=2e-5):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("links", [2, 3, 4, 5])
+@pytest.mark.parametrize("links", [2, 3, 5])
 @pytest.mark.parametrize("case", list(CASES))
 def test_motions_of_all_bodies(case, links):
     """RK4 to a micrometre, the method of first order to a tenth of a millimetre, half of it at half the step."""
@@ -185,7 +185,7 @@ def test_motions_of_all_bodies(case, links):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("links", [2, 4])
+@pytest.mark.parametrize("links", [2, 3])
 def test_in_space_hinges_are_all_that_differs(links):
     """Turned, tilted and twisting: as far from the model as the same body where nothing lengthens."""
     model = in_space(links, turned=True)

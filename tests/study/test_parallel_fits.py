@@ -1,8 +1,11 @@
-"""Fits made by helper processes: the same numbers, every fit, one sentence, and nobody left behind."""
+"""Fits made by worker processes: the same numbers, every fit, one sentence, and nobody left behind."""
 
 from __future__ import annotations
 
+import os
+import signal
 import time
+from multiprocessing import active_children
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -10,6 +13,7 @@ from typing import Any
 import pytest
 from small_study import STUDY, changed, write_study
 
+from pliant.errors import FitError
 from pliant.study import load_study, parallel_fits
 from pliant.study.run import prepare_all
 from pliant.validation.outcome import FitOutcome
@@ -60,35 +64,30 @@ def test_a_helper_finds_the_same_numbers_to_the_bit(tmp_path: Path, monkeypatch:
         assert [r.metrics for r in one.records] == [r.metrics for r in other.records]
 
 
+def die_of_a_fit(packed: bytes, name: str) -> Any:
+    """Work of a helper that takes its process down once it has a fit."""
+    if name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return parallel_fits.fit_in_worker(packed, name)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_what_a_helper_had_when_it_ended_is_made_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     line = line_of(tmp_path, told)
     gone = Event()
-    held_up(monkeypatch, gone)
-    ready = parallel_fits.send
 
-    def send(pipe: Any, what: Any) -> None:
-        ready(pipe, what)
-        if isinstance(what, str):  # the name of a fit
-            helper.process.kill()
-
-    class Watched(parallel_fits.Helper):
-        def __init__(self, *arguments: Any) -> None:
-            nonlocal helper
-            super().__init__(*arguments)
-            helper = self
-
-        def run(self) -> None:
-            super().run()
+    def tell(text: str) -> None:
+        told.append(text)
+        if "a worker process ended early" in text:
             gone.set()
 
-    helper: Any = None
-    monkeypatch.setattr(parallel_fits, "send", send)
-    monkeypatch.setattr(parallel_fits, "Helper", Watched)
-    made = parallel_fits.run_fits(*line, told.append, workers=2)
+    held_up(monkeypatch, gone)
+    monkeypatch.setattr(parallel_fits, "fit_in_worker", die_of_a_fit)
+    made = parallel_fits.run_fits(*line, tell, workers=2)
     assert [name for name, _ in made] == NAMES
     assert all(isinstance(fit, FitOutcome) for _, fit in made)
-    assert sum("a helper process ended early" in text for text in told) == 1
+    assert sum("a worker process ended early" in text for text in told) == 1
 
 
 def test_an_unexpected_error_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,25 +108,47 @@ def test_an_unexpected_error_ends_the_run(tmp_path: Path, monkeypatch: pytest.Mo
     assert not any(text.startswith("fit third") for text in told)
 
 
+def break_at_a_fit(packed: bytes, name: str) -> Any:
+    """Work of a helper that ends in an error which no computation ends in on purpose."""
+    return {"": ([], None)}[name]
+
+
+@pytest.mark.slow
+def test_an_unexpected_error_of_a_helper_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The third fit is not begun: by no helper, and not by this process, which is in its first."""
+    line = line_of(tmp_path, [])
+    before, begun = set(active_children()), list[str]()
+
+    def fit_or_error(_common: Any, name: str, _notify: Any) -> FitError:
+        begun.append(name)
+        for present in (True, False):
+            deadline = time.monotonic() + MINUTE
+            while bool(set(active_children()) - before) != present and time.monotonic() < deadline:
+                time.sleep(0.01)
+        return FitError("as far as it came")
+
+    monkeypatch.setattr(parallel_fits, "HEAD_START", 0.0)
+    monkeypatch.setattr(parallel_fits, "fit_or_error", fit_or_error)
+    monkeypatch.setattr(parallel_fits, "fit_in_worker", break_at_a_fit)
+    with pytest.raises(KeyError, match="other"):
+        parallel_fits.run_fits(*line, lambda _line: None, workers=2)
+    assert begun == ["linear"]
+
+
 def test_an_interrupt_ends_the_helpers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     line = line_of(tmp_path, [])
-    helpers: list[parallel_fits.Helper] = []
-
-    class Watched(parallel_fits.Helper):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)
-            helpers.append(self)
+    before, helpers = set(active_children()), list[Any]()
 
     def stopped(*_: object) -> None:
-        while helpers[0].process is None:
+        while not helpers:
+            helpers.extend(set(active_children()) - before)
             time.sleep(0.01)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(parallel_fits, "HEAD_START", 0.0)
-    monkeypatch.setattr(parallel_fits, "Helper", Watched)
     monkeypatch.setattr(parallel_fits, "fit_or_error", stopped)
     with pytest.raises(KeyboardInterrupt):
         parallel_fits.run_fits(*line, lambda _line: None, workers=2)
-    helpers[0].join(MINUTE)
-    assert helpers[0].process is not None
-    assert helpers[0].process.poll() is not None
+    for helper in helpers:
+        helper.join(MINUTE)
+        assert helper.exitcode is not None

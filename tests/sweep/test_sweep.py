@@ -92,19 +92,23 @@ def test_how_many_samples_make_a_chunk():
     assert sweep_from({"kind": "bootstrap", "samples": 50}).together == 1
 
 
-def test_another_campaign_is_not_mixed_in(done, monte_carlo, paper, tmp_path):
+def test_another_sweep_is_not_mixed_in(done, monte_carlo, paper, tmp_path):
     folder = shutil.copytree(done[1], tmp_path / "other")
     with pytest.raises(InputError, match="another sweep"):
         run_sweep(monte_carlo.model_copy(update={"seed": 9}), paper, folder)
+    (folder / "sweep.json").unlink()
+    with pytest.raises(InputError, match="another sweep: use another folder, or remove this one"):
+        run_sweep(monte_carlo, paper, folder)
+    assert len(list((folder / "chunks").iterdir())) == 6
 
 
-def kill_once(campaign, chunk):
+def kill_once(task, chunk):
     """Work that takes its process down in chunk 3, the first time."""
     mark = Path(os.environ["PLIANT_TEST_MARK"])
     if chunk == 3 and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return campaign.work(chunk)
+    return task.work(chunk)
 
 
 @pytest.mark.slow
@@ -197,7 +201,7 @@ def test_fits_are_repeated(kind, recorded, paper, tmp_path):
         assert spread < 1e-3
     else:
         assert 1e-6 < spread < 1e-2
-    part = tasks.Campaign(sweep, paper, (record,), tuple(parameters), options, None).work(1) \
+    part = tasks.SweepTask(sweep, paper, (record,), tuple(parameters), options, None).work(1) \
         if kind == "multi_start" else None
     if part is not None:
         assert np.array_equal(part["parameter_damping"], found["parameter_damping"].values[2:4])
@@ -270,14 +274,14 @@ class Creates:
 
 @pytest.mark.parametrize("entries", [
     lambda marker: {"x": np.array([Creates(marker)] * 2, dtype=object)}, lambda _: {"sample": np.arange(3)},
-    lambda _: {"sample": np.array(["a", "b"])}, lambda _: {"campaign": np.array("other")},
-    lambda _: {"campaign": np.arange(9.0)}, lambda _: {"x": np.array([1j, 2j])}, lambda _: {"x": np.arange(3.0)},
+    lambda _: {"sample": np.array(["a", "b"])}, lambda _: {"sweep": np.array("other")},
+    lambda _: {"sweep": np.arange(9.0)}, lambda _: {"x": np.array([1j, 2j])}, lambda _: {"x": np.arange(3.0)},
     lambda _: {"x": np.float64(3)},
 ])  # fmt: skip
 def test_a_chunk_that_somebody_made_is_made_again(tmp_path, entries):
     """Its checksum is right, as anybody can write one; nothing in it is run; numbers and texts alone are taken."""
     kept = store.Store(tmp_path / "sweep", {"a": 1})
-    right = {"campaign": np.array([kept.key, "0"]), "sample": np.arange(2), "x": np.arange(2.0)}
+    right = {"sweep": np.array([kept.key, "0"]), "sample": np.arange(2), "x": np.arange(2.0)}
     for made, found in ((right, True), ({**right, **entries(tmp_path / "marker")}, False)):
         content = BytesIO()
         np.savez(content, **made)

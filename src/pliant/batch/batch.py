@@ -13,11 +13,11 @@ from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, 
 from pliant.batch.samples import Samples, gather, initial_values
 from pliant.batch.schedule import Schedule
 from pliant.batch.simd import run_lanes
-from pliant.cores import cores
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
+from pliant.parallel import cores
 from pliant.simulation.drive import inputs_of
 from pliant.simulation.inputs import Input
 from pliant.simulation.result import LABELS

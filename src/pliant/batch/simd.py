@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from threading import Lock
 
 import numpy as np
 
@@ -73,8 +72,7 @@ class Groups:
         self.start = start
         self.results = results
         self.count = -(-samples.size // WIDTH)
-        self._left = iter(range(self.count))
-        self._lock = Lock()
+        self.left = iter(range(self.count))  # all threads take from it
         self.prepare()
 
     def prepare(self) -> None:
@@ -88,11 +86,6 @@ class Groups:
         last = self.samples.size - 1
         return slice(first, min(first + WIDTH, last + 1)), np.minimum(np.arange(first, first + WIDTH), last).tolist()
 
-    def next(self) -> int | None:
-        """Return the index of the next group that no thread has taken, or None."""
-        with self._lock:
-            return next(self._left, None)
-
     def work(self) -> None:
         """Simulate groups until none is left. Each thread runs this method with scratch arrays of its own."""
         n, rows = self.samples.template.n, self.schedule.times.size
@@ -101,7 +94,7 @@ class Groups:
         kept = Output(phi, w, tips, np.full(WIDTH, -1))
         scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
         torque = None
-        while (group := self.next()) is not None:
+        for group in self.left:
             torque = self.run(group, kept, scratch, torque)
 
     def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
@@ -130,7 +123,7 @@ class ScalarGroups(Groups):
     def work(self) -> None:
         """Simulate the chains of one group after another until none is left. Each thread runs this method."""
         torque = None
-        while (group := self.next()) is not None:
+        for group in self.left:
             own, members = self.members(group)
             h, torque, keep = self.schedule.group(members, torque)
             for lane, i in enumerate(range(own.start, own.stop)):

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pliant.cores import cores
+from pliant.parallel import cores
 
 
 def best(

@@ -86,10 +86,10 @@ def twin(
 
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
-    (`turns`), the steps are those of `equations.spatial`, with the number of `tendons`.
+    (`turns`), the steps are those of `equations.spatial`, which are the same for any number of `tendons` but none.
     `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`: laws of segments beyond linear springs and dampers.
     """
-    return made(kernel, links, segments, turns, tendons, axial)
+    return made(kernel, links, segments, turns, min(tendons, 1), axial)
 
 
 @cache
@@ -98,6 +98,8 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     fast = substitutes(kernel, links, *sizes) if links else {}
     if kernel in fast:
         return fast[kernel]
+    if links and fast and (links, *sizes) != (few := fewest(kernel, links, *sizes)):
+        return made(kernel, *few)
     if fast:
         tag = size_tag(links, *sizes)
         return compiled_twin(kernel, tag, lambda callee: twin(callee, links, *sizes), SOURCES, replaced=fast)
@@ -169,6 +171,21 @@ def substitutes(
     return made
 
 
+def fewest(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    loops: bool = False,
+) -> tuple[int, ...]:
+    """Return the smallest chain size for which `kernel` is compiled to the same code as for the given size.
+
+    Most kernels that call no step are compiled once for all sizes, because the kernels in them that are replaced depend
+    only on whether the chain lengthens or moves in space.
+    """
+    sizes = links, segments, turns, tendons, axial
+    few = 1, min(segments, int(turns == 1)), min(turns, 2), 0, 0
+    same = substitutes(kernel, *few, loops=loops) == substitutes(kernel, *sizes, loops=loops)
+    return few if same else sizes
+
+
 def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
     """Return the compiled form of a kernel for chains in space. `sizes` are the numbers of links, extensible segments,
     angles per joint, and tendons.
@@ -182,7 +199,7 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
     if kernel is remembering and (lines or sizes[3]):
         steps = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
     elif kernel is jacobian and sizes[3]:
-        steps = {spatial.step: twin(tendon.step)}  # on complex numbers
+        steps, sizes = {spatial.step: twin(tendon.step)}, (1, 0, 2, 1)  # on complex numbers, the same for any size
     if not steps:
         return twin(kernel)
     return compiled_twin(

@@ -23,7 +23,7 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.np.arrayobj import populate_array
 
 from pliant.compiler import choose
-from pliant.compiler.cache import kept
+from pliant.compiler.cache import kept, part
 from pliant.compiler.dual_numbers import SLOTS, dual, parts
 from pliant.compiler.simd import WIDTH, aligned
 from pliant.compiler.twin import compiled_twin
@@ -103,7 +103,7 @@ def dual_twin(
     Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
     """
     sizes = (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)  # loops fit any size
-    inner = _inner(kernel, *sizes)
+    inner = part(_inner(kernel, *sizes))
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = kernel.__module__
     copy.__qualname__ = f"{inner.__qualname__}_whole"
@@ -116,6 +116,9 @@ def _inner(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     fast = choose.substitutes(kernel, links, *sizes, loops=True) if links else {}
     if kernel in fast:
         return fast[kernel]
+    few = choose.fewest(kernel, links, *sizes, loops=True) if links and fast else (None, 0, 1, 0, 0)
+    if few != (links, *sizes):
+        return _inner(kernel, *few)
     tag = f"{choose.size_tag(links, *sizes)}_duals"
     return compiled_twin(
         kernel, tag, lambda callee: _inner(callee, links, *sizes), choose.SOURCES, replaced=fast,

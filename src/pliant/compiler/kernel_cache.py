@@ -28,6 +28,7 @@ from warnings import warn
 
 import llvmlite
 import numba
+from llvmlite.binding import parse_assembly
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
@@ -39,6 +40,7 @@ config: Any = numba.config  # set from environment variables by Numba
 DIGEST = 32  # bytes of a checksum
 UNREADABLE = (  # errors of unpickling where a class of the content has changed
     pickle.UnpicklingError, AttributeError, ImportError, EOFError, ValueError, TypeError, KeyError, IndexError)
+ENVIRONMENT = "_ZN08NumbaEnv"  # how Numba's names of pointers to a function's environment begin
 FORGOTTEN = 14 * 86400.0  # s, age at which the code of another version of a kernel is removed
 
 
@@ -183,10 +185,10 @@ def fields(kind: Any) -> Any:
 
 
 class Part(Compiler):
-    """Numba compiler for kernels that are inlined into others, with only a first round of optimisation."""
+    """Numba compiler for kernels that only other kernels call: a first round of optimisation, no machine code."""
 
     def define_pipelines(self) -> Any:
-        """Return Numba's compiler pipelines, set up for code that is optimised only a little."""
+        """Return Numba's compiler pipelines, set up for code that becomes machine code inside its callers only."""
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
@@ -198,6 +200,19 @@ class _PartLibrary(JITCodeLibrary):
         made = self._codegen
         passes, builder = made._module_pass_manager(opt=made._opt_level, cost="cheap")  # noqa: SLF001  as Numba does
         passes.run(self._final_module, builder)
+
+    def _finalize_final_module(self) -> None:
+        """Keep the code for its callers, whose copies become machine code, and hand only its environments, pointers
+        which Numba sets, to the execution engine.
+        """
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+        whole = self._get_module_for_linking()
+        environments = [str(x) for x in whole.global_variables if x.name.startswith(ENVIRONMENT)]
+        self._final_module = parse_assembly("\n".join(environments))
+        self._final_module.triple, self._final_module.data_layout = whole.triple, whole.data_layout
+        super()._finalize_final_module()
 
 
 @cache

@@ -214,11 +214,9 @@ def pull_over_step(v, h, body, work):
     Returns 1 if these are unchanged and there is no friction, in which case Newton's method has converged at work.a,
     else 0.
     """
-    same = mean_tensions(v, h, body, work)
+    same = mean_tensions(v, h, body, work) * (1.0 - rubs(body))
     clear_pull(work)
     for r in range(len(body.friction)):
-        if body.friction[r].real > 0.0:
-            same = 0.0
         slip(r, work.q, work.v, body, work)
         pass_on(r, work.q, body, work)
         add_pull(r, work.tension[r], body, work)

@@ -22,7 +22,7 @@ from pliant.version import __version__
 
 Array = np.ndarray
 Arrays = dict[str, Array]
-ABOUT, SAMPLE = "campaign", "sample"  # names in a chunk: key and version, and the numbers of its samples
+ABOUT, SAMPLE = "sweep", "sample"  # names in a chunk: key and version, and the numbers of its samples
 
 
 class DiskError(PliantError):
@@ -58,7 +58,7 @@ def write_sealed(content: BytesIO, path: Path) -> None:
 
 
 class Store:
-    """Folder of one sweep, with one file for each chunk of samples and campaign.json.
+    """Folder of one sweep, with one file for each chunk of samples and sweep.json.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class Store:
                 f"cannot write into {self.folder}: {error.strerror or error}; choose another folder, or free space and "
                 "check permissions"
             ) from None
-        note = self.folder / "campaign.json"
-        if note.exists():
+        note = self.folder / "sweep.json"
+        if note.exists() or any(self.chunks.iterdir()):
             try:
                 before = json.loads(note.read_text(encoding="utf-8")).get("key")
             except (OSError, ValueError, AttributeError):
@@ -93,8 +93,8 @@ class Store:
         self.identity = identity
 
     def note(self, content: dict[str, Any]) -> None:
-        """Write campaign.json of the sweep's folder with the given content."""
-        write_text(self.folder / "campaign.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
+        """Write sweep.json of the sweep's folder with the given content."""
+        write_text(self.folder / "sweep.json", json.dumps({"key": self.key, **content}, indent=1) + "\n")
 
     def path(self, chunk: int) -> Path:
         """Return the path of the file of a chunk."""
@@ -132,7 +132,7 @@ class Store:
             return None
         return xr.Dataset(
             {name: (("sample", *(f"{name}_{k}" for k in range(1, a.ndim))), a) for name, a in arrays.items()},
-            coords={"sample": samples}, attrs={"campaign": self.key, "source": f"pliant {about[1]}"},
+            coords={"sample": samples}, attrs={"sweep": self.key, "source": f"pliant {about[1]}"},
         )
 
     def combine(self, bounds: list[tuple[int, int]]) -> xr.Dataset:

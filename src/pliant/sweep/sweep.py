@@ -15,10 +15,10 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.options import with_defaults
-from pliant.sweep.scheduler import Account, Count, Notify, executor_of, run_campaign
+from pliant.sweep.scheduler import Account, Count, Notify, executor_of, run_chunks
 from pliant.sweep.spec import PULSE, Sweep, sweep_from
 from pliant.sweep.store import Store, write_dataset
-from pliant.sweep.tasks import Campaign
+from pliant.sweep.tasks import SweepTask
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -89,7 +89,7 @@ def run_sweep(
         table of ``values``; of ``low``, ``high`` and ``count``; of ``low`` and ``high``; or of ``mean`` and ``std``.
     model : Model
     folder : str or Path
-        Folder for campaign.json, chunks/ and, at the end, samples.nc. An interrupted sweep continues from there.
+        Folder for sweep.json, chunks/ and, at the end, samples.nc. An interrupted sweep continues from there.
     scheduler : str
         ``local`` (the default), ``processes``, or ``tcp://host:port`` of a Dask scheduler. The result is the same,
         bit for bit.
@@ -114,7 +114,7 @@ def run_sweep(
     Raises
     ------
     InputError
-        When the sweep does not fit the model, or the folder holds another campaign.
+        When the sweep does not fit the model, or the folder holds another sweep.
     PliantError
         When the disk is full or workers fail repeatedly; written chunks are kept, and the sweep can be continued.
     TypeError
@@ -134,11 +134,10 @@ def run_sweep(
     base = None
     if sweep.kind == "bootstrap":
         base = fit(experiments, model, parameters, **{**options, "rng": sweep.seed})
-    threads = None if hired["scheduler"] == "local" and hired["make_executor"] is None else 1
-    campaign = Campaign(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
-    account = run_campaign(campaign, store, maker, progress or (lambda _line: None), hired["count"])
-    bounds = [campaign.bounds(c) for c in range(campaign.chunks)]
-    samples = store.combine(bounds)
+    threads = None if maker is None else 1
+    task = SweepTask(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
+    account = run_chunks(task, store, maker, progress or (lambda _line: None), hired["count"])
+    samples = store.combine(task.bounds)
     for name, shown in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
         if name in samples:
             samples[name] = (("sample", *shown), samples[name].values)

@@ -21,7 +21,7 @@ Arrays = dict[str, Array]
 
 
 @dataclass(frozen=True)
-class Campaign:
+class SweepTask:
     """Everything that a worker process needs to compute a sweep: its definition, the model, and recordings to fit."""
 
     sweep: Sweep
@@ -32,33 +32,30 @@ class Campaign:
     base: FitResult | None = None  # for a bootstrap: the fit whose residuals are resampled
     threads: int | None = 1  # threads of a batch; None: all cores, if one job runs at a time
 
-    def bounds(self, chunk: int) -> tuple[int, int]:
-        """Return the index of the first sample of a chunk, and the index after its last sample."""
-        first = chunk * self.sweep.together
-        return first, min(first + self.sweep.together, self.sweep.size)
-
     @property
-    def chunks(self) -> int:
-        """Return the number of chunks into which the samples of the sweep are divided."""
-        return -(-self.sweep.size // self.sweep.together)
+    def bounds(self) -> list[tuple[int, int]]:
+        """Return, for each chunk, the index of its first sample and the index after its last sample."""
+        size, many = self.sweep.size, self.sweep.together
+        return [(first, min(first + many, size)) for first in range(0, size, many)]
 
     def work(self, chunk: int) -> Arrays:
         """Compute one chunk of samples; return its result arrays by name, with the samples along the first axis."""
         kinds = {"bootstrap": bootstrap, "multi_start": multi_start}
-        return kinds.get(self.sweep.kind, simulated)(self, *self.bounds(chunk))
+        first = chunk * self.sweep.together
+        return kinds.get(self.sweep.kind, simulated)(self, first, min(first + self.sweep.together, self.sweep.size))
 
 
-def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
+def simulated(task: SweepTask, first: int, last: int) -> Arrays:
     """Simulate the samples `first` to `last - 1`; return tip positions over time, peak displacements and parameters."""
     from pliant.batch import simulate_batch
     from pliant.simulation import Pulse
     from pliant.simulation.time_step import shared_step
 
-    sweep = campaign.sweep
+    sweep = task.sweep
     varied = table(sweep, first, last)
     count = last - first
     everything = {**{k: np.full(count, v) for k, v in fixed(sweep).items()}, **varied}
-    names = campaign.model.actuation.names
+    names = task.model.actuation.names
     pulse = {"level": 119e3 if len(names) == 1 else 0.0, "start": 0.0, "width": np.inf}
     edges = {k: everything.pop(k, np.full(count, v)) for k, v in pulse.items()}  # for all chambers
     each = [{k: everything.pop(f"{name}.{k}", edges[k]) for k in PULSE} for name in names]  # or what one is given
@@ -66,10 +63,10 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     pressures = [tuple(pulse_of(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
     pressures = pressures[:1] if len(set(pressures)) == 1 else pressures
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
-    time_step = sweep.time_step or shared_step([campaign.model])  # one for all chunks
+    time_step = sweep.time_step or shared_step([task.model])  # one for all chunks
     run = simulate_batch(
-        campaign.model, pressures, parameters=everything or {"tip_mass": np.full(count, campaign.model.tip_mass)},
-        times=times, time_step=time_step, variables=("tip_position",), threads=campaign.threads, failures="mark",
+        task.model, pressures, parameters=everything or {"tip_mass": np.full(count, task.model.tip_mass)},
+        times=times, time_step=time_step, variables=("tip_position",), threads=task.threads, failures="mark",
     )
     tip = run["tip_position"].values[:, :, -1]
     moved = np.linalg.norm(tip - tip[:, :1], axis=-1)
@@ -79,12 +76,12 @@ def simulated(campaign: Campaign, first: int, last: int) -> Arrays:
     }
 
 
-def refitted(campaign: Campaign, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
+def refitted(task: SweepTask, sample: int, experiments: Sequence[Experiment], start: Sequence[Parameter]) -> Arrays:
     """Fit the recordings for one sample of a sweep. Return fitted parameters and error; NaN if the fit fails."""
     free = [p.name for p in start if p.free]
-    options = {**(campaign.fit_options or {}), "starts": 1, "rng": generator(campaign.sweep.seed, sample)}
+    options = {**(task.fit_options or {}), "starts": 1, "rng": generator(task.sweep.seed, sample)}
     try:
-        result = fit(experiments, campaign.model, start, **options)
+        result = fit(experiments, task.model, start, **options)
     except PliantError:
         nothing = np.array(np.nan)
         return {**{f"parameter_{n}": nothing for n in free}, "rmse": nothing, "failed": np.array(True)}
@@ -98,24 +95,24 @@ def stacked(rows: Sequence[Arrays]) -> Arrays:
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
-def bootstrap(campaign: Campaign, first: int, last: int) -> Arrays:
+def bootstrap(task: SweepTask, first: int, last: int) -> Arrays:
     """Compute the samples `first` to `last - 1` of a residual bootstrap. Each is a new fit to artificial measurements:
     the motion that the first fit predicts, plus residuals of this fit drawn at random in blocks of consecutive frames.
     """
-    base = campaign.base
+    base = task.base
     if base is None:
         raise ValueError("a bootstrap needs the fit whose residuals it resamples")
     values = base.values
     start = list(base.parameters)
-    modelled = [predict(base.model, exp, values, base.time_step)["compared"] for exp in campaign.experiments]
+    modelled = [predict(base.model, exp, values, base.time_step)["compared"] for exp in task.experiments]
     rows = []
     for sample in range(first, last):
-        rng = generator(campaign.sweep.seed, sample)
+        rng = generator(task.sweep.seed, sample)
         again = [
-            with_drawn(exp, redrawn(exp, motion, frames_in(exp, campaign.sweep.block), rng))
-            for exp, motion in zip(campaign.experiments, modelled, strict=True)
+            with_drawn(exp, redrawn(exp, motion, frames_in(exp, task.sweep.block), rng))
+            for exp, motion in zip(task.experiments, modelled, strict=True)
         ]
-        rows.append(refitted(campaign, sample, again, start))
+        rows.append(refitted(task, sample, again, start))
     return stacked(rows)
 
 
@@ -124,10 +121,10 @@ def frames_in(exp: Experiment, seconds: float) -> int:
     return int(np.clip(round(seconds / np.median(np.diff(exp.time))), 1, exp.time.size))
 
 
-def multi_start(campaign: Campaign, first: int, last: int) -> Arrays:
+def multi_start(task: SweepTask, first: int, last: int) -> Arrays:
     """Fit the recordings from random start values, once per sample, to see whether all reach the same optimum."""
     rows = []
     for sample in range(first, last):
-        rng = generator(campaign.sweep.seed, sample)
-        rows.append(refitted(campaign, sample, campaign.experiments, scattered_start(campaign.parameters, rng)))
+        rng = generator(task.sweep.seed, sample)
+        rows.append(refitted(task, sample, task.experiments, scattered_start(task.parameters, rng)))
     return stacked(rows)

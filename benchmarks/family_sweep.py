@@ -1,8 +1,8 @@
 """Measure how well models predict bodies of a random family, at 0.66, 1.3 and 2 times the highest training pressure.
 
-    python benchmarks/campaign.py -o results/campaign --seeds 40            # resumes where it stopped
-    python benchmarks/campaign.py -o results/campaign --seeds 40 --scheduler processes
-    python benchmarks/campaign.py -o results/campaign --seeds 40 --figure docs/figures/campaign
+    python benchmarks/family_sweep.py -o results/family_sweep --seeds 40            # resumes where it stopped
+    python benchmarks/family_sweep.py -o results/family_sweep --seeds 40 --scheduler processes
+    python benchmarks/family_sweep.py -o results/family_sweep --seeds 40 --figure docs/figures/family_sweep
 
 Each seed is a different virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses
 of 1.5 s at 60, 119, 180, 234 and 360; pressures are scaled so that 180 is the working pressure. The recordings at 60
@@ -99,7 +99,7 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
         write_netcdf(generate(case, who, 1).recording, folder / f"{name}.nc")
     known = who.known()
     study = Study.model_validate({
-        "name": "campaign", "folder": str(folder), "fits": {}, "reduction": {"recording": "high", "links": links},
+        "name": "family_sweep", "folder": str(folder), "fits": {}, "reduction": {"recording": "high", "links": links},
         "actuator": {"length": known["body_length"], "mass": known["body_mass"], "tip_mass": known["tip_mass"]},
         "fibre": {"body_length": known["body_length"], "cap_curvature": who.body.cap_curvature,
                   "cap_length": who.body.cap_length, "gauge_length": known["gauge_length"]},
@@ -271,14 +271,14 @@ def figure(samples: xr.Dataset, path: Path) -> None:
 
 def main() -> None:
     """Compute missing seeds, then print the table and the five worst seeds, and draw the figure."""
-    parser = chunks.options(__doc__, "campaign", 40)
+    parser = chunks.options(__doc__, "family_sweep", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--stages", nargs="+", default=STAGE_NAMES, help="from the lowest up")
     parser.add_argument("--late", action="store_true", help="try stages that were passed over once more at the end")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
     seeds = Seeds(args.seeds, args.first, stages=tuple(args.stages), late=args.late)
-    key = {"campaign": "family", "first": args.first, "elements": seeds.elements, "stages": seeds.stages}
+    key = {"sweep": "family", "first": args.first, "elements": seeds.elements, "stages": seeds.stages}
     key |= {"late": True} if args.late else {}
     samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "

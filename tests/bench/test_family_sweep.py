@@ -1,4 +1,4 @@
-"""The campaign over the family, on one seed of a coarse rod: its numbers, its table, and that it goes on."""
+"""The sweep over the family, on one seed of a coarse rod: its numbers, its table, and that it goes on."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from benchmark_scripts import loaded
 
-from pliant.sweep.scheduler import Local, run_campaign
+from pliant.sweep.scheduler import run_chunks
 from pliant.sweep.store import Store
 from pliant.testbed import family_member
 
 
 @pytest.fixture(scope="module")
-def campaign():
-    return loaded("campaign")
+def family_sweep():
+    return loaded("family_sweep")
 
 
 def coarse(seed):
@@ -25,39 +25,39 @@ def coarse(seed):
 
 
 @pytest.mark.slow
-def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(campaign, tmp_path, monkeypatch):
-    monkeypatch.setattr(campaign, "family_member", coarse)
-    seeds = campaign.Seeds(1, first=1, elements=20, links=5, stages=("torque",))
-    store = Store(tmp_path, {"campaign": "test"})
-    assert run_campaign(seeds, store, Local).made == 1
+def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(family_sweep, tmp_path, monkeypatch):
+    monkeypatch.setattr(family_sweep, "family_member", coarse)
+    seeds = family_sweep.Seeds(1, first=1, elements=20, links=5, stages=("torque",))
+    store = Store(tmp_path, {"sweep": "test"})
+    assert run_chunks(seeds, store).made == 1
     samples = store.load(0, 0, 1)
     row = {name: samples[name].values[0] for name in samples.data_vars}
     assert (row["told"], row["stage"], row["failed"]) == ("", "torque", False)
-    tips = [row[f"{case}_tip_percent"] for case in campaign.HELD_OUT]
+    tips = [row[f"{case}_tip_percent"] for case in family_sweep.HELD_OUT]
     assert 0.1 < tips[0] < 10.0
     assert tips[2] > 1.5 * tips[0]
     assert abs(row["inside_frequency_percent"]) < 10.0
     assert row["inside_shape_percent"] < tips[0]  # the tip goes farthest of the body
     assert 0.0 < row["inside_joints_mrad"] < 300.0
-    assert run_campaign(seeds, store, Local).found == 1
-    told = campaign.table(samples)
+    assert run_chunks(seeds, store).found == 1
+    told = family_sweep.table(samples)
     assert f"{tips[0]:+7.2f}" in told
-    assert "seed 1, torque, Iso6358" in campaign.worst(samples)
+    assert "seed 1, torque, Iso6358" in family_sweep.worst(samples)
 
 
-def test_joint_angles_of_a_chain_are_those_that_laid_it(campaign, rng):
+def test_joint_angles_of_a_chain_are_those_that_laid_it(family_sweep, rng):
     angle = rng.uniform(-0.5, 0.5, (4, 5))
     heading = np.cumsum(angle, axis=1)
     tips = np.cumsum(0.03 * np.stack([-np.sin(heading), np.cos(heading)], axis=-1), axis=1)
-    assert campaign.joint_angles(tips) == pytest.approx(angle, abs=1e-12)
+    assert family_sweep.joint_angles(tips) == pytest.approx(angle, abs=1e-12)
 
 
-def test_a_prediction_that_is_refused_is_told_and_counted(campaign, monkeypatch):
+def test_a_prediction_that_is_refused_is_told_and_counted(family_sweep, monkeypatch):
     def refuse(*_args, **_late):
-        raise campaign.PliantError("no such body")
+        raise family_sweep.PliantError("no such body")
 
-    monkeypatch.setattr(campaign, "judged", refuse)
-    row = campaign.Seeds(1, first=4).work(0)
+    monkeypatch.setattr(family_sweep, "judged", refuse)
+    row = family_sweep.Seeds(1, first=4).work(0)
     assert row["told"][0] == "no such body"
     assert row["failed"][0]
     assert np.isnan(row["inside_tip_percent"][0])

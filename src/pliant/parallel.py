@@ -1,0 +1,156 @@
+"""Independent jobs side by side, on executors of `concurrent.futures`: the fits of a study, the chunks of a sweep."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from asyncio import CancelledError as AsyncCancelledError
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from itertools import islice
+from multiprocessing import parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from threading import Thread
+from types import ModuleType
+from typing import Any, TypeVar
+
+from pliant.errors import PliantError
+from pliant.heavy import hide_heavy
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+IN_FLIGHT = 64  # jobs submitted and not yet finished: limits the memory, and what is lost with an executor
+POLL = 0.1  # s
+
+
+def cores() -> int:
+    """Return the number of processor cores that this process may use: the system's limit or, without one, all cores."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Worker(SpawnProcess):
+    """A process that does not run the user's script again, so that it needs no guard, and that Ctrl-C does not reach:
+    the process that started it ends it.
+    """
+
+    def start(self) -> None:
+        """Start the process. It inherits the blocked signal, and multiprocessing imports in it what is __main__ now."""
+        script, mask = sys.modules["__main__"], getattr(signal, "pthread_sigmask", None)
+        before = mask(signal.SIG_BLOCK, {signal.SIGINT}) if mask else None
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = script
+            if mask:
+                mask(signal.SIG_SETMASK, before)
+
+
+class WorkerContext(SpawnContext):
+    """The context of multiprocessing that starts a `Worker` for each process."""
+
+    Process = Worker
+
+
+class WorkerProcesses(ProcessPoolExecutor):
+    """A ProcessPoolExecutor whose `with` statement ends all jobs that still run, for example after Ctrl-C."""
+
+    def __init__(self, workers: int) -> None:
+        most = 61 if sys.platform == "win32" else workers  # Windows cannot wait for more
+        super().__init__(min(workers, most), mp_context=WorkerContext(), initializer=prepare_worker)
+
+    def __exit__(self, *_: object) -> None:
+        """Cancel waiting jobs and end all worker processes."""
+        processes = list((self._processes or {}).values())
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+
+
+def prepare_worker() -> None:
+    """Prepare this worker process before its first job. It ends with the process that started it."""
+    hide_heavy()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be blocked: Windows
+    os.dup2(2, 1)  # a library's prints must not mix with the result that a command prints
+
+    def end_with_parent() -> None:
+        if parent := parent_process():
+            parent.join()
+            os._exit(1)
+
+    Thread(target=end_with_parent, daemon=True).start()
+
+
+def compute(
+    work: Callable[[Job], Result], jobs: Iterator[Job], pool: Executor, keep: Callable[[Job, Result], None],
+    in_flight: int = IN_FLIGHT, gone: Callable[[], bool] = lambda: False,
+) -> str:
+    """Compute jobs with an executor and call ``keep(job, work(job))`` here for each, in the order in which they finish.
+
+    Parameters
+    ----------
+    work : callable
+        Picklable function of one job.
+    jobs : iterator
+        Jobs, taken only as they are submitted, so that others may take from the same iterator.
+    in_flight : int
+        Largest number of jobs that the executor has at a time.
+    gone : callable
+        Asked every 0.1 s; once it returns True, the remaining jobs are given up.
+
+    Returns
+    -------
+    str
+        Empty if every job that was taken is kept; otherwise why some are not, because workers failed. An error of a job
+        itself is raised.
+    """
+    running: dict[Any, Job] = {}
+    failure = ""
+    try:
+        while True:
+            try:
+                for job in islice(jobs, in_flight - len(running)):
+                    running[pool.submit(work, job)] = job
+            except (BrokenExecutor, OSError, RuntimeError) as error:  # the executor accepts no job any more
+                jobs, failure = iter(()), type(error).__name__
+            if not running:
+                return failure
+            done = wait(running, POLL, FIRST_COMPLETED).done
+            if not done and gone():
+                return failure or "the connection was lost"
+            for future in done:
+                job = running.pop(future)
+                if lost := breakage(future):
+                    failure = lost
+                else:
+                    keep(job, future.result())
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def breakage(future: Future[Any]) -> str:
+    """Return the error of a finished job if its worker process or connection failed; empty for a result. Any other
+    error, one of the computation itself, is raised.
+    """
+    broken = (BrokenExecutor, CancelledError, AsyncCancelledError, ConnectionError, TimeoutError)
+    try:
+        future.result()
+    except PliantError:
+        raise
+    except (Exception, AsyncCancelledError) as error:
+        if isinstance(error, broken) or type(error).__module__.startswith("distributed"):
+            return type(error).__name__
+        raise
+    return ""
