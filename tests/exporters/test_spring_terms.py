@@ -132,8 +132,9 @@ def test_springs_lose_their_stiffness_where_their_slope_first_vanishes(term):
     np.testing.assert_allclose(bent.bend(bent.torque(held)), held, rtol=1e-9)
 
 
+@pytest.mark.slow
 @EACH_TERM
-@SLOW_IN_SPACE
+@EACH_BODY
 def test_a_fit_has_the_derivative_of_differences_and_a_filter_follows(term, spatial):
     model, times = bent(term, spatial), np.arange(0.0, 0.4, 0.01)
     seen = simulate(model, Pulse(LEVEL, 0.1, 1.0), times=times, time_step=STEP, check=False)

@@ -24,6 +24,7 @@ def wire(rows):
     return np.sqrt(np.sum(off * off, axis=-1, keepdims=True)) * np.array([1.0, np.nan, np.nan])
 
 
+@pytest.mark.slow  # loads the compiler of dual numbers
 @pytest.mark.parametrize("known", [True, False])
 def test_the_length_of_a_wire_has_the_derivative_of_differences(known):
     seen = simulate(BODY, Pulse(3e4, START, 1.0), times=TIMES, time_step=2e-3, check=False).station_position.values

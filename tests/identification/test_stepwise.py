@@ -11,8 +11,8 @@ import pytest
 from pliant.errors import InputError
 from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, Stage, select_model
 from pliant.identification.model_selection import Follows
-from pliant.identification.parameters import check_names
-from pliant.identification.stage_fit import StageResult
+from pliant.identification.parameters import check_names, kind_of
+from pliant.identification.stage_fit import StageResult, entry_name
 from pliant.identification.stages import of_chambers
 from pliant.identification.stepwise import fit_stages
 from pliant.model import Chamber, Memory, Model, Space, Valve, chain_model
@@ -175,3 +175,12 @@ def test_stages_in_space_name_parameters_that_an_arm_in_space_has() -> None:
     with pytest.raises(InputError, match="needs a chain in space"):
         check_names([Parameter("stiffness_ratio")], chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5,
                     damping=5e-3, torque=[1e-6], gravity=(0.0, 9.81)), {"r"}, {"tip"})  # fmt: skip
+
+
+def test_every_stage_names_parameters_that_exist() -> None:
+    chambers = [Chamber(torque=[2e-6], joint_gain=1.0, name=name) for name in ("red", "green")]
+    model = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, chambers=chambers)
+    for stage in (of_chambers(s, model) for s in (*STAGES, *MORE_STAGES)):
+        frees = [entry_name(entry) for choice in stage.frees for entry in choice]
+        for name in (*frees, *stage.drops, *(name for name, _ in stage.scan)):
+            kind_of(name)
