@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pliant.errors import InputError, PliantError
     from pliant.estimation import estimate
     from pliant.exporters import export
-    from pliant.identification import experiment, fit, predict, select_model
+    from pliant.identification import experiment, fit, predict
     from pliant.linear import linearise
     from pliant.model import Chamber, Model, chain_model, load_model, save_model
     from pliant.preprocessing.align import align
@@ -28,7 +28,7 @@ _PAGE = {
     "pliant.preprocessing.align": ("align",),
     "pliant.model": ("Model", "Chamber", "chain_model", "load_model", "save_model"),
     "pliant.simulation": ("Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes"),
-    "pliant.identification": ("experiment", "fit", "select_model", "predict"),
+    "pliant.identification": ("experiment", "fit", "predict"),
     "pliant.study": ("load_study", "run_study"),
     "pliant.estimation": ("estimate",),
     "pliant.linear": ("linearise",),
@@ -41,7 +41,7 @@ __all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes",
-    "experiment", "fit", "select_model", "predict", "load_study", "run_study",
+    "experiment", "fit", "predict", "load_study", "run_study",
     "estimate", "linearise", "export",
     "PliantError", "InputError",
 ]

@@ -12,7 +12,14 @@ from pliant.batch import simulate_batch
 from pliant.contact import find_contact, map_contacts
 from pliant.control import design_lqr
 from pliant.errors import FitError, SimulationError
-from pliant.identification import Experiment, Parameter, identifiability, predict_held_out, prediction_band
+from pliant.identification import (
+    Experiment,
+    Parameter,
+    identifiability,
+    predict_held_out,
+    prediction_band,
+    select_model,
+)
 from pliant.model import Extension, Memory, Station, Valve
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import quality
@@ -76,7 +83,7 @@ def fits(paths: list[Path]) -> pliant.Model:
     print(own.status, prediction["position"].shape, same["pressure"].max())
     told = identifiability(experiments[:-1], start, ["stiffness", "damping", "mass"])
     band = prediction_band(experiments[-1], fitted, noise=1e-4)
-    selection = pliant.select_model(experiments[:-1], experiments[-1:], start, progress=print)
+    selection = select_model(experiments[:-1], experiments[-1:], start, progress=print)
     print(told.identifiable, band.upper - band.lower, selection.reason, selection.result.values)
     outcome = pliant.run_study(pliant.load_study("study.toml"), "results", progress=print)
     return outcome.model

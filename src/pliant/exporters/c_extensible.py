@@ -10,11 +10,9 @@ from typing import Any
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real
 from pliant.compiler.choose import AXIAL
-from pliant.compiler.trace import CURVED
 from pliant.equations import extension, inertia, motion, observation, symbols
 from pliant.equations.energy import elastic_energy
 from pliant.exporters.c_functions import LIMITS, Text, place
-from pliant.mechanics import mechanics_of
 
 
 class ExtensibleText(Text):
@@ -42,7 +40,7 @@ class ExtensibleText(Text):
             self.curved_spring(w, k, k)
         for s in range(self.model.size - n):
             self.segment(w, s, body.l)
-            if mechanics_of(self.model).axial_laws & CURVED:
+            if any(e.curved for e in self.model.extensions):
                 self.curved_spring(w, s, n + s, "axial_")
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 

@@ -124,7 +124,7 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         length = np.array([of("base_length"), *of("link_length")], dtype=object)
         body: Any = symbols.ExtensibleBody(of("B"), length, of("h"), of("share"), *gravity)
         springs = [of(f) for f in ("base_angle", "rest_angle", "K", "D", "hardening", "rest_angle")]
-        return body, symbols.ExtensibleJoints(*springs, mechanics_of(model).joints.rest)
+        return body, symbols.ExtensibleJoints(*[*springs, mechanics_of(model).joints.rest])
     if not model.space:
         springs = [of(f) for f in ("base_angle", "rest_angle", "stiffness", "damping", "hardening", "rest_angle")]
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
