@@ -124,13 +124,15 @@ def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False
     for case in HELD_OUT:
         try:
             failures = Failures("hierarchy")
-            records = records_of(train, [experiments[case]], selection.result, study.time_step, "travel", failures)
+            records = records_of(
+                train, [experiments[case]], selection.result, selection.result.time_step, "travel", failures
+            )
             if failures:
                 found["told"] += " ".join(f.sentence for f in failures)
                 continue
             record = records[-1]
-            held = predict_held_out(experiments[case], selection.result, time_step=study.time_step)[1]
-            rows = predict(held.model, experiments[case], held.values, study.time_step)["position"]
+            held = predict_held_out(experiments[case], selection.result)[1]
+            rows = predict(held.model, experiments[case], held.values, held.time_step)["position"]
         except PliantError as problem:
             found["told"] += f"{case}: {problem}. "
             continue

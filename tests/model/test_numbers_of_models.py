@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pliant.equations.laws import POLYNOMIAL
-from pliant.equations.spring_terms import in_words
 from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model
 from pliant.model.actuation import Actuation, chambers_of
@@ -21,6 +20,7 @@ from pliant.model.memory import payne, springpot
 from pliant.model.section import bending_stiffness, joint_placement, segments
 from pliant.model.space import Space, rows_of, space_of
 from pliant.model.statics import joint_torques_over, torques_over
+from pliant.model.summary import in_words
 from pliant.model.torque_law import laid_torque, unfinished_law
 
 SIZES = {"link_length": [0.1, 0.2], "link_mass": [0.02, 0.03], "stiffness": [1.5, 2.0], "damping": 0.01}
