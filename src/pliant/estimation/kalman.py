@@ -289,7 +289,7 @@ class KalmanFilter:
         self.counts.flipped += flips(event.rows, event.value, workspace.seen)
         self.counts.last_ratio = square / used if used else math.nan
         off = np.abs(event.value - workspace.seen)
-        angular = np.isin(event.rows[:, 0], IN_RADIANS)
+        angular = IN_RADIANS[event.rows[:, 0].astype(int)]
         if used and np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad or {LARGEST} body lengths"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ Array = np.ndarray
 AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 TURNS = (TURN_X, TURN_Y, TURN_Z)
 MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.dimensions] for d in (2, 3)}
-IN_RADIANS = [kind for kind, row in KINDS.items() if row.unit == "rad"]
+IS_TURN = np.isin(list(KINDS), TURNS)  # of each kind, by its number
+IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # the same
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
@@ -89,26 +91,41 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
             f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
             f"and variances {variance.shape}"
         )
-    dimension = 2 if model.space is None else 3
-    known = np.isin(rows[:, 0], MEASURED_IN[dimension]) & np.isin(rows[:, 1], range(model.n))
-    if not known.all():
-        raise InputError(
-            f"a row must begin with a kind of measurement, in {dimension} dimensions "
-            f"{', '.join(f'{kind} ({KINDS[kind].meaning})' for kind in MEASURED_IN[dimension])}, and a link from 0 to "
-            f"{model.n - 1}, got {rows[~known][0, :2].tolist()}: make rows with rows_of"
-        )
-    turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
-    if not turns.size:
+    if not any_turns(rows.tobytes(), model.n, 2 if model.space is None else 3, wide):
         return
-    threes = rows[turns, :2].reshape(-1, 3, 2) if turns.size % 3 == 0 else np.empty((0, 3, 2))
-    if not (len(threes) and (threes[..., 0] == TURNS).all() and (threes[..., 1] == threes[:, :1, 1]).all()
-            and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
-        raise InputError("an orientation needs three consecutive rows of one link: make them with rows_of")
-    if (np.linalg.norm(np.nan_to_num(values[turns].reshape(-1, 3)), axis=1) > HALF_TURN).any():
+    turned = values[IS_TURN[rows[:, 0].astype(int)]].reshape(-1, 3)
+    if (np.linalg.norm(np.nan_to_num(turned), axis=1) > HALF_TURN).any():
         raise InputError(
             "an orientation must be a rotation vector of at most half a turn (pi rad): convert it by "
             "scipy.spatial.transform.Rotation.as_rotvec"
         )
+
+
+@lru_cache(256)  # the rows of a sensor are the same in every frame
+def any_turns(content: bytes, links: int, dimension: int, wide: int) -> bool:
+    """Return whether rows of a measurement contain orientations. `content` are the bytes of an array (m, `wide`).
+
+    Raises
+    ------
+    InputError
+        When a row has an unknown kind or link, or an orientation does not have three successive rows of one link.
+    """
+    rows = np.frombuffer(content).reshape(-1, wide)
+    known = np.isin(rows[:, 0], MEASURED_IN[dimension]) & np.isin(rows[:, 1], range(links))
+    if not known.all():
+        raise InputError(
+            f"a row must begin with a kind of measurement, in {dimension} dimensions "
+            f"{', '.join(f'{kind} ({KINDS[kind].meaning})' for kind in MEASURED_IN[dimension])}, and a link from 0 to "
+            f"{links - 1}, got {rows[~known][0, :2].tolist()}: make rows with rows_of"
+        )
+    turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
+    if not turns.size:
+        return False
+    threes = rows[turns, :2].reshape(-1, 3, 2) if turns.size % 3 == 0 else np.empty((0, 3, 2))
+    if not (len(threes) and (threes[..., 0] == TURNS).all() and (threes[..., 1] == threes[:, :1, 1]).all()
+            and (np.diff(turns.reshape(-1, 3)) == 1).all()):  # fmt: skip
+        raise InputError("an orientation needs three consecutive rows of one link: make them with rows_of")
+    return True
 
 
 def flips(rows: Array, values: Array, seen: Array) -> int:
@@ -117,7 +134,9 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 
     These are the orientations that were given but are NaN in `seen` (..., m).
     """
-    turned = np.isin(rows[:, 0], TURNS)
+    turned = IS_TURN[rows[:, 0].astype(int)]
+    if not turned.any():
+        return 0
     given, found = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
     return int((np.isfinite(given).all(axis=-1) & np.isnan(found[..., 0])).sum())
 
