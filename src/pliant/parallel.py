@@ -45,7 +45,9 @@ class Worker(SpawnProcess):
     """
 
     def start(self) -> None:
-        """Start the process. It inherits the blocked signal, and multiprocessing imports in it what is __main__ now."""
+        """Start the process while SIGINT is blocked, which it inherits, and while __main__ is an empty module, because
+        multiprocessing imports __main__ in the new process.
+        """
         script, mask = sys.modules["__main__"], getattr(signal, "pthread_sigmask", None)
         before = mask(signal.SIG_BLOCK, {signal.SIGINT}) if mask else None
         sys.modules["__main__"] = ModuleType("__main__")

@@ -177,7 +177,8 @@ class KalmanFilter:
         Raises
         ------
         InputError
-            When the shapes do not agree, the time is not finite, or an orientation is not three rows of one link.
+            When the shapes do not agree, the time is not finite, a row has an unknown kind or link, or an orientation
+            is not three rows of one link.
         """
         rows, values, variance = (np.ascontiguousarray(a, dtype=float) for a in (rows, values, variance))
         check_frame(self.model, rows, values, variance)

@@ -25,7 +25,7 @@ AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 TURNS = (TURN_X, TURN_Y, TURN_Z)
 MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.dimensions] for d in (2, 3)}
 IS_TURN = np.isin(list(KINDS), TURNS)  # of each kind, by its number
-IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # the same
+IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # of each kind, by its number
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
@@ -91,7 +91,7 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
             f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
             f"and variances {variance.shape}"
         )
-    if not any_turns(rows.tobytes(), model.n, 2 if model.space is None else 3, wide):
+    if not has_orientations(rows.tobytes(), model.n, 2 if model.space is None else 3, wide):
         return
     turned = values[IS_TURN[rows[:, 0].astype(int)]].reshape(-1, 3)
     if (np.linalg.norm(np.nan_to_num(turned), axis=1) > HALF_TURN).any():
@@ -102,7 +102,7 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
 
 
 @lru_cache(256)  # the rows of a sensor are the same in every frame
-def any_turns(content: bytes, links: int, dimension: int, wide: int) -> bool:
+def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> bool:
     """Return whether rows of a measurement contain orientations. `content` are the bytes of an array (m, `wide`).
 
     Raises

@@ -13,10 +13,10 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import LONGEST, fit_step, values_of
+from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.optimise import solve, solve_all
-from pliant.identification.parameters import Parameter, apply
+from pliant.identification.parameters import Parameter, apply, values_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
@@ -239,7 +239,7 @@ def best_edges(experiment: Experiment, fitted: FitResult, time_step: float) -> d
     the time of least error is taken.
     """
     times = {f"{experiment.name}.{name}": time for name, time in edges(experiment).items()}
-    others = {p.name: float(p.value) for p in carried_over(experiment, fitted) if p.value is not None}
+    others = values_of(carried_over(experiment, fitted))
     quarter = 0.25 / float(modes(fitted.model)[0][0])
     for name, time in list(times.items()):
         moved = [time + k * quarter for k in sorted(range(-8, 9), key=abs)]

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pliant.errors import PliantError
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare
-from pliant.identification.parameters import Parameter, apply
+from pliant.identification.parameters import Parameter, apply, values_of
 from pliant.model import Model
 from pliant.simulation.time_step import shared_step
 
@@ -20,11 +20,6 @@ def fit_step(model: Model, values: Mapping[str, float]) -> float:
     (SI). Parameters that no model has, such as those of a recording, have no effect.
     """
     return shared_step([apply(model, values)], LONGEST)
-
-
-def values_of(parameters: Sequence[Parameter]) -> dict[str, float]:
-    """Return the known values (SI) of parameters by name."""
-    return {p.name: float(p.value) for p in parameters if p.value is not None}
 
 
 def starting_step(experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str]) -> float:

@@ -12,9 +12,9 @@ from pliant.display import Card, Shown
 from pliant.errors import PliantError
 from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import fit_step, values_of
+from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
-from pliant.identification.parameters import Parameter, kind_of, shared_name
+from pliant.identification.parameters import Parameter, kind_of, shared_name, values_of
 from pliant.identification.problem import Problem
 from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance

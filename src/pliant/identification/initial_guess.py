@@ -16,7 +16,15 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import segments
 from pliant.identification.extension_start import extension_starts
 from pliant.identification.memory_parameters import LAYOUTS, chamber_guess
-from pliant.identification.parameters import Parameter, apply, check_names, each_joint, kind_of, shared_name
+from pliant.identification.parameters import (
+    Parameter,
+    apply,
+    check_names,
+    each_joint,
+    kind_of,
+    shared_name,
+    values_of,
+)
 from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
@@ -148,7 +156,7 @@ def estimate(
 
     Raises FitError for a parameter whose start value cannot be estimated.
     """
-    values = {p.name: p.value for p in parameters if p.value is not None}
+    values = values_of(parameters)
     wanted = {shared_name(p.name) for p in parameters if p.value is None}
     begun = {k: v for k, v in values.items() if not unfinished_law(k, wanted)}
     base, experiments = apply(model, begun), [e.synchronised(values) for e in experiments]

@@ -348,3 +348,8 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
                 f"the parameters {start}gain and {start}joint_gain_<i> both set the gains of joints: leave one of them "
                 "out"
             )
+
+
+def values_of(parameters: Iterable[Parameter]) -> dict[str, float]:
+    """Return the known values (SI) of parameters by name."""
+    return {p.name: float(p.value) for p in parameters if p.value is not None}

@@ -11,7 +11,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, values_of
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 
@@ -72,7 +72,7 @@ class FitResult(Shown):
     @property
     def values(self) -> dict[str, float]:
         """Return the values (SI) of all parameters by name."""
-        return {p.name: float(p.value) for p in self.parameters if p.value is not None}
+        return values_of(self.parameters)
 
     @property
     def shown_in(self) -> tuple[str, float]:
@@ -163,7 +163,7 @@ def cautions(
     model: Model, parameters: Sequence[Parameter], experiments: Sequence[Experiment], section_area: float | None,
 ) -> list[str]:
     """Return warnings about an unphysical fit: zero damping, implausible density, or a lag longer than a pulse."""
-    values = {p.name: float(p.value) for p in parameters if p.value is not None}
+    values = values_of(parameters)
     free = {p.name for p in parameters if p.free}
     none = sorted(n for n in free if n.startswith("damping") and values[n] <= 1e-9 * model.stiffness.mean())
     found = [f"{n} is zero, which no real body has: another parameter accounts for the decay, or the time step is too "

@@ -14,13 +14,13 @@ from pliant.errors import FitError, PliantError
 from pliant.failures import Failures, NotComputed
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitOptions, fit
-from pliant.identification.fit_step import LONGEST, values_of
+from pliant.identification.fit_step import LONGEST
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
 from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
-from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.parameters import Parameter, kind_of, values_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import root_mean_square
 from pliant.identification.result import FitResult, touches_bound

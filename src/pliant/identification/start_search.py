@@ -19,7 +19,7 @@ from pliant.identification.edges import displacement
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare, ring_start
 from pliant.identification.optimise import solve
-from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
+from pliant.identification.parameters import Parameter, apply, each_joint, shared_name, values_of
 from pliant.identification.problem import Problem
 from pliant.model import Chamber, Model
 from pliant.simulation import modes
@@ -47,7 +47,7 @@ def searched(
     unknown = any(p.value is None and shared_name(p.name) == "stiffness" for p in listed)
     if model.space is None or not unknown:
         return prepare(experiments, model, parameters)
-    given = apply(model, {p.name: p.value for p in listed if p.value is not None})
+    given = apply(model, values_of(listed))
     middle = ring_start(given, experiments, {"stiffness"})["stiffness"]
     seen = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
 
