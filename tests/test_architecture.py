@@ -148,7 +148,7 @@ def test_only_few_files_draw():
 
 MECHANICS = ("equations/", "mechanics/", "exporters/")  # the packages that may spell how a chain moves
 OWN_MECHANICS = ("basic.py", "testbed/")  # written apart, to compare with; no line is shared
-SPRING_FUNCTIONS = {"spring_torque", "spring_slope", "spring_slope_between", "spring_energy"}
+SPRING_FUNCTIONS = {"spring_torque", "spring_slope", "spring_energy"}
 INERTIA_FUNCTIONS = {"inertia_absolute", "body_constants", "inertia_from_jacobians"}
 CONSTANT_MAKERS = {"model/inertia.py"}  # the constants of the inertia, which checks of a model need as well
 

@@ -14,9 +14,9 @@ import pytest
 from numba import types
 
 import pliant
-from pliant.compiler import cache, choose, duals, kernel_cache, simd, twin
+from pliant.compiler import cache, choose, kernel_cache, simd, twin
 from pliant.compiler.twin import fingerprint, reached, stable
-from pliant.equations import extension_linearised, linearised, motion
+from pliant.equations import extension, linearised, motion
 from pliant.estimation import kalman_loops
 from pliant.identification import follow_loops
 from pliant.simulation import march_loops
@@ -183,8 +183,8 @@ def test_where_nothing_can_be_written_numba_chooses(monkeypatch, tmp_path):
 
 def test_everything_that_machine_code_comes_from_is_in_its_digest():
     makers = {"choose.py", "trace.py", "llvm.py", "trig.py", "articulated.py", "extension.py"}
-    makers |= {"extension_linearised.py", "simd.py", "dual_numbers.py", "duals.py"}
-    makers |= {f"spatial{part}.py" for part in ("", "_extension", "_linearised", "_memory", "_points", "_springs")}
+    makers |= {"simd.py", "dual_numbers.py"}
+    makers |= {f"spatial{part}.py" for part in ("", "_extension", "_memory", "_points", "_springs")}
     makers |= {"spatial_observation.py", "tendon.py", "extension_memory.py"}
     assert {Path(f).name for f in choose.SOURCES} == makers
     assert len(choose.SOURCES) == len(makers) + 1, "trig.py is the plain text and its compiled form"
@@ -194,10 +194,9 @@ def test_everything_that_machine_code_comes_from_is_in_its_digest():
 
 
 def test_a_twin_that_takes_duals_too_has_their_rules_in_its_digest():
-    jacobian = extension_linearised.step_jacobian
-    shared = duals._inner(linearised.step_jacobian, 5, 1, 1)
-    assert shared is choose.twin(jacobian)
-    assert shared.__qualname__.endswith(fingerprint(jacobian, twin.__file__, *choose.STRAIGHT_SOURCES))
+    shared = choose.looped_twin(motion.step, 15, 1)
+    assert shared is choose.twin(extension.step)
+    assert shared.__qualname__.endswith(fingerprint(extension.step, twin.__file__, *choose.STRAIGHT_SOURCES))
 
 
 def test_constants_and_expressions_are_in_the_digest(monkeypatch):
@@ -219,7 +218,7 @@ def test_sets_are_written_alike_in_every_process():
 def test_a_kernel_has_one_twin_whoever_calls_it():
     """The marches of one model share what they call: no callee is compiled for each of them again."""
     entries = (march_loops.march, march_loops.march_with_memory, kalman_loops.predict_span, linearised.step_jacobian)
-    for make, links in ((choose.twin, 5), (simd.lane_twin, 5), (choose.twin, 20)):
+    for make, links in ((choose.twin, 5), (choose.lane_twin, 5), (choose.twin, 20)):
         made = {}
         for entry in entries:
             for kernel in reached(entry):
@@ -232,12 +231,12 @@ def test_kernels_without_a_step_are_compiled_once_for_all_sizes():
     sizes = {"plane": [(2,), (5,)], "lengthens": [(2, 1), (5, 2, 1, 0, 1)], "space": [(2, 0, 2), (5, 2, 3, 4)]}
     observers = {}
     for kind, chains in sizes.items():
-        for make in (choose.twin, duals._inner):
+        for make in (choose.twin, choose.looped_twin):
             made = [make(follow_loops.look_before, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
             assert made[0] is made[1], (kind, make)
             observers[kind, make] = made[0]
             marches = [make(march_loops.march, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
-            assert make is duals._inner or marches[0] is not marches[1], kind
+            assert make is choose.looped_twin or marches[0] is not marches[1], kind
     assert len(set(map(id, observers.values()))) >= 4
     cords = [choose.twin(march_loops.march, 2, 0, 2, tendons) for tendons in (0, 1, 4)]
     assert cords[1] is cords[2] is not cords[0]

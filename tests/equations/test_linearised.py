@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles.chains import SIZES, random_chain, random_state, workspace
-from oracles.derivatives import complex_step
+from oracles.derivatives import complex_step, dual_slopes, plain_slopes
 from oracles.extensible import random_extensible
 from oracles.extensible import random_state as random_extension
 from oracles.extensible import workspace as extensible_workspace
 
 from pliant.compiler.choose import twin
-from pliant.equations import extension, extension_linearised
+from pliant.compiler.twin import rebuild
+from pliant.equations import extension
 from pliant.equations.linearised import step_jacobian
 from pliant.equations.motion import step
 
@@ -32,24 +33,25 @@ def test_step_jacobian_against_complex_step(rng, n, h, stiffening, cubic):
         return np.concatenate([at, rate])
 
     wanted = complex_step(moved, np.concatenate([phi, w, np.zeros(n)]))
-    J = np.empty((3 * n, 2 * n))
+    slopes = dual_slopes(workspace(n))
     at, rate = phi.copy(), w.copy()
-    step_jacobian(at, rate, h, chain.drive(0.03), body, joints, workspace(n), J)
+    twin(step_jacobian, n)(at, rate, h, chain.drive(0.03), body, joints, slopes)
     same = moved(np.concatenate([phi, w, np.zeros(n)]).astype(complex)).real
     np.testing.assert_allclose(np.concatenate([at, rate]), same, rtol=1e-12)
-    np.testing.assert_allclose(J.T, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(slopes.J.T, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("n", [2, 7])  # a straight line, and the loops
+@pytest.mark.parametrize("n", [2, 7])  # one block of derivatives, and several
 def test_step_jacobian_twin_is_the_same_text(rng, n):
     chain = random_chain(rng, n)._replace(stiffening=-0.7, cubic_stiffening=0.5)
     q, dq = random_state(rng, n)
     made = []
-    for kernel in (step_jacobian, twin(step_jacobian, n)):
-        J = np.empty((3 * n, 2 * n))
+    for kernel, slopes in (
+        (step_jacobian, plain_slopes(workspace(n, complex))), (twin(step_jacobian, n), dual_slopes(workspace(n))),
+    ):  # fmt: skip
         phi, w = chain.phi(q), np.cumsum(dq)
-        kernel(phi, w, 2e-3, chain.drive(0.03), chain.body(), chain.joints(), workspace(n), J)
-        made.append(np.concatenate([J.ravel(), phi, w]))
+        kernel(phi, w, 2e-3, chain.drive(0.03), chain.body(), chain.joints(), slopes)
+        made.append(np.concatenate([slopes.J.ravel(), phi, w]))
     np.testing.assert_allclose(made[0], made[1], rtol=1e-10, atol=1e-13)
 
 
@@ -77,11 +79,15 @@ def test_step_jacobian_of_a_body_that_lengthens_against_complex_step(rng, size, 
     parts, start, torque, moved = lengthening(rng, *size, curved)
     N = sum(size)
     wanted = complex_step(lambda z: moved(z, h), start)
+    plain = rebuild(step_jacobian, lambda kernel: kernel, {"step": extension.step})  # as `choose.jacobian_twin` does
     made = []
-    for kernel in (extension_linearised.step_jacobian, twin(step_jacobian, *size, axial=3 * curved)):
-        J, at, rate = np.empty((3 * N, 2 * N)), start[:N].copy(), start[N : 2 * N].copy()
-        kernel(at, rate, h, torque, *parts, extensible_workspace(*size), J)
+    for kernel, slopes in (
+        (plain, plain_slopes(extensible_workspace(*size, complex))),
+        (twin(step_jacobian, *size, axial=3 * curved), dual_slopes(extensible_workspace(*size))),
+    ):
+        at, rate = start[:N].copy(), start[N : 2 * N].copy()
+        kernel(at, rate, h, torque, *parts, slopes)
         np.testing.assert_allclose(np.concatenate([at, rate]), moved(start.astype(complex), h).real, rtol=1e-12)
-        made.append(J)
+        made.append(slopes.J)
     np.testing.assert_allclose(made[0].T, wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_allclose(made[0], made[1], rtol=1e-10, atol=1e-13 * np.abs(wanted).max())

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from oracles.derivatives import plain_slopes
 
-from pliant.equations import spatial_linearised, tendon
+from pliant.equations import linearised, tendon
 from pliant.mechanics import mechanics_of
 from pliant.model import Space, Station, Tendon, chain_model
 
@@ -28,10 +29,9 @@ def stepped(chain, x, v, torque):
 def test_the_jacobian_of_a_step_in_space_is_that_of_differences(bent, monkeypatch):
     model, x, v, torque = bent
     chain = mechanics_of(model)
-    slopes, after, rates = chain.slopes(), x.copy(), v.copy()
-    parts = chain.body, chain.joints, chain.workspace()
-    monkeypatch.setattr(spatial_linearised, "step", tendon.step)  # as its twin does: `choose.spatial_twin`
-    spatial_linearised.step_jacobian(after, rates, 4e-3, torque, *parts, slopes)
+    slopes, after, rates = plain_slopes(chain.workspace(complex)), x.copy(), v.copy()
+    monkeypatch.setattr(linearised, "step", tendon.step)  # as its twin does: `choose.jacobian_twin`
+    linearised.step_jacobian(after, rates, 4e-3, torque, chain.body, chain.joints, slopes)
     assert np.allclose(np.append(after, rates), stepped(chain, x, v, torque), rtol=0, atol=1e-12)
     places = [(by, i) for by, count in enumerate((6, 6, 9)) for i in range(count)]  # the last 3: commands of tendons
     assert slopes.J.shape == (len(places), 12)

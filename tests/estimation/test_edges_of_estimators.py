@@ -33,7 +33,7 @@ class Predicted:
         self.joints = SimpleNamespace(K=np.array([2.0, 4.0, 5.0])[:turns], theta0=np.array([0.1, 0.2, 0.3])[:turns],
                                       hardening=np.zeros((2, turns)), unloaded=np.zeros(turns))  # fmt: skip
 
-        def step_jacobian(phi, w, h, tau, body, springs, work, slopes):
+        def step_jacobian(phi, w, h, tau, body, springs, slopes):
             self.asked.update(tau=tau.copy(), theta0=springs.theta0.copy(), body=body)
             phi += h * w
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.equations.observation import motion_of
-from pliant.equations.spatial_linearised import motion_of as motion_in_space
+from pliant.equations.spatial_observation import motion_of as motion_in_space
 from pliant.errors import InputError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all

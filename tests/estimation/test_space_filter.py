@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import typer
 import xarray as xr
+from oracles.derivatives import plain_slopes
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -17,7 +18,7 @@ from pliant.cli.estimate import estimate as command
 from pliant.cli.estimate import report
 from pliant.compiler.choose import twin
 from pliant.compiler.twin import rebuild
-from pliant.equations import spatial, spatial_linearised
+from pliant.equations import linearised, spatial, spatial_observation
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, kalman_loops, rows_of
 from pliant.estimation.measurement import measurement_of
@@ -103,9 +104,12 @@ def test_a_disturbance_pushes_turns_and_strains_alike(rng):
     torque, P = rng.normal(0, 0.02, N), np.eye(3 * N)
     state = FilterState(x.copy(), v.copy(), d, P, np.zeros((2, 0)))
     densities = FilterNoise(*Noise(random_walk=0.1).densities(model), np.zeros(1))
-    own = {name: getattr(spatial_linearised, name) for name in ("step_jacobian", "motion_of")}
+    own = {"step_jacobian": rebuild(linearised.step_jacobian, lambda kernel: kernel, {"step": spatial.step})}
+    own["motion_of"] = spatial_observation.motion_of
     predict = rebuild(kalman_loops.predict, lambda kernel: kernel, own)
-    assert predict(state, chain_of(model), 2e-3, torque, densities, make_workspace(model, 3 * N, 3)) == 0
+    workspace, slopes = make_workspace(model, 3 * N, 3), plain_slopes(chain.workspace(complex))
+    workspace = workspace._replace(slopes=slopes, J=slopes.J)
+    assert predict(state, chain_of(model), 2e-3, torque, densities, workspace) == 0
     spatial.step(x, v, 2e-3, torque + d, chain.body, chain.joints, chain.workspace())
     assert np.allclose(state.angle, x, rtol=0, atol=1e-13)
     assert np.allclose(state.rate, v, rtol=0, atol=1e-10)

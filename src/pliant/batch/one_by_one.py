@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pliant.batch.samples import initial_values
-from pliant.compiler.simd import lane_twin
+from pliant.compiler.choose import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of

@@ -13,7 +13,8 @@ import numpy as np
 
 from pliant.batch import simd_loops
 from pliant.batch.samples import Samples
-from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.compiler.choose import lane_twin
+from pliant.compiler.simd import WIDTH, aligned
 from pliant.model import Valve
 from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import before, drive, grid, through_valve

@@ -1,6 +1,6 @@
 """Compiled loops that simulate `WIDTH` chains at once, one in each element of a SIMD vector.
 
-This module is plain Python; `pliant.compiler.simd.lane_twin` compiles it. The equations are those of
+This module is plain Python; `pliant.compiler.choose.lane_twin` compiles it. The equations are those of
 `pliant.equations`.
 """
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from pliant.batch import simd_loops
 from pliant.batch.simd_loops import Commanded, Lane
-from pliant.compiler.simd import WIDTH, aligned, lane_twin
+from pliant.compiler.choose import lane_twin
+from pliant.compiler.simd import WIDTH, aligned
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length

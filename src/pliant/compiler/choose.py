@@ -20,7 +20,6 @@ from pliant.equations import (
     elastic,
     energy,
     extension,
-    extension_linearised,
     extension_memory,
     linearised,
     memory,
@@ -29,7 +28,6 @@ from pliant.equations import (
     poses,
     spatial,
     spatial_extension,
-    spatial_linearised,
     spatial_memory,
     spatial_observation,
     spatial_points,
@@ -40,28 +38,26 @@ from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and the dense kernel compiles for seconds
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
-JACOBIAN_LINKS = 8  # the same for the Jacobian of a step
+JACOBIAN_LINKS = 2
+SIMD = str(Path(__file__).with_name("simd.py"))
 STRAIGHT_SOURCES = (
     trace.__file__, trig.__file__,
-    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
+    SIMD, *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "dual_numbers")),
 )
 # Not the steps in the plane, so that batches and single simulations give the same bits.
-FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, linearised.step_jacobian, spatial.step,
-                   spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut}
+FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, spatial.step, spatial.build_step,
+                   spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut}
 # Not inlined: they are so long that each caller would take as long to compile again.
 CALLED: set[Any] = {
-    linearised.step_jacobian, extension_linearised.step_jacobian, spatial_linearised.step_jacobian,
-    spatial_memory.step_with_memory,
-    spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
+    spatial_memory.step_with_memory, spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
     poses.forces_after,
 }
 SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them for a chain in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
     observation.observe: spatial_points.observe, observation.observe_rows: spatial_observation.observe_rows,
-    observation.motion_of: spatial_linearised.motion_of,
-    observation.tip_outputs: spatial_linearised.tip_outputs, observation.turned: spatial_linearised.turned,
-    linearised.step_jacobian: spatial_linearised.step_jacobian,
+    observation.motion_of: spatial_observation.motion_of,
+    observation.tip_outputs: spatial_observation.tip_outputs, observation.turned: spatial_observation.turned,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
@@ -71,10 +67,9 @@ AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments h
 }
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
 SOURCES = (  # source files of a compiled kernel with replaced steps
-    __file__, articulated.__file__, extension.__file__, extension_linearised.__file__, extension_memory.__file__,
-    spatial.__file__,
-    spatial_extension.__file__, spatial_linearised.__file__, spatial_memory.__file__,
-    spatial_observation.__file__, spatial_points.__file__, spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
+    __file__, articulated.__file__, extension.__file__, extension_memory.__file__, spatial.__file__,
+    spatial_extension.__file__, spatial_memory.__file__, spatial_observation.__file__, spatial_points.__file__,
+    spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
 )
 
 
@@ -106,6 +101,81 @@ def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
     if links:
         return twin(kernel)
     return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals use these too
+
+
+@cache
+def lane_twin(
+    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
+    lock.
+
+    The sizes are those of `twin`.
+    """
+    sizes = links, segments, turns, tendons, axial
+    fast = substitutes(kernel, *sizes)
+    if kernel in fast:
+        return fast[kernel]
+    tag, sources = (size_tag(*sizes), SOURCES) if fast else ("n", ())
+    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, *sizes), (SIMD, *sources), nogil=True)
+
+
+@cache
+def dual_twin(
+    kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return a kernel compiled for dual numbers. Its array arguments have an additional last axis of `SLOTS` floats,
+    which holds the value and the derivatives of one dual number.
+
+    The sizes are those of `twin`. `dual_numbers.duals` makes such arrays.
+
+    Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
+
+    Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
+    """
+    from pliant.compiler.cache import part
+    from pliant.compiler.dual_numbers import from_floats
+
+    return from_floats(part(looped_twin(kernel, *fewest_loops(links, segments, turns, tendons, axial))))
+
+
+def fewest_loops(links: int | None, segments: int, turns: int, tendons: int, axial: int) -> tuple[int | None, ...]:
+    """Return a chain size with the same `looped_twin` as the given one: loops in space fit any size."""
+    return (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)
+
+
+@cache
+def looped_twin(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
+    """Return the compiled form of a kernel for dual numbers themselves, without straight-line code in space."""
+    fast = substitutes(kernel, links, *sizes, loops=True) if links else {}
+    if kernel in fast:
+        return fast[kernel]
+    few = fewest(kernel, links, *sizes, loops=True) if links and fast else (None, 0, 1, 0, 0)
+    if few != (links, *sizes):
+        return looped_twin(kernel, *few)
+    tag = f"{size_tag(links, *sizes)}_duals"
+    return compiled_twin(
+        kernel, tag, lambda callee: looped_twin(callee, links, *sizes), SOURCES, replaced=fast,
+        forceinline=kernel not in CALLED,
+    )
+
+
+@cache
+def jacobian_twin(segments: int, turns: int, tendons: int) -> Any:
+    """Return `linearised.step_jacobian` compiled on dual numbers, with loops that fit any number of links.
+
+    `segments`, `turns` and `tendons` are those of `twin`.
+    """
+    from pliant.compiler.dual_numbers import CARRYING
+
+    step: Any = extension.step if segments else articulated.step_articulated
+    if turns > 1:
+        step = tendon.step if tendons else spatial.step
+    replaced = {motion.step: twin(step)}
+    return compiled_twin(
+        linearised.step_jacobian, size_tag(None, segments, turns, tendons), replaced.__getitem__, SOURCES,
+        replaced=replaced, names=CARRYING, forceinline=False,
+    )
 
 
 @cache
@@ -146,16 +216,13 @@ def substitutes(
     straight-line code on dual numbers takes minutes to compile.
     """
     found, made = reached(kernel), {}
+    if linearised.step_jacobian in found:
+        made[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
     if turns > 1:
         sizes = links, segments, turns, tendons
-        return {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
+        return made | {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
-    if linearised.step_jacobian in found:
-        jacobian = linearised.step_jacobian  # as loops it needs the scratch arrays of a looped step, whatever `step` is
-        made[jacobian] = straight(jacobian, links) if links <= JACOBIAN_LINKS else twin(jacobian)
-        if segments:
-            made[jacobian] = twin(extension_linearised.step_jacobian)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
         made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
     if axial & trace.REMEMBERS:
@@ -194,14 +261,9 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
     if kernel is spatial.step:
         return spatial_step(*sizes, lines=lines)
     remembering: Any = spatial_memory.step_with_memory
-    jacobian: Any = spatial_linearised.step_jacobian
-    steps: dict[Any, Any] = {}
-    if kernel is remembering and (lines or sizes[3]):
-        steps = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
-    elif kernel is jacobian and sizes[3]:
-        steps, sizes = {spatial.step: twin(tendon.step)}, (1, 0, 2, 1)  # on complex numbers, the same for any size
-    if not steps:
+    if kernel is not remembering or not (lines or sizes[3]):
         return twin(kernel)
+    steps: dict[Any, Any] = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
     return compiled_twin(
         kernel, size_tag(*sizes) + "_loops" * (not lines), lambda callee: steps.get(callee) or twin(callee), SOURCES,
         replaced=steps, forceinline=False,

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from functools import cache
 from math import prod
-from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -32,8 +30,7 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.np.arrayobj import populate_array
 
-from pliant.compiler import choose, trig
-from pliant.compiler.twin import compiled_twin
+from pliant.compiler import trig
 
 WIDTH = 8  # doubles in one AVX-512 register; LLVM splits the vector where registers are shorter
 _ALIGN = 8 * WIDTH  # bytes
@@ -201,20 +198,3 @@ def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty
     raw = made(size + WIDTH)
     skip = -(raw.__array_interface__["data"][0] // 8) % WIDTH
     return raw[skip : skip + size].reshape(shape)
-
-
-@cache
-def lane_twin(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
-) -> Any:
-    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
-    lock.
-
-    The sizes are those of `choose.twin`.
-    """
-    sizes = links, segments, turns, tendons, axial
-    fast = choose.substitutes(kernel, *sizes)
-    if kernel in fast:
-        return fast[kernel]
-    tag, sources = (choose.size_tag(*sizes), choose.SOURCES) if fast else ("n", ())
-    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, *sizes), (__file__, *sources), nogil=True)

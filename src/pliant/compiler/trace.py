@@ -167,7 +167,7 @@ def example_arguments(n: int) -> dict[str, Any]:
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
         "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(ROWS, n), zeros(n)),
         "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
-        "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)), "J": zeros(3 * n, 2 * n),
+        "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)),
     }
 
 

@@ -8,7 +8,7 @@ callees are compiled copies too; see `choose.twin`.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dis import get_instructions
 from functools import cache
 from pathlib import Path
@@ -147,19 +147,21 @@ def stable(value: Any) -> Any:
 
 def compiled_twin(
     kernel: FunctionType, tag: str, made: Kernel, sources: tuple[str, ...], *, replaced: Collection[FunctionType] = (),
-    **more: Any,
+    names: Mapping[str, Any] | None = None, **more: Any,
 ) -> Any:
     """Return a copy of the plain Python `kernel`, compiled by Numba and cached on disk.
 
     Numba's options are nopython, and fastmath off.
 
     `made` returns the compiled form of a kernel that it calls. `sources` are the files that define the replacements of
-    the kernels in `replaced`. `more` holds further options of Numba. `tag` distinguishes the compiled forms of one
-    kernel.
+    the kernels in `replaced`, and `names` Numba functions in place of kernels of these names. `more` holds further
+    options of Numba. `tag` distinguishes the compiled forms of one kernel.
     """
     from pliant.compiler.cache import kept, part
 
-    scope = {**kernel.__globals__, **{f.__name__: part(made(f)) for f in callees(kernel)}}
+    own = names or {}
+    scope = {**kernel.__globals__, **own}
+    scope |= {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in own}
     copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)

@@ -68,14 +68,13 @@ class Horizon:
             for c, s in zip(model.chambers, design.supply or (None,) * self.chambers, strict=True)
         ]
         self._parts = max(1, math.ceil(self.period / COARSE - 1e-9))
-        body, joints, work = mechanics_of(model).parts()
+        body, joints, _ = mechanics_of(model).parts()
         slopes = mechanics_of(model).slopes()
-        J = slopes if isinstance(slopes, np.ndarray) else slopes.J
         self._rest, self._theta0 = joints.theta0, np.array(joints.theta0)
-        self._chain = body, joints._replace(theta0=self._theta0), work, slopes, J
+        self._chain = body, joints._replace(theta0=self._theta0), slopes
         self._march = twin(horizon_loops.body_ahead, *mechanics_of(model).sizes)
         steps, N = self.periods * self._parts, model.size
-        self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
+        self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *slopes.J.shape))
 
     def later(self, nodes: Array, age: int) -> Array:
         """Return the commands (J, C) [Pa] of C chambers at the present J node times, interpolated from the commands

@@ -46,12 +46,13 @@ def body_ahead(x, v, h, torque, chain, places, rates, jacobians):
     with respect to the state before it and the torques.
 
     `x` and `v` (N,) are updated in place. `torque` (K, N + R) [N m] is held over each step, with tendon commands last.
-    The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, work,
-    slopes, J), where `slopes` is the result of `Mechanics.slopes` and J its Jacobian.
+    The Jacobians of `step_jacobian` are written to `jacobians` (K, 3 N + R, 2 N). `chain` holds (body, joints, slopes),
+    where `slopes` is the result of `Mechanics.slopes`.
     """
-    body, joints, work, slopes, J = chain
+    body, joints, slopes = chain
+    J = slopes.J
     for k in range(len(torque)):
-        step_jacobian(x, v, h, torque[k], body, joints, work, slopes)
+        step_jacobian(x, v, h, torque[k], body, joints, slopes)
         for a in range(J.shape[0]):
             for b in range(J.shape[1]):
                 jacobians[k, a, b] = J[a, b]

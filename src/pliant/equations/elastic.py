@@ -24,7 +24,7 @@ def spring_torque(i, joints, q, bend):
     term then goes from 0 at rest to -f K at large angles on the side that softens, and to f K on the other side. For
     f < 1 the slope of K q and this term together stays positive. R = 0 means no bound.
 
-    Only this and the next three functions contain the law of the springs. For whole arrays, i is a slice of joints.
+    Only this and the next two functions contain the law of the springs. For whole arrays, i is a slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -48,28 +48,6 @@ def spring_slope(i, joints, bend):
     r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     more = more + joints.hardening[0, i] * (r * (2.0 + r * r) * TWO_THIRDS)
     return joints.K[i] + more * bend
-
-
-def spring_slope_between(i, joints, bend, change):
-    """Return the derivative [N m/rad] of a joint's linearised spring torque with respect to the joint angle `bend`
-    [rad]. The linearised torque, which an implicit time step uses, is torque + slope * `change` / 2, with the spring's
-    torque and slope at `bend`.
-
-    `bend` [rad] is the angle at which the step evaluates the spring, `change` [rad] twice the further turn of the joint
-    to the angle that the step finds.
-
-    It is the slope of K and K2 plus K2 r^5 `change`, and p K_p bend^(p-2) (bend + (p-1)/2 change) for p = 3, 4 ...
-    """
-    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
-    curved = r * (2.0 + r * r) * TWO_THIRDS * bend + r * r * r * r * r * change
-    slope = joints.K[i] + joints.hardening[0, i] * curved
-    moved = bend + 0.5 * change
-    power = bend
-    for k in range(1, TERMS):
-        moved = moved + 0.5 * change
-        slope = slope + (k + 2.0) * joints.hardening[k, i] * power * moved
-        power = power * bend
-    return slope
 
 
 def spring_energy(i, joints, q, bend):

@@ -1,4 +1,6 @@
-"""Measurement functions of a chain in space: positions of points and orientations of links, with their derivatives."""
+"""Measurement functions of a chain in space: positions of points and orientations of links, with their derivatives,
+and the tip outputs that controllers use.
+"""
 
 from __future__ import annotations
 
@@ -112,3 +114,46 @@ def turn_slopes(link, e, work, H):
             m = (i + 2) % 3
             H[i, s] = work.S[s, i] + 0.5 * (e[j] * work.S[s, m] - e[m] * work.S[s, j])
             H[i, s] -= d2 / c2 * (e[i] * along - y * work.S[s, i])
+
+
+def tip_outputs(x, strain, geometry, out):
+    """Write the selected tip coordinates (x, y or z) [m] of a chain in space to `out`, from its joint angles `x` and
+    segment strains.
+
+    Output j is x, y or z as which[j] says. x has T angles, the strains have the shape (S,).
+
+    `geometry` is (body, work, which), with which[j] = 0, 1, 2 for x, y, z. The planar function is
+    `observation.tip_outputs`.
+    """
+    body, work, which = geometry
+    n = len(body.mass)
+    for i in range(len(x)):
+        work.q[i] = x[i]
+    for i in range(len(strain)):
+        work.q[len(x) + i] = strain[i]
+    pose_links(work.q, body, work)
+    for j in range(len(out)):
+        axis = which[j]
+        out[j] = work.r[n, axis] + work.length[n] * work.R[n, axis, 2]
+
+
+def turned(rest_shift, turn):
+    """Write the changes [rad] of the joint angles to `turn` when the rest angles of the joints change by `rest_shift`
+    [rad]. In space the two are equal.
+
+    The planar function is `observation.turned`, for absolute link angles.
+    """
+    for i in range(len(rest_shift)):
+        turn[i] = rest_shift[i]
+
+
+def motion_of(v, joints):
+    """Return the sum of squared joint rates, swing and twist, divided by the number of joints [rad^2/s^2], from the
+    rates v (N,).
+
+    The planar function is `observation.motion_of`.
+    """
+    power = v[0] * v[0]
+    for i in range(1, joints.hardening.shape[1]):
+        power = power + v[i] * v[i]
+    return power / len(joints.unloaded)

@@ -376,13 +376,13 @@ class SpatialWorkspace(NamedTuple):
     along: np.ndarray  # (n + 1,) N m or kg m^2, inertial force along each link's axis times its length
 
 
-class SpatialSlopes(NamedTuple):
-    """Jacobian of one time step of a chain in space, and the complex scratch arrays with which it is computed.
+class StepSlopes(NamedTuple):
+    """Jacobian of one time step of a chain, and the scratch arrays with which it is computed.
 
-    `spatial_linearised.step_jacobian` writes the Jacobian.
+    The arrays except J hold numbers that carry derivatives. `linearised.step_jacobian` writes the Jacobian.
     """
 
     J: np.ndarray  # (3N + R, 2N) by coordinates, rates, torques and commands of tendons
     x: np.ndarray  # (N,)
     v: np.ndarray  # (N,)
-    work: SpatialWorkspace
+    work: Workspace | ExtensibleWorkspace | SpatialWorkspace

@@ -46,7 +46,7 @@ def predict(state, model, h, torque, noise, workspace):
         if not taken >= 0.0:
             return -1
         springs = workspace.held.springs
-    step_jacobian(phi, w, h, tau, body, springs, workspace.work, workspace.slopes)
+    step_jacobian(phi, w, h, tau, body, springs, workspace.slopes)
     for i in range(n):
         if not abs(w[i]) * h <= 1.0:
             return -1

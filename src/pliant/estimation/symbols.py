@@ -16,8 +16,8 @@ from pliant.equations.symbols import (
     MemoryLaw,
     ObservedChain,
     SpatialBody,
-    SpatialSlopes,
     SpatialWorkspace,
+    StepSlopes,
     Workspace,
 )
 from pliant.mechanics import mechanics_of, planar
@@ -148,7 +148,7 @@ class FilterWorkspace(NamedTuple):
     work: Workspace | ExtensibleWorkspace | SpatialWorkspace
     held: Held
     J: np.ndarray  # (3n, 2n), followed by rows of tendons
-    slopes: np.ndarray | SpatialSlopes  # J; in space with the arrays from which it is computed
+    slopes: StepSlopes  # J, and the arrays from which it is computed
     W: np.ndarray  # (N, N)
     phi: np.ndarray  # (n,)
     w: np.ndarray  # (n,)
@@ -176,10 +176,9 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     """Return the Kalman filter's scratch arrays for a model, a number of states, and a number of measured values."""
     n, chain = model.size, mechanics_of(model)
     slopes = chain.slopes()
-    J = slopes if isinstance(slopes, np.ndarray) else slopes.J
     shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
     scratch: list[Any] = [*map(np.zeros, shapes), chain.observed()[1]]
-    return FilterWorkspace(chain.workspace(), chain.held(), J, slopes, *scratch)
+    return FilterWorkspace(chain.workspace(), chain.held(), slopes.J, slopes, *scratch)
 
 
 def make_observer_workspace(model: Model) -> ObserverWorkspace:

@@ -1,7 +1,7 @@
 """Compiled loops of a fit: simulate the chain and record positions and angles of the observed points.
 
 This module is plain Python. `pliant.compiler.choose.twin` compiles it for real numbers, and
-`pliant.compiler.duals.dual_twin` for dual numbers, which carry several exact derivatives along.
+`pliant.compiler.choose.dual_twin` for dual numbers, which carry several exact derivatives along.
 """
 
 from __future__ import annotations

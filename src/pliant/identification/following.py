@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import dual_twin, twin
 from pliant.equations import spatial_memory
 from pliant.equations.symbols import ExtensibleHeld, MemoryLaw, Past
 from pliant.errors import SimulationError
@@ -36,7 +36,7 @@ def dual_kind() -> NumberKind:
     """Return dual numbers as a number type for the compiled loops, with functions that convert floats to them and back,
     and that compile a loop for them.
     """
-    from pliant.compiler.duals import dual_twin, duals  # loads the compiler
+    from pliant.compiler.dual_numbers import duals  # loads the compiler
 
     return NumberKind(duals, lambda a: a[..., 0], dual_twin)
 

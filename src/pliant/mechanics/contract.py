@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from pliant.equations.symbols import StepSlopes
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
 
@@ -83,12 +84,16 @@ class Mechanics(ABC):
     def workspace(self, kind: type = float) -> Any:
         """Return new scratch arrays for one time step of this chain, of the number type `kind` (float or complex)."""
 
-    @abstractmethod
-    def slopes(self) -> Any:
-        """Return new arrays for the Jacobian of a time step: J (3N, 2N) for N coordinates, or a record that contains J.
+    def slopes(self) -> StepSlopes:
+        """Return new arrays for `linearised.step_jacobian`, compiled, with the Jacobian J (3N + R, 2N) of a time step.
 
-        J has one row for each coordinate, rate and torque, and further rows for tendons.
+        J has one row for each of N coordinates, rates and torques, and for the inputs of R tendons.
         """
+        from pliant.compiler.dual_numbers import duals  # loads the compiler
+
+        work, still = self.workspace(), np.zeros(self.size)
+        J = np.zeros((2 * self.size + len(work.tau), 2 * self.size))
+        return StepSlopes(J, duals(still), duals(still), type(work)(*map(duals, work)))
 
     @abstractmethod
     def observed(self) -> tuple[Any, Any]:

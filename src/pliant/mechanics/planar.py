@@ -107,9 +107,6 @@ class PlanarChain(Mechanics):
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return workspace(self.n, self.segments, kind)
 
-    def slopes(self) -> Array:
-        return np.zeros((3 * self.size, 2 * self.size))
-
     def observed(self) -> tuple[ObservedChain, Array]:
         model = self.model
         chain = ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))

@@ -18,7 +18,7 @@ from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.poses import settle
-from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialSlopes, SpatialWorkspace
+from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, complex_slopes
@@ -95,11 +95,6 @@ class SpatialChain(Mechanics):
     def workspace(self, kind: type = float) -> SpatialWorkspace:
         _, segments, turns, tendons = self.sizes
         return spatial_workspace(self.n, turns, segments, tendons, kind)
-
-    def slopes(self) -> SpatialSlopes:
-        x, v = (np.zeros(self.size, dtype=complex) for _ in range(2))
-        rows = 3 * self.size + len(self.model.actuation.levers)
-        return SpatialSlopes(np.zeros((rows, 2 * self.size)), x, v, self.workspace(complex))
 
     def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
         return self.body, self.workspace()
