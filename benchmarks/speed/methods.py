@@ -43,7 +43,7 @@ def pliant_midpoint(problem: Problem) -> Method:
     def solve(h: float) -> Array:
         plan = drive(model, problem.pressure, problem.times, h)
         start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
-        phi, _, _ = march(model, plan, start, problem.times.size)
+        phi, *_ = march(model, plan, start, problem.times.size)
         return mechanics_of(model).tips(phi)
 
     return Method("pliant, implicit midpoint", STEPS, solve)

@@ -217,7 +217,7 @@ def test_sets_are_written_alike_in_every_process():
 
 def test_a_kernel_has_one_twin_whoever_calls_it():
     """The marches of one model share what they call: no callee is compiled for each of them again."""
-    entries = (march_loops.march, march_loops.march_with_memory, kalman_loops.predict_span, linearised.step_jacobian)
+    entries = (march_loops.march, march_loops.hold, kalman_loops.predict_span, linearised.step_jacobian)
     for make, links in ((choose.twin, 5), (choose.lane_twin, 5), (choose.twin, 20)):
         made = {}
         for entry in entries:

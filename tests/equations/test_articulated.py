@@ -55,13 +55,13 @@ def test_the_plain_text_is_what_is_compiled(rng):
 
 def test_long_chains_are_stepped_by_articulated_bodies(rng):
     """What every march takes its steps by: under gravity, with a mass at the tip, and with the springs of a memory."""
-    from pliant.simulation.march_loops import march_with_memory
+    from pliant.simulation.march_loops import march
 
     chain, phi, w = start(rng, 13)
-    chosen = substitutes(march_with_memory, 13)
+    chosen = substitutes(march, 13)
     assert set(chosen) == {step, add_step_work}
     assert chosen[step] is straight(step_articulated, 13)
-    assert substitutes(march_with_memory, 12)[step] is straight(step, 12)
+    assert substitutes(march, 12)[step] is straight(step, 12)
     dense, folded = (phi.copy(), 0.1 * w), (phi.copy(), 0.1 * w)
     rest = (1e-3, chain.drive(0.05), chain.body(), chain.joints())
     for _ in range(20):

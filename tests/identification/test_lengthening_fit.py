@@ -9,8 +9,8 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, fit, identifiability, predict
-from pliant.identification.extension_start import extension_starts, grown
 from pliant.identification.sensitivity import sensitivities
+from pliant.identification.torque_start import extension_starts, grown
 from pliant.model import Chamber, Extension, Model, Valve, chain_model
 from pliant.simulation import Trace, simulate
 

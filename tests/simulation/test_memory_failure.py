@@ -11,7 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory
-from pliant.simulation import Pulse, Stepper, march_loops, memory, simulate, stepper
+from pliant.simulation import Pulse, Stepper, initial_value, march_loops, simulate, stepper
 
 MODEL = chen2018.model(links=2).with_(memory=Memory(slip_share=(0.2,), slip_angle=(0.01,)))
 
@@ -27,7 +27,7 @@ def failing(request, monkeypatch):
         return -1.0 if len(count) == number + 1 else taken
 
     monkeypatch.setattr(march_loops, "step_with_memory", fails)
-    for module in (memory, stepper):
+    for module in (initial_value, stepper):
         monkeypatch.setattr(module, "twin", lambda kernel, *_: kernel)
     return number, count
 

@@ -11,7 +11,6 @@ from pliant.model import Memory, Valve, load_model, save_model
 from pliant.simulation import Pulse, Step, Stepper, Trace, equilibrium, modes, simulate, state, triangle
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
-from pliant.simulation.memory import march_with_memory
 
 CREEP = Memory(creep_share=(0.1, 0.2), creep_time=(0.05, 1.0))
 SLIP = Memory(slip_share=(0.1, 0.2), slip_angle=(0.005, 0.02))
@@ -27,7 +26,7 @@ def test_no_memory_marches_bit_for_bit_as_without(paper, awkward, memory):
         plan = drive(model, Pulse(8e4, 0.05, 0.1), times, 2e-3)
         start = (mechanics_of(model).coordinates(equilibrium(model)), np.zeros(model.n))
         mute = model.with_(memory=memory)
-        with_memory = march_with_memory(mute, plan, start, state.relaxed(mute, np.zeros(model.n)), times.size)
+        with_memory = march(mute, plan, start, times.size, state.relaxed(mute, np.zeros(model.n)))
         for a, b in zip(march(model, plan, start, times.size), with_memory, strict=False):
             assert np.array_equal(a, b[..., : a.shape[-1]])
 

@@ -72,9 +72,8 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
     past = (Past(model.memory.law(), states, chain.held()),) if model.memory else ()
-    kernel = march_loops.march_with_memory if model.memory else march_loops.march
-    failed = lane_twin(kernel, *chain.sizes)(
-        angle, rate, steps, chain.body, chain.joints, *past, chain.workspace(), out
+    failed = lane_twin(march_loops.march, *chain.sizes)(
+        angle, rate, steps, chain.body, chain.joints, chain.workspace(), out, *past
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement

@@ -168,12 +168,13 @@ def jacobian_twin(segments: int, turns: int, tendons: int) -> Any:
     """
     from pliant.compiler.dual_numbers import CARRYING
 
+    jacobian: Any = linearised.step_jacobian
     step: Any = extension.step if segments else articulated.step_articulated
     if turns > 1:
         step = tendon.step if tendons else spatial.step
-    replaced = {motion.step: twin(step)}
+    replaced: dict[Any, Any] = {motion.step: twin(step)}
     return compiled_twin(
-        linearised.step_jacobian, size_tag(None, segments, turns, tendons), replaced.__getitem__, SOURCES,
+        jacobian, size_tag(None, segments, turns, tendons), replaced.__getitem__, SOURCES,
         replaced=replaced, names=CARRYING, forceinline=False,
     )
 

@@ -146,8 +146,7 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
     """Return a warning if the residuals far exceed the noise and no other start point of the fit led to the optimum x
     (P,) of P parameters; '' otherwise.
     """
-    parts = np.split(problem.data_residual(x), problem.ends[:-1])
-    ratio = max(noise_ratio(o, part) for o, part in zip(problem.observed, parts, strict=True))
+    ratio = max(noise_ratio(o, part) for o, part in problem.parted(problem.data_residual(x)))
     if agreeing or ratio <= ABOVE_NOISE:
         return ""
     alone = "only one start was tried" if starts == 1 else f"none of the other {starts - 1} starts led here"

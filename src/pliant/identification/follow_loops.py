@@ -73,43 +73,27 @@ class Seen(NamedTuple):
     rows: np.ndarray
 
 
-def follow(phi, w, course, before, body, joints, work, seen):
+def follow(phi, w, course, before, body, joints, work, seen, past=None):
     """Simulate a chain over all steps of `course`, and write the coordinates of the observed points to seen.rows.
-    Angles phi and rates w change in place.
+    Angles phi, rates w and the hysteresis states in `past` (None: no hysteresis) change in place; creep starts at rest.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
     keep[k] - 1 + before.rows where keep[k] >= 0.
-    Returns the index of the first step in which a link turns by more than a radian or a spring has lost its stiffness,
-    or -1.
+    Returns the index of the first step in which a link turns by more than a radian, a spring has lost its stiffness or
+    the hysteresis branches do not converge, or -1.
     """
     look_before(before, seen)
+    if past is not None:
+        relax(phi, joints, past)
     for k in range(len(course.h)):
         h = course.h[k]
         take_torques(k, phi, w, course, body, joints, work)
-        step(phi, w, h, work.tau, body, joints, work)
-        if not follows(phi, w, h, joints):
-            return k
-        if course.keep[k] >= 0:
-            observe(phi, joints.base_angle, seen.places, seen.rows[course.keep[k] - 1 + before.rows])
-    return -1
-
-
-def follow_with_memory(phi, w, course, before, chain, past, work, seen):
-    """Simulate a chain with hysteresis or creep over all steps of `course`, and write the coordinates of the observed
-    points to seen.rows. Angles phi, rates w and the states in `past` change in place.
-
-    `chain` is (body, joints). Creep starts at rest at phi. Returns the index of the first step in which a link
-    turns by more than a radian or the hysteresis branches do not converge, or -1.
-    """
-    body, joints = chain
-    look_before(before, seen)
-    relax(phi, joints, past)
-    for k in range(len(course.h)):
-        h = course.h[k]
-        take_torques(k, phi, w, course, body, joints, work)
-        lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-        if not lost.real > -0.5:  # the square of an imaginary part may be slightly below zero
-            return k
+        if past is None:  # Numba compiles one of the two branches
+            step(phi, w, h, work.tau, body, joints, work)
+        else:
+            lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
+            if not lost.real > -0.5:  # the square of an imaginary part may be slightly below zero
+                return k
         if not follows(phi, w, h, joints):
             return k
         if course.keep[k] >= 0:

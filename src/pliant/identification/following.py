@@ -9,7 +9,6 @@ import numpy as np
 from pliant.compiler.choose import dual_twin, twin
 from pliant.equations import spatial_memory
 from pliant.equations.symbols import ExtensibleHeld, MemoryLaw, Past
-from pliant.errors import SimulationError
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
@@ -25,6 +24,7 @@ from pliant.identification.observation import (
 from pliant.identification.poses import pose_rows
 from pliant.mechanics import mechanics_of
 from pliant.simulation import state
+from pliant.simulation.drive import too_fast
 
 Array = np.ndarray
 
@@ -84,33 +84,19 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     out: Array = kind.of(np.zeros((rows, forward.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, forward.keep, numbers.load)
     before = Before(forward.still, numbers.held, numbers.held_base)
-    start = numbers.phi, kind.of(np.zeros(chain.size))
+    past: tuple[Past, ...] = ()
     if model.memory:
         states, held = initial_hysteresis(forward, numbers, kind), hysteresis_workspace(forward, numbers.joints, kind)
-        past = Past(numbers.memory, states, held)
-        failed = kind.twin(follow_loops.follow_with_memory, n if any(more) else None, *more)(
-            *start, course, before, (numbers.body, numbers.joints), past, work, Seen(places, out)
-        )
-    else:
-        failed = kind.twin(follow_loops.follow, n, *more)(
-            *start, course, before, numbers.body, numbers.joints, work, Seen(places, out)
-        )
+        past = (Past(numbers.memory, states, held),)
+    any_size = model.memory and not any(more)  # with hysteresis of joints alone, the loops of a step are as fast
+    failed = kind.twin(follow_loops.follow, None if any_size else n, *more)(
+        numbers.phi, kind.of(np.zeros(chain.size)), course, before, numbers.body, numbers.joints, work,
+        Seen(places, out), *past,
+    )
     if failed >= 0:
         h, phi = kind.value(numbers.h), kind.value(numbers.phi)
-        raise step_error(forward, float(np.sum(h[: failed + 1])), float(h[failed]), phi)
+        raise too_fast(float(np.sum(h[: failed + 1])), float(h[failed]), state.given_way(model, phi))
     return out
-
-
-def step_error(forward: ForwardProblem, after: float, length: float, phi: Array) -> SimulationError:
-    """Return the SimulationError for a time step of `length` [s] that fails at the time `after` [s], when the n links
-    have the angles phi (n,) [rad].
-    """
-    if reason := state.given_way(forward.model, phi):
-        return SimulationError(f"{after:.6g} s after the start {reason}")
-    return SimulationError(
-        f"{after:.6g} s after the start a link turns by more than a radian within the step of {length * 1e3:.3g} "
-        "ms, faster than the step can follow; use a shorter step or a smaller pressure"
-    )
 
 
 def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Array:

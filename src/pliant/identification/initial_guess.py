@@ -14,7 +14,6 @@ from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import segments
-from pliant.identification.extension_start import extension_starts
 from pliant.identification.memory_parameters import LAYOUTS, chamber_guess
 from pliant.identification.parameters import (
     Parameter,
@@ -26,7 +25,7 @@ from pliant.identification.parameters import (
     values_of,
 )
 from pliant.identification.space_parameters import space_start
-from pliant.identification.torque_start import highest_level, torque_starts, typical_sizes
+from pliant.identification.torque_start import extension_starts, highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Tendon
 from pliant.model.torque_law import unfinished_law

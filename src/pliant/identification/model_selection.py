@@ -38,8 +38,7 @@ def follows(train: Sequence[Experiment], result: FitResult, time_step: float, we
     """
     problem = Problem(list(train), result.model, list(result.parameters), time_step, weighting)
     r = problem.data_residual(problem.start)
-    parts = np.split(r, problem.ends[:-1])
-    numbers = sum(p.size / correlated_frames(o, p) for o, p in zip(problem.observed, parts, strict=True))
+    numbers = sum(part.size / correlated_frames(o, part) for o, part in problem.parted(r))
     return Follows(float(np.mean(r**2)), float(numbers), len(problem.free))
 
 

@@ -148,6 +148,10 @@ class Problem:
         owner = p.name.partition(".")[0]
         return owner == exp.name or owner not in self.names
 
+    def parted(self, rows: Array) -> list[tuple[Observations, Array]]:
+        """Return the observations of each recording with its part of `rows` (R, ...), one for each of R residuals."""
+        return list(zip(self.observed, np.split(rows, self.ends[:-1]), strict=True))
+
     @property
     def learns(self) -> bool:
         """Return whether the fit weights priors or noise by the size of its residuals, and must thus be repeated."""
@@ -173,14 +177,13 @@ class Problem:
         Residuals that are correlated over many frames count as few independent ones, so that the priors weigh more.
         """
         residual = self.data_residual(x)
-        parts = np.split(residual, self.ends[:-1])
-        frames = [correlated_frames(o, part) for o, part in zip(self.observed, parts, strict=True)]
-        independent = sum(part.size / f for part, f in zip(parts, frames, strict=True))
+        parts = self.parted(residual)
+        independent = sum(part.size / correlated_frames(o, part) for o, part in parts)
         self.size = float(np.sqrt(residual.size / independent))
         if self.weighting != "noise":
             self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
             return
-        for o, part in zip(self.observed, parts, strict=True):
+        for o, part in parts:
             for s, channel in o.unknown_noise():
                 mine = (o.station == s) & np.isin(o.channel, channel)
                 if mine.any():

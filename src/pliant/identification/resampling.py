@@ -84,8 +84,8 @@ def bootstrap(
     generator = np.random.default_rng(rng)
     time_step = time_step or fitted.time_step
     base = Problem(list(experiments), fitted.model, list(fitted.parameters), time_step, weighting)
-    parts = np.split(base.data_residual(base.start), base.ends[:-1])
-    frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in zip(base.observed, parts, strict=True)]
+    parts = base.parted(base.data_residual(base.start))
+    frames = [block or int(np.ceil(2 * correlated_frames(o, r))) for o, r in parts]
     motions = [predict(fitted.model, e, fitted.values, time_step)["compared"] for e in experiments]
     drawn = []
     for _ in range(replicates):

@@ -1,4 +1,6 @@
-"""Start values of a fit's torque laws, from recordings in which the pressure stays constant for a while (plateaus)."""
+"""Start values of a fit's torque laws, from recordings in which the pressure stays constant for a while (plateaus), and
+of segments that lengthen.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,17 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import alone
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
+from pliant.identification.extension_parameters import ALWAYS
 from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
 from pliant.model.torque_law import law_parameters, torque_laws
+from pliant.numerics.curve import arc_lengths
 from pliant.numerics.ringdown import peak
 from pliant.simulation import equilibrium
 
 Array = np.ndarray
+BENT = 0.9  # of the peak displacement: frames beyond count as bent
 MOST_INFLATED = 10.0  # upper limit on the growth of the lever in a start value: near the wall's limit it diverges
 
 
@@ -136,3 +141,33 @@ def typical_sizes(model: Model, experiments: Sequence[Experiment]) -> dict[str, 
     torque = {f"torque_{k}": 0.1 * K / level**k for k in range(1, 10)} if level > 0 else {}
     axial = 1e-3 * float(np.mean([e.stiffness for e in model.extensions] or [1e3]))
     return {"damping": 1e-3 * K, "axial_damping": axial, "axial_gain": 10.0, **torque}
+
+
+def extension_starts(model: Model, experiments: Sequence[Experiment], torques: Mapping[str, float]) -> dict[str, float]:
+    """Return start values, by name, of the extensible segments' parameters. Axial gains come from the measured strain.
+
+    Each axial gain makes the largest torque lengthen the body as measured. `torques` holds the start coefficients of
+    the chambers' torque laws.
+    """
+    if not mechanics_of(model).lengthens:
+        return {}
+    found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in ALWAYS.items()}
+    found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
+    strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
+        seen = [t for e in experiments if (t := e.driving(chamber.name))]
+        level = max([t.peak for t in seen], key=abs, default=0.0)
+        torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
+        found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
+    return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found
+
+
+def grown(exp: Experiment) -> float:
+    """Return the axial strain of the body at its peak displacement, from arcs through its stations; at least 0."""
+    seen = np.isfinite(exp.position).all(axis=(1, 2))
+    length, tip = arc_lengths(exp.position[seen]), exp.last_station[seen]
+    if length.size < 10:
+        return 0.0
+    moved = np.linalg.norm(tip - np.median(tip[:5], axis=0), axis=1)
+    return max(float(np.median(length[moved > BENT * moved.max()]) / np.median(length[:5]) - 1.0), 0.0)

@@ -64,9 +64,7 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     flat = problem.size**2 * known.T @ known
     dense = flat.copy()
     widths, effective = [], 0.0
-    for o, part, mine in zip(
-        problem.observed, np.split(r, problem.ends[:-1]), np.split(own, problem.ends[:-1]), strict=True
-    ):
+    for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True):
         size = np.median(np.abs(part)) / 0.6745 if robust else np.sqrt(np.mean(part**2))
         flat += size**2 * mine.T @ mine
         frames = correlated_frames(o, part)

@@ -8,4 +8,15 @@ parameter records of the compiled kernels from `mechanics_of(model)`.
 from pliant.mechanics.contract import Energy as Energy
 from pliant.mechanics.contract import Mechanics as Mechanics
 from pliant.mechanics.planar import PlanarChain as PlanarChain
-from pliant.mechanics.registry import mechanics_of as mechanics_of
+from pliant.mechanics.spatial import SpatialChain as SpatialChain
+from pliant.model import Model
+
+
+def mechanics_of(model: Model) -> Mechanics:
+    """Return the `Mechanics` object of a model, planar or spatial, which is created once and then
+    kept with the model.
+    """
+    kept = model.__dict__.get("_mechanics")
+    if kept is None:
+        kept = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)
+    return kept

@@ -8,12 +8,13 @@ rest shape, followed by the strains of segments that lengthen.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from pliant.equations.symbols import StepSlopes
+from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
 
@@ -111,13 +112,13 @@ class Mechanics(ABC):
         coordinates.
         """
 
-    @abstractmethod
     def acceleration_jacobian(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, out)``, which writes the accelerations and their
+        """Return the function ``(x, v, torque, body, joints, work, out)``, which writes the accelerations and their
         derivatives by x, v to `out`.
 
-        `out` is a `equations.symbols.Slopes`.
+        `out` is a `equations.symbols.Slopes`. By default, the derivatives are complex steps.
         """
+        return partial(complex_slopes, self.acceleration())
 
     @property
     @abstractmethod

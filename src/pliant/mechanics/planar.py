@@ -24,12 +24,10 @@ from pliant.equations.symbols import (
     Held,
     Joints,
     ObservedChain,
-    Slopes,
     Workspace,
 )
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
-from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.rest import loaded_rest
@@ -116,7 +114,7 @@ class PlanarChain(Mechanics):
         return twin(extension.acceleration if self.segments else motion.acceleration)
 
     def acceleration_jacobian(self) -> Any:
-        return extensible_slopes if self.segments else twin(motion.acceleration_jacobian)
+        return super().acceleration_jacobian() if self.segments else twin(motion.acceleration_jacobian)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -410,18 +408,6 @@ def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
         np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
         np.array([p.across for p in points]),
     )
-
-
-def extensible_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the accelerations of an extensible planar chain and their derivatives by x and v to `out`, by complex
-    steps.
-
-    `motion.acceleration_jacobian` does the same for other bodies. `work.A` keeps the factors of M.
-    """
-    def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
-        extension.acceleration(x, v, torque, body, joints, work, a)
-
-    complex_slopes(accelerate, x, v, work, out)
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:

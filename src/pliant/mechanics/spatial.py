@@ -18,10 +18,10 @@ from pliant.compiler.trace import spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.poses import settle
-from pliant.equations.symbols import Slopes, SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
+from pliant.equations.symbols import SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
-from pliant.mechanics.complex_slopes import TINY, complex_slopes
+from pliant.mechanics.complex_slopes import TINY, of_kind
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
@@ -101,9 +101,6 @@ class SpatialChain(Mechanics):
 
     def acceleration(self) -> Any:
         return twin(tendon.accelerate)
-
-    def acceleration_jacobian(self) -> Any:
-        return spatial_slopes
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -368,24 +365,3 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
 def from_back(a: Array, axes: int) -> Array:
     """Return an array whose first `axes` axes are moved to the end."""
     return np.moveaxis(a, range(axes), range(-axes, 0))
-
-
-def of_kind(value: Any, kind: type) -> Any:
-    """Return a copy of a number, array or tuple of these, converted to the number type `kind` (float or complex)."""
-    if isinstance(value, tuple):
-        return type(value)(*(of_kind(entry, kind) for entry in value))
-    return np.array(value, dtype=kind) if isinstance(value, np.ndarray) else kind(value)
-
-
-def spatial_slopes(x: Array, v: Array, torque: Array, body: Any, joints: Any, work: Any, out: Slopes) -> None:
-    """Write the accelerations of a chain in space and their derivatives by x and v to `out`, by complex steps.
-
-    `motion.acceleration_jacobian` does the same in the plane. `work.A` keeps the factors of M.
-    """
-    given = tuple(of_kind(value, complex) for value in (torque, body, joints))
-    compiled = twin(tendon.accelerate)
-
-    def accelerate(x: Array, v: Array, work: Any, a: Array) -> None:
-        compiled(x, v, *given, work, a)
-
-    complex_slopes(accelerate, x, v, work, out)

@@ -6,7 +6,7 @@ inverse and its limits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -83,12 +83,10 @@ class Springs:
         with np.errstate(divide="ignore"):
             free = np.where(inverse > 0, 1.0 / inverse, np.inf)
             high = np.where(a < 0, np.sqrt(2.0 / np.maximum(-3.0 * a, 1e-300)), 0.0)  # a takes all of a slope below 2
-        low = np.zeros_like(high)
-        for _ in range(60 if self.bound.any() else 0):
-            middle = 0.5 * (low + high)
-            holds = self.slope(middle) > 0
-            low, high = np.where(holds, middle, low), np.where(holds, high, middle)
-        return np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
+        if self.bound.any():
+            low, _ = bisected(np.zeros_like(high), high, lambda q: self.slope(q) > 0)
+            free = np.where(self.bound > 0, np.where(a < 0, low, np.inf), free)
+        return free
 
     def turn_of_all_terms(self) -> Array:
         """Return the same angles as `turn`, for any number of terms, by the roots of polynomials.
@@ -110,10 +108,7 @@ class Springs:
         lost = np.array([self.slope(q) <= 0 for q in angles])
         first = np.maximum(lost.argmax(axis=0), 1)[None]
         low, high = (np.take_along_axis(angles, k, axis=0)[0] for k in (first - 1, first))
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            holds = self.slope(middle) > 0
-            low, high = np.where(holds, middle, low), np.where(holds, high, middle)
+        low, _ = bisected(low, high, lambda q: self.slope(q) > 0)
         return np.where(self.bound > 0, np.where(lost.any(axis=0), low, np.inf), free)
 
     def most(self, torque: Array) -> Array:
@@ -140,11 +135,19 @@ class Springs:
         while (short := (unit.torque(high) < size) & (high < turn)).any():
             high = np.where(short, np.minimum(turn, 2.0 * high), high)
         held = unit.torque(high) >= size
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            below = unit.torque(middle) < size
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        low, high = bisected(low, high, lambda q: unit.torque(q) < size)
         return np.where(held, np.sign(x) * 0.5 * (low + high), np.nan)
+
+
+def bisected(low: Array, high: Array, below: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return the bounds `low` and `high` (n, ...) [rad] after 60 bisections. `below` tells for which angles between
+    them the angle sought is larger.
+    """
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        larger = below(middle)
+        low, high = np.where(larger, middle, low), np.where(larger, high, middle)
+    return low, high
 
 
 def positive_roots(rows: Array) -> Array:

@@ -130,7 +130,8 @@ def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) 
     If every step has one interval, the step lengths also replace the lengths of the intervals. `commands` (m, 4) [Pa]
     are the command at the start, middle and end of each interval, and its mean.
     """
-    from pliant.compiler.dual_numbers import WIDTH, duals  # loads the compiler
+    from pliant.compiler.dual_numbers import duals  # loads the compiler
+    from pliant.compiler.simd import WIDTH
 
     def run(kernel: Any) -> Any:
         return dual_twin(kernel, None)

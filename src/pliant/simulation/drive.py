@@ -315,13 +315,12 @@ def lagging(valve: Valve, h: Array, commands: Array, before: float) -> Array:
     return out
 
 
-def too_fast(plan: Drive, failed: int, given_way: str = "") -> SimulationError:
-    """Return the SimulationError for a failed time step. The failure is the one that `given_way` describes or, if this
-    is empty, a link that turns by more than 1 rad in the step.
+def too_fast(after: float, length: float, given_way: str = "") -> SimulationError:
+    """Return the error of a motion whose step of `length` [s] fails, `after` s after the start, with the reason
+    `given_way`. By default, a link turns too fast.
     """
-    if given_way:
-        return SimulationError(f"{plan.h[: failed + 1].sum():.6g} s after the start {given_way}")
-    return SimulationError(
-        f"{plan.h[: failed + 1].sum():.6g} s after the start a link turns by more than a radian within the step of "
-        f"{plan.h[failed] * 1e3:.3g} ms, faster than the step can follow; use a shorter step or a smaller pressure"
+    reason = given_way or (
+        f"a link turns by more than a radian within the step of {length * 1e3:.3g} ms, faster than the step can "
+        "follow; use a shorter step or a smaller pressure"
     )
+    return SimulationError(f"{after:.6g} s after the start {reason}")

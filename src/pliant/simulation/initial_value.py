@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
+from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -74,9 +75,7 @@ class InitialValueProblem(NamedTuple):
         of `rows` output times.
         """
         rows = len(plan.pressure) if rows is None else rows
-        if self.model.memory:
-            return memory.march_with_memory(self.model, plan, self.start, self.states, rows)
-        return *march(self.model, plan, self.start, rows), self.states
+        return march(self.model, plan, self.start, rows, self.states if self.model.memory else None)
 
     def tips(self, phi: Array) -> Array:
         """Return the tip positions at T instants, (T, 2) or in space (T, 3), divided by the length of the body, from
@@ -120,22 +119,32 @@ def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Ar
     return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
 
 
-def march(model: Model, plan: Drive, start: tuple[Array, Array], rows: int) -> tuple[Array, Array, Array]:
-    """Integrate over the time steps `plan` by the midpoint rule; return absolute angles, rates and energies.
+def march(
+    model: Model, plan: Drive, start: tuple[Array, Array], rows: int, states: Array | None = None,
+) -> Marched:
+    """Integrate over the time steps `plan` by the midpoint rule; return absolute angles, rates, energies and hysteresis
+    states.
 
-    Angles and rates are (rows, n). The energies (rows, 2) [J] are input work and dissipation.
-
-    Hysteresis states start in equilibrium at the initial angles.
+    Angles and rates are (rows, n). The energies (rows, 2) [J] are input work and dissipation; with hysteresis there is
+    a third, that of hysteresis. The hysteresis states (rows, n, branches) begin with `states`. By default, a model with
+    hysteresis begins in equilibrium at the initial angles.
     """
-    if model.memory:
-        states = state.relaxed(model, mechanics_of(model).joint_coordinates(start[0]))
-        return memory.march_with_memory(model, plan, start, states, rows)[:3]
-    out = march_loops.rows_for(rows, model.size, (model.n, 0), 2)
+    chain = mechanics_of(model)
+    if states is None and model.memory:
+        states = state.relaxed(model, chain.joint_coordinates(start[0]))
+    past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)
+    out = march_loops.rows_for(rows, model.size, (model.n, 0) if states is None else states.shape, 2 + len(past))
     out.phi[0], out.w[0] = start
+    if states is not None:
+        out.state[0] = states
     now = start[0].copy()
-    failed = twin(march_loops.march, *mechanics_of(model).sizes)(
-        now, start[1].copy(), plan.steps, *mechanics_of(model).parts(), out
-    )
+    failed = twin(march_loops.march, *chain.sizes)(now, start[1].copy(), plan.steps, *chain.parts(), out, *past)
     if failed >= 0:
-        raise too_fast(plan, failed, state.given_way(model, now))
-    return out.phi, out.w, out.energy
+        after, length = float(plan.h[: failed + 1].sum()), float(plan.h[failed])
+        raise too_fast(after, length, state.given_way(model, now))
+    if failed < -1:
+        raise SimulationError(
+            f"{plan.h[: -1 - failed].sum():.6g} s after the start the iteration for slip elements does not converge "
+            f"within a step of {plan.h[-2 - failed] * 1e3:.3g} ms; use a shorter step"
+        )
+    return out.phi, out.w, out.energy, out.state

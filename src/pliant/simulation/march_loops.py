@@ -73,9 +73,9 @@ class Drives(NamedTuple):
     state: np.ndarray  # (C, 2) slow states, see `equations.chamber.advance`
 
 
-def march(phi, w, steps, body, joints, work, out):
-    """Integrate a chain of n links over all `steps`. Angles phi and rates w (n,) change in place, and output rows are
-    written to `out`.
+def march(phi, w, steps, body, joints, work, out, past=None):
+    """Integrate a chain of n links over all `steps`. Angles phi, rates w (n,) and the hysteresis states in `past` (a
+    `symbols.Past`; None: no hysteresis) change in place, and output rows are written to `out`.
 
     For a body that lengthens, all arrays are (n + S,), with strains behind the angles, and the compiled loop uses the
     step of `equations.extension`.
@@ -83,62 +83,43 @@ def march(phi, w, steps, body, joints, work, out):
     The loop stops at a step in which a spring loses its stiffness or a link turns by more than 1 rad. The rule assumes
     a constant rate over half a step, so that results of larger turns would be finite but wrong.
 
-    Where keep[k] >= 0, row keep[k] of `out` receives the state after step k, with the input work and the dissipated
-    energy since the start [J], both by the mid-step rates. Returns the index of the first step that fails, or -1.
+    Where keep[k] >= 0, row keep[k] of `out` receives the state after step k, with the hysteresis states, the input work
+    and the energies that dampers and hysteresis dissipate since the start [J], all by the mid-step rates. Returns -1,
+    the index k of the first step that fails, or -2 - k if the hysteresis of step k does not converge.
     """
-    n = len(phi)
     for k in range(len(steps.h)):
         h = steps.h[k]
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
         if len(steps.load) > 0:
             add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work)
-        step(phi, w, h, work.tau, body, joints, work)
+        lost = 0.0
+        if past is None:  # Numba compiles one of the two branches
+            step(phi, w, h, work.tau, body, joints, work)
+        else:
+            lost = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
         if not follows(phi, w, h, joints):
             return k
-        add_step_work(w, h, work.tau, joints, work, out.total)
-        row = steps.keep[k]
-        if row >= 0:
-            for i in range(n):
-                out.phi[row, i] = phi[i]
-                out.w[row, i] = w[i]
-            out.energy[row, 0] = out.total[0]
-            out.energy[row, 1] = out.total[1]
-    return -1
-
-
-def march_with_memory(phi, w, steps, body, joints, past, work, out):
-    """Integrate a chain of n links with hysteresis over all `steps`. Angles phi, rates w (n,) and the hysteresis states
-    in `past` change in place, and output rows are written to `out`.
-
-    The states are output too, and the last column of the energy is the energy dissipated by hysteresis. Returns -1, the
-    index k of a step that turns a link by more than 1 rad, or -2 - k if step k does not converge.
-    """
-    n = len(phi)
-    for k in range(len(steps.h)):
-        h = steps.h[k]
-        for c in range(len(steps.gain)):
-            share_out(c, steps.torque[k, c], steps.gain, work.tau)
-        if len(steps.load) > 0:
-            add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work)
-        taken = step_with_memory(phi, w, h, work.tau, body, joints, past, work)
-        if not follows(phi, w, h, joints):
-            return k
-        if not taken >= 0.0:
+        if not lost >= 0.0:
             return -2 - k
         add_step_work(w, h, work.tau, joints, work, out.total)
-        out.total[2] = out.total[2] + taken
-        row = steps.keep[k]
-        if row >= 0:
-            for i in range(n):
-                out.phi[row, i] = phi[i]
-                out.w[row, i] = w[i]
-            for i in range(past.state.shape[0]):
-                for j in range(past.state.shape[1]):
-                    out.state[row, i, j] = past.state[i, j]
-            for i in range(3):
-                out.energy[row, i] = out.total[i]
+        out.total[2] = out.total[2] + lost
+        if steps.keep[k] >= 0:
+            keep_row(steps.keep[k], phi, w, past, out)
     return -1
+
+
+def keep_row(row, phi, w, past, out):
+    """Write the state of a chain and its energies since the start to row number `row` of `out`."""
+    for i in range(len(phi)):
+        out.phi[row, i] = phi[i]
+        out.w[row, i] = w[i]
+    if past is not None:
+        for i in range(past.state.shape[0]):
+            for j in range(past.state.shape[1]):
+                out.state[row, i, j] = past.state[i, j]
+    for i in range(out.energy.shape[1]):
+        out.energy[row, i] = out.total[i]
 
 
 def take_torques(h, command, drives, tau):
@@ -181,9 +162,9 @@ def held_step_with_memory(phi, w, h, command, drives, chain, past, work):
     return -1
 
 
-def hold(phi, w, held, drives, body, joints, work):
-    """Advance a chain of n links by several steps under constant commands and forces. Angles phi and rates w (n,)
-    change in place. Return the index of a failed step, or -1.
+def hold(phi, w, held, drives, body, joints, work, past=None):
+    """Advance a chain of n links by several steps under constant commands and forces. Angles phi, rates w (n,) and the
+    hysteresis states in `past` (None: no hysteresis) change in place. Return the index of a failed step, or -1.
 
     `held` is (h, steps, command, load, total). `load` (n, 2) is that of `equations.contact.add_link_loads`, (0, 2) for
     none. Input work, loss of the dampers and loss of hysteresis [J] are added to `total` (3,). All records are plain
@@ -193,37 +174,22 @@ def hold(phi, w, held, drives, body, joints, work):
     actuation, valve, pressure, state = drives
     chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
+    if past is not None:
+        memory, branches, before = past
+        own = Past(MemoryLaw(*memory), branches, Held(*before[:-1], Joints(*before[-1])))
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
             add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch)
-        step(phi, w, h, scratch.tau, mass, springs, scratch)
-        if not follows(phi, w, h, springs):
+        lost = 0.0
+        if past is None:  # Numba compiles one of the two branches
+            step(phi, w, h, scratch.tau, mass, springs, scratch)
+        else:
+            lost = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
+        if not (lost >= 0.0 and follows(phi, w, h, springs)):
             return k
         add_step_work(w, h, scratch.tau, springs, scratch, total)
-    return -1
-
-
-def hold_with_memory(phi, w, held, drives, chain, past, work):
-    """Advance a chain of n links with hysteresis by several steps under constant commands and forces. Angles phi, rates
-    w (n,) and the states in `past` change in place. Return the index of a failed step, or -1.
-    """
-    h, steps, command, load, total = held
-    actuation, valve, pressure, state = drives
-    chambers = Drives(ActuationConstants(*actuation), valve, pressure, state)
-    body, joints = chain
-    mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
-    memory, branches, before = past
-    own = Past(MemoryLaw(*memory), branches, Held(*before[:-1], Joints(*before[-1])))
-    for k in range(steps):
-        take_torques(h, command, chambers, scratch.tau)
-        if len(load) > 0:
-            add_link_loads(phi, w, 0.5 * h, load, mass, springs, scratch)
-        taken = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
-        if not (taken >= 0.0 and follows(phi, w, h, springs)):
-            return k
-        add_step_work(w, h, scratch.tau, springs, scratch, total)
-        total[2] = total[2] + taken
+        total[2] = total[2] + lost
     return -1
 
 
@@ -240,6 +206,6 @@ def of_records(kernel, body, joints, workspace, law=MemoryLaw):
     if law is AxialMemoryLaw:
         scope["Held"] = ExtensibleHeld
     name = f"{kernel.__name__}_{body.__name__}{'_axial' * (law is AxialMemoryLaw)}"
-    copy = FunctionType(kernel.__code__, scope, name)
+    copy = FunctionType(kernel.__code__, scope, name, kernel.__defaults__)
     copy.__doc__, copy.__module__ = f"`{kernel.__name__}` for records of the type {body.__name__}.", kernel.__module__
     return copy

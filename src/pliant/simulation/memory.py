@@ -1,47 +1,18 @@
-"""Simulation of chains with hysteresis, and conversion of their hysteresis states to dataset variables."""
+"""Hysteresis states of a simulation: the first ones, and their conversion to dataset variables."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pliant.compiler.choose import twin
 from pliant.equations import memory as kernels
-from pliant.equations.symbols import MemoryLaw, Past
-from pliant.errors import InputError, SimulationError
+from pliant.equations.symbols import MemoryLaw
+from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import march_loops, state
-from pliant.simulation.drive import Drive, too_fast
+from pliant.simulation import state
 
 Array = np.ndarray
 Entry = tuple[tuple[str, ...], Array]
-
-
-def march_with_memory(
-    model: Model, plan: Drive, start: tuple[Array, Array], states: Array, rows: int,
-) -> tuple[Array, Array, Array, Array]:
-    """Integrate a chain with hysteresis over the steps `plan`; return coordinates, rates, energies and hysteresis
-    states.
-
-    Coordinates and rates are (rows, N). Energies (rows, 3) [J] are input work, loss of the dampers and loss of
-    hysteresis. States are (rows, m, branches). For a model without hysteresis the result equals, bit for bit, that of
-    the loop without hysteresis.
-    """
-    out = march_loops.rows_for(rows, model.size, states.shape, 3)
-    out.phi[0], out.w[0], out.state[0] = *start, states
-    now, past = start[0].copy(), Past(model.memory.law(), states.copy(), mechanics_of(model).held())
-    body, joints, work = mechanics_of(model).parts()
-    failed = twin(march_loops.march_with_memory, *mechanics_of(model).sizes)(
-        now, start[1].copy(), plan.steps, body, joints, past, work, out
-    )
-    if failed >= 0:
-        raise too_fast(plan, failed, state.given_way(model, now))
-    if failed < -1:
-        raise SimulationError(
-            f"{plan.h[: -1 - failed].sum():.6g} s after the start the iteration for slip elements does not converge "
-            f"within a step of {plan.h[-2 - failed] * 1e3:.3g} ms; use a shorter step"
-        )
-    return out.phi, out.w, out.energy, out.state
 
 
 def first_states(model: Model, q0: Array, given: Array | None) -> Array:

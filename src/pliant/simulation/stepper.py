@@ -107,9 +107,8 @@ class Stepper:
         self._command = np.zeros(model.actuation.count)
         self._body, self._joints, self._work = mechanics_of(model).parts()
         self._law, self._held = model.memory.law(), mechanics_of(model).held()
-        loop = march_loops.hold_with_memory if model.memory else march_loops.hold
         records: Any = type(self._body), type(self._joints), type(self._work), type(self._law)
-        self._advance = twin(march_loops.of_records(loop, *records), *mechanics_of(model).sizes)
+        self._advance = twin(march_loops.of_records(march_loops.hold, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
@@ -141,10 +140,8 @@ class Stepper:
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
-        chain: tuple[Any, ...] = (self._body, self._joints)
-        if self.model.memory:
-            chain = (chain, Past(self._law, self.memory, self._held))
-        self._parts = tuples((self._drives, *chain, self._work))
+        past = (Past(self._law, self.memory, self._held),) if model.memory else ()
+        self._parts = tuples((self._drives, self._body, self._joints, self._work, *past))
         self._load = mechanics_of(self.model).no_loads()[:0]
         self.time = 0.0
         self._watch = EnergyWatch(self.model)
