@@ -7,7 +7,7 @@ import pytest
 from oracles.space import random_space_chain
 
 from pliant.compiler.choose import dual_twin, twin
-from pliant.compiler.dual_numbers import SLOTS, WIDTH, duals
+from pliant.compiler.duals import SLOTS, WIDTH, duals
 from pliant.equations import motion, spatial
 from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step

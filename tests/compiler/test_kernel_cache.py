@@ -183,7 +183,7 @@ def test_where_nothing_can_be_written_numba_chooses(monkeypatch, tmp_path):
 
 def test_everything_that_machine_code_comes_from_is_in_its_digest():
     makers = {"choose.py", "trace.py", "llvm.py", "trig.py", "articulated.py", "extension.py"}
-    makers |= {"simd.py", "dual_numbers.py"}
+    makers |= {"simd.py", "dual_numbers.py", "duals.py"}
     makers |= {f"spatial{part}.py" for part in ("", "_extension", "_memory", "_points", "_springs")}
     makers |= {"spatial_observation.py", "tendon.py", "extension_memory.py"}
     assert {Path(f).name for f in choose.SOURCES} == makers
@@ -194,7 +194,7 @@ def test_everything_that_machine_code_comes_from_is_in_its_digest():
 
 
 def test_a_twin_that_takes_duals_too_has_their_rules_in_its_digest():
-    shared = choose.looped_twin(motion.step, 15, 1)
+    shared = choose.made(motion.step, "_duals", 15, 1, 1, 0, 0)
     assert shared is choose.twin(extension.step)
     assert shared.__qualname__.endswith(fingerprint(extension.step, twin.__file__, *choose.STRAIGHT_SOURCES))
 
@@ -226,17 +226,21 @@ def test_a_kernel_has_one_twin_whoever_calls_it():
         assert all(len(twins) == 1 for twins in made.values())
 
 
+def dual_form(kernel, links, segments=0, turns=1, tendons=0, axial=0):
+    return choose.made(kernel, "_duals", links, segments, turns, tendons, axial)
+
+
 def test_kernels_without_a_step_are_compiled_once_for_all_sizes():
     """What depends only on whether a chain lengthens or moves in space has one compiled form; a march has its own."""
     sizes = {"plane": [(2,), (5,)], "lengthens": [(2, 1), (5, 2, 1, 0, 1)], "space": [(2, 0, 2), (5, 2, 3, 4)]}
     observers = {}
     for kind, chains in sizes.items():
-        for make in (choose.twin, choose.looped_twin):
+        for make in (choose.twin, dual_form):
             made = [make(follow_loops.look_before, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
             assert made[0] is made[1], (kind, make)
             observers[kind, make] = made[0]
             marches = [make(march_loops.march, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
-            assert make is choose.looped_twin or marches[0] is not marches[1], kind
+            assert make is dual_form or marches[0] is not marches[1], kind
     assert len(set(map(id, observers.values()))) >= 4
     cords = [choose.twin(march_loops.march, 2, 0, 2, tendons) for tendons in (0, 1, 4)]
     assert cords[1] is cords[2] is not cords[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.compiler.dual_numbers import duals
+from pliant.compiler.duals import duals
 from pliant.equations.symbols import StepSlopes
 
 STEP = 1e-30

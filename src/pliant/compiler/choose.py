@@ -39,10 +39,9 @@ from pliant.numerics import trig
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and the dense kernel compiles for seconds
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
 JACOBIAN_LINKS = 2
-SIMD = str(Path(__file__).with_name("simd.py"))
 STRAIGHT_SOURCES = (
     trace.__file__, trig.__file__,
-    SIMD, *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "dual_numbers")),
+    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
 # Not the steps in the plane, so that batches and single simulations give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, spatial.step, spatial.build_step,
@@ -84,79 +83,56 @@ def twin(
     (`turns`), the steps are those of `equations.spatial`, which are the same for any number of `tendons` but none.
     `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`: laws of segments beyond linear springs and dampers.
     """
-    return made(kernel, links, segments, turns, min(tendons, 1), axial)
+    return made(kernel, "", links, segments, turns, min(tendons, 1), axial)
 
 
-@cache
-def made(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
-    """Return the compiled form of a plain Python kernel, created once for each chain size."""
-    fast = substitutes(kernel, links, *sizes) if links else {}
-    if kernel in fast:
-        return fast[kernel]
-    if links and fast and (links, *sizes) != (few := fewest(kernel, links, *sizes)):
-        return made(kernel, *few)
-    if fast:
-        tag = size_tag(links, *sizes)
-        return compiled_twin(kernel, tag, lambda callee: twin(callee, links, *sizes), SOURCES, replaced=fast)
-    if links:
-        return twin(kernel)
-    return compiled_twin(kernel, "n", twin, STRAIGHT_SOURCES, forceinline=kernel not in CALLED)  # duals use these too
-
-
-@cache
 def lane_twin(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
 ) -> Any:
     """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
     lock.
 
     The sizes are those of `twin`.
     """
-    sizes = links, segments, turns, tendons, axial
-    fast = substitutes(kernel, *sizes)
-    if kernel in fast:
-        return fast[kernel]
-    tag, sources = (size_tag(*sizes), SOURCES) if fast else ("n", ())
-    return compiled_twin(kernel, tag, lambda callee: lane_twin(callee, *sizes), (SIMD, *sources), nogil=True)
+    return made(kernel, "_lanes", links, segments, turns, min(tendons, 1), axial)
 
 
 @cache
 def dual_twin(
-    kernel: FunctionType, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
 ) -> Any:
     """Return a kernel compiled for dual numbers. Its array arguments have an additional last axis of `SLOTS` floats,
     which holds the value and the derivatives of one dual number.
 
-    The sizes are those of `twin`. `dual_numbers.duals` makes such arrays.
+    The sizes are those of `twin`. `duals.duals` makes such arrays.
 
     Integers and arrays of integers are passed unchanged. If the kernel returns a dual number, its value is returned.
 
     Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
     """
     from pliant.compiler.cache import part
-    from pliant.compiler.dual_numbers import from_floats
+    from pliant.compiler.duals import from_floats
 
-    return from_floats(part(looped_twin(kernel, *fewest_loops(links, segments, turns, tendons, axial))))
-
-
-def fewest_loops(links: int | None, segments: int, turns: int, tendons: int, axial: int) -> tuple[int | None, ...]:
-    """Return a chain size with the same `looped_twin` as the given one: loops in space fit any size."""
-    return (1, 0, 2, min(tendons, 1)) if turns > 1 else (links, segments, turns, tendons, axial)
+    sizes = (1, 0, 2, min(tendons, 1), 0) if turns > 1 else (links, segments, turns, 0, axial)  # loops fit any size
+    return from_floats(part(made(kernel, "_duals", *sizes)))
 
 
 @cache
-def looped_twin(kernel: FunctionType, links: int | None, *sizes: int) -> Any:
-    """Return the compiled form of a kernel for dual numbers themselves, without straight-line code in space."""
-    fast = substitutes(kernel, links, *sizes, loops=True) if links else {}
+def made(kernel: FunctionType, reading: str, links: int | None, *sizes: int) -> Any:
+    """Return the compiled form of a plain Python kernel, created once for each chain size and `reading`: "" for floats,
+    "_lanes" for SIMD vectors, "_duals" for dual numbers themselves, without straight-line code in space.
+    """
+    loops = reading == "_duals"
+    fast = substitutes(kernel, links, *sizes, loops=loops) if links else {}
     if kernel in fast:
         return fast[kernel]
-    few = fewest(kernel, links, *sizes, loops=True) if links and fast else (None, 0, 1, 0, 0)
+    few = fewest(kernel, links, *sizes, loops=loops) if links and fast else (None, 0, 1, 0, 0)
     if few != (links, *sizes):
-        return looped_twin(kernel, *few)
-    tag = f"{size_tag(links, *sizes)}_duals"
+        return made(kernel, reading, *few)
     return compiled_twin(
-        kernel, tag, lambda callee: looped_twin(callee, links, *sizes), SOURCES, replaced=fast,
-        forceinline=kernel not in CALLED,
+        kernel, size_tag(links, *sizes) + reading, lambda callee: made(callee, reading, links, *sizes),
+        SOURCES if fast or loops else STRAIGHT_SOURCES,  # what takes floats may take dual numbers too
+        replaced=fast, forceinline=kernel not in CALLED, nogil=reading == "_lanes",
     )
 
 
@@ -166,7 +142,7 @@ def jacobian_twin(segments: int, turns: int, tendons: int) -> Any:
 
     `segments`, `turns` and `tendons` are those of `twin`.
     """
-    from pliant.compiler.dual_numbers import CARRYING
+    from pliant.compiler.duals import CARRYING
 
     jacobian: Any = linearised.step_jacobian
     step: Any = extension.step if segments else articulated.step_articulated

@@ -155,18 +155,29 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
     return KernelProgram(tuple(examples), tape.rows, sorted(needed), stores)
 
 
+def planar_workspace(n: int, segments: int = 0, kind: type = float) -> Any:
+    """Return new scratch arrays, of the number type `kind`, for a time step of a planar chain with n links and
+    `segments` extensible segments.
+    """
+    if not segments:
+        shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
+        return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
+    N = n + segments
+    sizes = {"A": (N, N), "t": (N + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
+    return ExtensibleWorkspace(*(np.zeros(sizes.get(f, (N,)), dtype=kind) for f in ExtensibleWorkspace._fields))
+
+
 def example_arguments(n: int) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of a planar chain of n links may have."""
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
 
-    shapes = {"A": (n, n), "S": (n, n), "t": (n + 1,)}
     return {
         "phi": zeros(n), "w": zeros(n), "h": 0.0, "torque": zeros(n),
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
         "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(ROWS, n), zeros(n)),
-        "work": Workspace(*(zeros(*shapes.get(f, (n,))) for f in Workspace._fields)),
+        "work": planar_workspace(n),
         "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)),
     }
 
@@ -183,7 +194,6 @@ def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
 
-    shapes = {"A": (size, size), "t": (size + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size), "a": zeros(size),
         "w": zeros(size), "total": zeros(3),
@@ -191,7 +201,7 @@ def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any
         "joints": ExtensibleJoints(
             0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, curved), zeros(n), zeros(moved),
         ),
-        "work": ExtensibleWorkspace(*(zeros(*shapes.get(f, (size,))) for f in ExtensibleWorkspace._fields)),
+        "work": planar_workspace(n, segments),
     }
 
 

@@ -18,6 +18,7 @@ from pliant.equations.memory import (
     creep_lines,
     friction_lines,
     hold_start,
+    joint_turns,
     relax,
     remember,
     update_turn,
@@ -53,17 +54,8 @@ def follow_all(x, change, joints, past):
 
     Creep states do not change. `memory.follow_change` is the function for the joints alone.
     """
-    held = past.held
-    angle = joints.base_angle
-    before = 0.0 * change[0]
-    for i in range(len(x)):
-        held.q[i] = x[i]
-        held.dq[i] = change[i]
-        if i < len(joints.theta0):
-            held.q[i] = x[i] - angle - joints.theta0[i]
-            held.dq[i] = change[i] - before
-            angle = x[i]
-            before = change[i]
+    joint_turns(x, change, 1.0, joints, past.held)
+    strain_changes(x, change, 1.0, joints, past.held)
     law = past.memory
     axial = MemoryLaw(
         law.axial_creep_share, law.axial_creep_time, law.axial_slip_share, law.axial_slip_strain,
@@ -92,9 +84,7 @@ def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
     state = past.state
     held = past.held
     hold_start(x, v, h, joints, held)
-    for i in range(n, len(x)):
-        held.q[i] = x[i]
-        held.dq[i] = h * v[i]
+    strain_changes(x, v, h, joints, held)
     creep_lines(held.q[:n], h, state[:n], law, held.creep_slope[:n], held.creep_offset[:n])
     creep_lines(held.q[n:], h, state[n:], axial, held.creep_slope[n:], held.creep_offset[n:])
     for trial in range(TRIALS):
@@ -119,6 +109,15 @@ def step_with_axial_memory(x, v, h, torque, body, joints, past, work):
             x[i] = held.phi[i]
             v[i] = held.w[i]
     return -1.0 + 0.0 * v[0]
+
+
+def strain_changes(x, v, h, joints, held):
+    """Write the S strains to the last entries of held.q (n + S,), and their changes over h [s] at the rates v (n + S,)
+    to those of held.dq.
+    """
+    for i in range(len(joints.theta0), len(x)):
+        held.q[i] = x[i]
+        held.dq[i] = h * v[i]
 
 
 def axial_agreement(v, h, axial, past, work, calm):

@@ -197,14 +197,21 @@ def follow_change(phi, change, joints, past):
     Creep states do not change. `past.held` receives the joints' angles and turns. The dissipated energy is not counted.
     """
     held = past.held
+    joint_turns(phi, change, 1.0, joints, held)
+    remember(held.q, held.dq, 0.0, joints.K, past.state, past.memory)
+
+
+def joint_turns(phi, w, h, joints, held):
+    """Write the angles of the n joints [rad] to held.q, and their turns [rad] over h [s] at the rates w of the links to
+    held.dq.
+    """
     angle = joints.base_angle
-    before = 0.0 * change[0]
+    rate = 0.0 * w[0]
     for i in range(len(joints.theta0)):
         held.q[i] = phi[i] - angle - joints.theta0[i]
-        held.dq[i] = change[i] - before
+        held.dq[i] = h * (w[i] - rate)
         angle = phi[i]
-        before = change[i]
-    remember(held.q, held.dq, 0.0, joints.K, past.state, past.memory)
+        rate = w[i]
 
 
 def memory_angle(i, q, state, memory):
@@ -288,16 +295,10 @@ def hold_start(phi, w, h, joints, held):
     """Copy the state at the start of a time step to `held`, and estimate each joint's turn over the step from its
     present rate.
     """
-    angle = joints.base_angle
-    rate = 0.0 * w[0]
     for i in range(len(phi)):
         held.phi[i] = phi[i]
         held.w[i] = w[i]
-    for i in range(len(joints.theta0)):
-        held.q[i] = phi[i] - angle - joints.theta0[i]
-        held.dq[i] = h * (w[i] - rate)
-        angle = phi[i]
-        rate = w[i]
+    joint_turns(phi, w, h, joints, held)
 
 
 def agreement(w, h, past, work, calm):

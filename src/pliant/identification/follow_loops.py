@@ -73,15 +73,16 @@ class Seen(NamedTuple):
     rows: np.ndarray
 
 
-def follow(phi, w, course, before, body, joints, work, seen, past=None):
+def follow(phi, w, course, before, chain, work, seen, past=None):
     """Simulate a chain over all steps of `course`, and write the coordinates of the observed points to seen.rows.
     Angles phi, rates w and the hysteresis states in `past` (None: no hysteresis) change in place; creep starts at rest.
 
     The first rows of seen.rows show the chain as it was held `before` (`Before`); the state after step k goes to row
-    keep[k] - 1 + before.rows where keep[k] >= 0.
+    keep[k] - 1 + before.rows where keep[k] >= 0. `chain` is (body, joints).
     Returns the index of the first step in which a link turns by more than a radian, a spring has lost its stiffness or
     the hysteresis branches do not converge, or -1.
     """
+    body, joints = chain
     look_before(before, seen)
     if past is not None:
         relax(phi, joints, past)

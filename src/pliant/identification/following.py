@@ -36,7 +36,7 @@ def dual_kind() -> NumberKind:
     """Return dual numbers as a number type for the compiled loops, with functions that convert floats to them and back,
     and that compile a loop for them.
     """
-    from pliant.compiler.dual_numbers import duals  # loads the compiler
+    from pliant.compiler.duals import duals  # loads the compiler
 
     return NumberKind(duals, lambda a: a[..., 0], dual_twin)
 
@@ -90,7 +90,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
         past = (Past(numbers.memory, states, held),)
     any_size = model.memory and not any(more)  # with hysteresis of joints alone, the loops of a step are as fast
     failed = kind.twin(follow_loops.follow, None if any_size else n, *more)(
-        numbers.phi, kind.of(np.zeros(chain.size)), course, before, numbers.body, numbers.joints, work,
+        numbers.phi, kind.of(np.zeros(chain.size)), course, before, (numbers.body, numbers.joints), work,
         Seen(places, out), *past,
     )
     if failed >= 0:

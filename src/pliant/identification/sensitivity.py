@@ -149,7 +149,7 @@ def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -
     left = [(k, s) for k, s in slopes if s.torque is None and (np.any(s.chambers) or np.any(s.h))]
     if not (left and forward.drive and forward.drive.layout):
         return list(done.items())
-    from pliant.compiler.simd import WIDTH  # loads the compiler
+    from pliant.compiler.duals import WIDTH  # loads the compiler
 
     for some in (left[first : first + WIDTH] for first in range(0, len(left), WIDTH)):
         rows = dual_array(forward.numbers.chambers, [s.chambers for _, s in some])
@@ -180,7 +180,7 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
     """
     if forward.poses:
         return pose_slopes(forward, [with_imaginary_slope(forward, slope) for slope in slopes])
-    from pliant.compiler.simd import WIDTH  # loads the compiler
+    from pliant.compiler.duals import WIDTH  # loads the compiler
 
     blocks = [slopes[first : first + WIDTH] for first in range(0, len(slopes), WIDTH)]
     return np.concatenate([propagated_together(forward, some, rows) for some in blocks])
@@ -190,7 +190,7 @@ def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: 
     """Return the derivatives (P, T, S, 3) of the positions and angles of S observed points in T frames with respect to
     P parameters, from one run with dual numbers. P is at most `WIDTH`, the number of derivatives in a dual number.
     """
-    from pliant.compiler.dual_numbers import duals
+    from pliant.compiler.duals import duals
 
     numbers = forward.numbers
     row = duals(in_one_row(numbers), np.stack([s.row for s in slopes], axis=-1))
@@ -211,8 +211,7 @@ def dual_array(value: Array, rates: Sequence[Any]) -> Array:
     """Return an array of dual numbers from an array of values and a list of their derivatives. Each derivative is an
     array of the same shape, or 0.
     """
-    from pliant.compiler.dual_numbers import duals  # loads the compiler
-    from pliant.compiler.simd import WIDTH
+    from pliant.compiler.duals import WIDTH, duals  # loads the compiler
 
     array = duals(value)
     for k, rate in enumerate(rates):

@@ -90,7 +90,7 @@ class Mechanics(ABC):
 
         J has one row for each of N coordinates, rates and torques, and for the inputs of R tendons.
         """
-        from pliant.compiler.dual_numbers import duals  # loads the compiler
+        from pliant.compiler.duals import duals  # loads the compiler
 
         work, still = self.workspace(), np.zeros(self.size)
         J = np.zeros((2 * self.size + len(work.tau), 2 * self.size))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.compiler.trace import CURVED, REMEMBERS
+from pliant.compiler.trace import CURVED, REMEMBERS, planar_workspace
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
 from pliant.equations.symbols import (
@@ -37,6 +37,7 @@ from pliant.model.inertia import inertia_constants
 from pliant.numerics.curve import tangents
 
 Array = np.ndarray
+workspace = planar_workspace
 
 
 class PlanarChain(Mechanics):
@@ -103,7 +104,7 @@ class PlanarChain(Mechanics):
         return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
-        return workspace(self.n, self.segments, kind)
+        return planar_workspace(self.n, self.segments, kind)
 
     def observed(self) -> tuple[ObservedChain, Array]:
         model = self.model
@@ -386,18 +387,6 @@ class PlanarChain(Mechanics):
         stiffness = self._springs(q)[1] + self.stuck_stiffness
         slope = self.load_stiffness(x, self.weight())
         return T.T @ self.inertia(x) @ T, np.diag(stiffness) - T.T @ slope @ T
-
-
-def workspace(n: int, segments: int = 0, kind: type = float) -> Any:
-    """Return new scratch arrays, of the number type `kind`, for a time step of a planar chain with n links and
-    `segments` extensible segments.
-    """
-    if not segments:
-        shapes = ((n, n), (n, n), n, n, n + 1, n, n, n)
-        return Workspace(*(np.zeros(shape, dtype=kind) for shape in shapes))
-    N = n + segments
-    sizes = {"A": (N, N), "t": (N + 1,), **dict.fromkeys(("stretch", "ax", "ay", "bx", "by"), (n + 1,))}
-    return ExtensibleWorkspace(*(np.zeros(sizes.get(f, (N,)), dtype=kind) for f in ExtensibleWorkspace._fields))
 
 
 def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:

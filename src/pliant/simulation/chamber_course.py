@@ -1,7 +1,7 @@
 """Pressures and torques of chambers over the time steps of a simulation, as floats or dual numbers.
 
 A chamber with its valve enters the compiled loops as one row of numbers. For derivatives by any of these numbers, the
-row is given as dual numbers (`pliant.compiler.dual_numbers`), and the same loops are run.
+row is given as dual numbers (`pliant.compiler.duals`), and the same loops are run.
 """
 
 from __future__ import annotations
@@ -130,8 +130,7 @@ def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) 
     If every step has one interval, the step lengths also replace the lengths of the intervals. `commands` (m, 4) [Pa]
     are the command at the start, middle and end of each interval, and its mean.
     """
-    from pliant.compiler.dual_numbers import duals  # loads the compiler
-    from pliant.compiler.simd import WIDTH
+    from pliant.compiler.duals import WIDTH, duals  # loads the compiler
 
     def run(kernel: Any) -> Any:
         return dual_twin(kernel, None)
