@@ -22,7 +22,7 @@ from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
 from pliant.identification.start_search import independent_start, searched
-from pliant.identification.uncertainty import Covariance, covariance
+from pliant.identification.uncertainty import Covariance, covariance, information_criterion
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.simulation import modes
@@ -295,13 +295,13 @@ def finished(
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held constant: the torque law has a scale of its own.")
-    r = problem.data_residual(best.x)
-    bic = found.effective * np.log(max(float(np.mean(r**2)), 1e-300)) + best.x.size * np.log(found.effective)
+    mean_square = float(np.mean(problem.data_residual(best.x) ** 2))
+    bic = information_criterion(mean_square, found.effective, best.x.size)
     far = far_off(problem.experiments, rmse)
     return FitResult(
         model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
         best.status > 0 and not far,
-        found, tuple(notes), float(bic), turns=problem.experiments[0].without_positions,
+        found, tuple(notes), bic, turns=problem.experiments[0].without_positions,
         time_step=problem.time_step,
     )
 

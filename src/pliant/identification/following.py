@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,20 +17,20 @@ from pliant.identification.observation import (
     TINY,
     NumberKind,
     behind_sensors,
-    copied,
     in_kind,
     places_in_plane,
     places_in_space,
 )
 from pliant.identification.poses import pose_rows
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.complex_slopes import of_kind
 from pliant.simulation import state
 from pliant.simulation.drive import too_fast
 
 Array = np.ndarray
 
 
-REAL = NumberKind(copied, lambda a: a, twin)
+REAL = NumberKind(partial(of_kind, kind=float), lambda a: a, twin)
 
 
 def dual_kind() -> NumberKind:

@@ -15,6 +15,7 @@ from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames, falling_correlations
 from pliant.identification.result import FitResult, touches_bound
+from pliant.identification.uncertainty import information_criterion
 
 Array = np.ndarray
 DETERMINED = 0.5  # standard error over value, above which a parameter is not determined: its 95 % interval holds zero
@@ -29,7 +30,7 @@ class Follows(NamedTuple):
 
     def bic(self, numbers: float) -> float:
         """Return the Bayesian information criterion of the fit for `numbers` effectively independent residuals."""
-        return float(numbers * np.log(max(self.mean_square, 1e-300)) + self.free * np.log(numbers))
+        return information_criterion(self.mean_square, numbers, self.free)
 
 
 def follows(train: Sequence[Experiment], result: FitResult, time_step: float, weighting: str) -> Follows:

@@ -34,11 +34,6 @@ class NumberKind(NamedTuple):
     twin: Callable[..., Any]  # compiles a kernel for a number of links and extensible segments
 
 
-def copied(a: Any) -> Any:
-    """Return a float unchanged, or an array as a writable copy."""
-    return np.array(a, dtype=float) if isinstance(a, Array) else float(a)
-
-
 def in_kind(record: Any, kind: NumberKind) -> Any:
     """Return a named tuple with all floats and arrays converted to the number type `kind`: float, complex or dual."""
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))

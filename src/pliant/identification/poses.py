@@ -5,6 +5,7 @@ parameters.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from pliant.identification.drives import check_driven
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.identification.observation import TINY, NumberKind, in_kind, places_in_space
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.complex_slopes import of_kind
 from pliant.mechanics.rest import settling
 from pliant.model import Model
 from pliant.simulation.drive import Drive
@@ -42,12 +44,7 @@ def pose_inputs(model: Model, exp: Experiment) -> Drive:
     return Drive(np.zeros(0), torque, model.actuation.columns, np.arange(exp.time.size), values, still)
 
 
-def as_complex(value: Array | float) -> Array | complex:
-    """Return a float as a complex number, or an array of floats as a complex copy."""
-    return np.array(value, dtype=complex) if isinstance(value, Array) else complex(value)
-
-
-COMPLEX = NumberKind(as_complex, np.real, twin)
+COMPLEX = NumberKind(partial(of_kind, kind=complex), np.real, twin)
 
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:

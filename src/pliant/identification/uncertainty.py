@@ -81,6 +81,13 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     return Covariance(names, matrices[0], matrices[1], hidden, max(widths), effective)
 
 
+def information_criterion(mean_square: float, numbers: float, free: int) -> float:
+    """Return Bayes' information criterion of a fit with `free` parameters, from the mean square of its residuals and
+    the effective number of independent observed values.
+    """
+    return float(numbers * np.log(max(mean_square, 1e-300)) + free * np.log(numbers))
+
+
 def along_channels(observed: Any, J: Array, residual: Array) -> Array:
     """Return the sum (P, P) of J_t' R_ts J_s over pairs of frames t, s, from which the standard errors of P parameters
     follow. J is the Jacobian, and R the autocovariance of the residuals, estimated from all channels together.
