@@ -72,13 +72,13 @@ def base_tangent(
     return axis
 
 
-def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
+def named_axis(name: Any, rotation: NDArray | None) -> NDArray | None:
     """Return the unit vector (3,), in tracker coordinates, of an axis that is named as a text: "+x" of the tracker, or
-    "base:+x" of the base station at rest. Return None for any other text.
+    "base:+x" of the base station at rest. Return None for any other text or object.
 
     Parameters
     ----------
-    name : str
+    name : str or object
     rotation : (3, 3) array or None
         Orientation of the base at rest.
 
@@ -87,7 +87,7 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
     InputError
         When the axis is of the base and the base has no orientation.
     """
-    found = AXIS_NAME.fullmatch(name)
+    found = AXIS_NAME.fullmatch(name) if isinstance(name, str) else None
     if found is None:
         return None
     axis = np.zeros(3)

@@ -110,17 +110,13 @@ def _load(mapping: Mapping[str, Any]) -> dict[str, Cluster]:
         options = {"markers": [value]} if isinstance(value, str) else value
         options = options if hasattr(options, "items") else {"markers": list(options)}
         clusters[name] = Cluster.load(options, f"station {name!r}")
-    bases = [n for n, c in clusters.items() if _role(n, c) == "base"]
+    bases = [n for n, c in clusters.items() if (c.role or n.lower()[:4]) == "base"]
     if len(bases) > 1:
         raise InputError(
             f"{len(bases)} clusters have the role base: {', '.join(bases)}; put all markers of the base into one "
             'cluster, or set role = "body" for the others'
         )
     return clusters
-
-
-def _role(name: str, cluster: Cluster) -> str:
-    return cluster.role or ("base" if name.lower().startswith("base") else "body")
 
 
 def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, list[str]]:
