@@ -124,8 +124,7 @@ def align(
     position = recording["position"].values
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     matrices = None if quaternion is None else to_matrix(quaternion)
-    pose = mean_place(position[window])
-    _require_all(pose, recording)
+    pose = _rest_pose(position[window], recording)
     base_rotation = base_rotation_at_rest(quaternion, index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     if remove_base_motion:
@@ -152,9 +151,9 @@ def align(
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
     arc = _arc_length(recording, arc_length, pose, index, offset)
-    place = _turned(position, zero, rotation if space else rotation[:2])
-    turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
-    return _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
+    turned = {"quaternion": _orientations(matrices, window, rotation)} if space else {
+        "angle": _angles(matrices, window, normal)}  # fmt: skip
+    return _aligned(recording, _turned(position, zero, rotation if space else rotation[:2]), turned, arc, report)
 
 
 def _without_jumps(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
@@ -224,11 +223,13 @@ def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     return result
 
 
-def _require_all(pose: NDArray, recording: xr.Dataset) -> None:
+def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:
+    pose = mean_place(position)
     unseen = [str(n) for n, p in zip(recording["station"].values, pose, strict=True) if not np.isfinite(p).all()]
     if unseen:
         raise InputError(f"{', '.join(unseen)} is never seen in the rest window, which must show each "
                          "station at least once: choose another rest window")
+    return pose
 
 
 def _without_base_motion(
