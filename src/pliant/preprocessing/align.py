@@ -122,10 +122,9 @@ def align(
     index = _base_index(recording, base)
     window, span = _rest(recording, rest)
     position = recording["position"].values
-    quaternion = recording["quaternion"].values if "quaternion" in recording else None
-    matrices = None if quaternion is None else to_matrix(quaternion)
+    matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = _rest_pose(position[window], recording)
-    base_rotation = base_rotation_at_rest(quaternion, index, window)
+    base_rotation = base_rotation_at_rest(matrices, index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
@@ -151,9 +150,9 @@ def align(
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
     arc = _arc_length(recording, arc_length, pose, index, offset)
-    turned = {"quaternion": _orientations(matrices, window, rotation)} if space else {
-        "angle": _angles(matrices, window, normal)}  # fmt: skip
-    return _aligned(recording, _turned(position, zero, rotation if space else rotation[:2]), turned, arc, report)
+    place = _turned(position, zero, rotation if space else rotation[:2])
+    turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
+    return _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
 
 
 def _without_jumps(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.preprocessing import detectors
-from pliant.preprocessing.rotations import mean_rotation, to_matrix
+from pliant.preprocessing.rotations import mean_rotation
 from pliant.recording.inputs import inputs_at
 
 if TYPE_CHECKING:
@@ -204,13 +204,11 @@ def bending_normal(
     return normal, float(values[1] / values[2])
 
 
-def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
-    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest; None where its orientation
-    is unknown.
+def base_rotation_at_rest(matrices: NDArray | None, base: int, window: NDArray) -> NDArray | None:
+    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest, from the rotation matrices
+    (T, S, 3, 3) of S stations over T frames; None where its orientation is unknown.
     """
-    if quaternion is None:
-        return None
-    matrix = mean_rotation(to_matrix(quaternion[window, base]))
+    matrix = np.full((3, 3), np.nan) if matrices is None else mean_rotation(matrices[window, base])
     return matrix if np.isfinite(matrix).all() else None
 
 
