@@ -129,8 +129,7 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
             found = exact or [m for m in available if fnmatchcase(m, pattern)]
             if not found:
                 raise InputError(f"station {name!r} names a marker {pattern!r} that is not in the recording: correct "
-                                 "the name; "
-                                 f"available: {', '.join(available)}")  # fmt: skip
+                                 f"the name; available: {', '.join(available)}")  # fmt: skip
             for marker in found:
                 if owner.setdefault(marker, name) != name:
                     raise InputError(f"marker {marker!r} belongs to two stations, {owner[marker]!r} and "
@@ -139,8 +138,7 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
                     members[name].append(marker)
         if cluster.point is not None and cluster.point not in members[name]:
             raise InputError(f"point {cluster.point!r} of station {name!r} is not among its markers: set point "
-                             "to one of "
-                             f"{', '.join(members[name])}")  # fmt: skip
+                             f"to one of {', '.join(members[name])}")  # fmt: skip
         if not members[name]:
             raise InputError(f"station {name!r} has no marker: name its markers")
     return members

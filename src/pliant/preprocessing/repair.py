@@ -37,8 +37,10 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     if not longest_s > 0:
         raise InputError(f"fill_gaps needs a positive longest_s in seconds, not {longest_s!r}")
     time, position = recording["time"].values, recording["position"].values
-    bridged = in_time(time, position, time, longest_s)
-    filled = ~np.isfinite(position).all(axis=2) & np.isfinite(bridged).all(axis=2)
+    lost, bridged = ~np.isfinite(position).all(axis=2), np.full_like(position, np.nan)
+    if (some := lost.any(axis=0)).any():
+        bridged[:, some] = in_time(time, position[:, some], time, longest_s)
+    filled = lost & np.isfinite(bridged).all(axis=2)
     position = np.where(filled[..., None], bridged, position)
     line = (f"filled {int(filled.sum())} drop-out(s) of at most {longest_s:g} s by linear interpolation, "
             f"{int(np.isnan(position).any(-1).sum())} are left")  # fmt: skip

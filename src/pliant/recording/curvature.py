@@ -84,8 +84,7 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     columns = arcs_of(names, first, options.arc_unit, path.name)
     if len(columns) < 2:
         raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {first}<arc length>, "
-                         f"but needs two or more: set curvature in its mapping. Its columns are "
-                         f"{shorten(names, 8)}")  # fmt: skip
+                         f"but needs two or more: set curvature in its mapping. Its columns are {shorten(names, 8)}")
     arc = np.array(sorted(columns))
     kappa = table[:, [columns[s] for s in arc.tolist()]] * PER_METRE[options.curvature_unit]
     turning = arcs_of(names, second, options.arc_unit, path.name)

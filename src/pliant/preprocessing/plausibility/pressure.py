@@ -107,9 +107,8 @@ def absolute(case: Case) -> str:
             counts = " (or raw counts of a converter: all values are whole numbers)" if whole_counts(values) else ""
             return (
                 f"{name} reads {at / 1e3:.4g} kPa without load and never comes near 0: is it absolute{counts}? The "
-                f"model needs gauge pressure: subtract the atmosphere by linear = {{ pressure = {{ "
-                f"offset = {-at / 1e3:.4g}, "
-                'unit = "kPa" } } in the mapping, if it is absolute'
+                "model needs gauge pressure: subtract the atmosphere by linear = { pressure = { "
+                f'offset = {-at / 1e3:.4g}, unit = "kPa" }} }} in the mapping, if it is absolute'
             )
     return ""
 
@@ -137,8 +136,8 @@ def offset(case: Case) -> str:
             return (
                 f"{name} starts at {start / 1e3:.3g} kPa and never falls below {low / 1e3:.3g} kPa, "
                 f"{100 * low / high:.0f} % of its highest value: correct an offset of the sensor by linear = {{ "
-                "pressure = "
-                '{ offset = ..., unit = "kPa" } } in the mapping; change nothing if the body was never vented'
+                'pressure = { offset = ..., unit = "kPa" } } in the mapping; change nothing if the body was never '
+                "vented"
             )
     return ""
 
