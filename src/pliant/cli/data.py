@@ -32,8 +32,11 @@ def data(
         lines = [f"folder: {data_folder()}"]
         for one in entries:
             lines.append(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
-            lines += [f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
-                      + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else "") for file in one["files"]]
+            lines += [
+                f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
+                + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else "")
+                for file in one["files"]
+            ]
         answer({"folder": str(data_folder()), "data": entries}, "\n".join(lines), as_json=json)
         return
     here: list[str] = []

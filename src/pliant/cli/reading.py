@@ -44,8 +44,9 @@ def levels(model: Model, text: str) -> list[float]:
     if "=" in text:
         given = pairs("--level-kpa", text)
         if strange := [name for name in given if name not in names]:
-            raise InputError(f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}: use "
-                             "these names")
+            raise InputError(
+                f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}: use these names"
+            )
         return [1e3 * number(given.get(name, "0")) for name in names]
     pressures = [1e3 * number(part) for part in text.split(",")]
     if len(pressures) != len(names):

@@ -53,5 +53,8 @@ def sync(
         write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
     if output is not None:
         write(shift_pressure(recording, offset.delay_s, offset.drift), output)
-    answer(asdict(offset), f'{offset.summary()}\nin a study: clock = {offset.delay_s:.4f}, or clock = "align"',
-           as_json=json)
+    answer(
+        asdict(offset),
+        f'{offset.summary()}\nin a study: clock = {offset.delay_s:.4f}, or clock = "align"',
+        as_json=json,
+    )

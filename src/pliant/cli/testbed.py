@@ -55,8 +55,11 @@ def run_testbed(
         lab = resolved(scenario, actuator, None, "angle" if sensor else record)[2]  # type: ignore[arg-type]
         lab = replace(lab, angle=sensor) if sensor else lab
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
-    answer({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran},
-           f"{path}: {'recorded' if ran else 'exists with this content, not written again'}", as_json=json)
+    answer(
+        {"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran},
+        f"{path}: {'recorded' if ran else 'exists with this content, not written again'}",
+        as_json=json,
+    )
 
 
 def _list_scenarios(*, as_json: bool) -> None:

@@ -67,8 +67,13 @@ class Tip:
 
 
 def find_tip(
-    curvature: Array | xr.DataArray, spacing: float, *, cap_curvature: float, cap_length: float,
-    gauge_length: float | None = None, tail_curvature: float = 0.0,
+    curvature: Array | xr.DataArray,
+    spacing: float,
+    *,
+    cap_curvature: float,
+    cap_length: float,
+    gauge_length: float | None = None,
+    tail_curvature: float = 0.0,
 ) -> Tip:
     """Find the arc length of the body's tip along a fibre from the fibre's curvature (T, S) [1/m], T frames by S
     samples.

@@ -27,7 +27,11 @@ POLYNOMIAL = 4
 
 
 def curvature_of(
-    recording: xr.Dataset, *, method: str = "basis", terms: int | None = None, smoothing: float | None = None,
+    recording: xr.Dataset,
+    *,
+    method: str = "basis",
+    terms: int | None = None,
+    smoothing: float | None = None,
     window: int = 51,
 ) -> xr.DataArray:
     """Compute the curvature [1/m] of a body over time and arc length from the positions in a recording.

@@ -89,9 +89,20 @@ def select_order(
     if len(orders) < max_order - 1:
         notes.append(f"orders above {orders[-1]} need more than {body.arc_length.size} stations")
     return OrderResult(
-        orders, body.time, largest, mean, tuple(knots), tuple(stations_between(body.arc_length, k) for k in knots),
-        bound, boundary, placement, metric, stations=body.arc_length.size, frames_left_out=body.dropped,
-        length=float(body.arc_length[-1]), notes=tuple(notes),
+        orders=orders,
+        time=body.time,
+        max_error=largest,
+        mean_error=mean,
+        node_arc_length=tuple(knots),
+        stations_between=tuple(stations_between(body.arc_length, k) for k in knots),
+        bound=bound,
+        boundary=boundary,
+        placement=placement,
+        metric=metric,
+        stations=body.arc_length.size,
+        frames_left_out=body.dropped,
+        length=float(body.arc_length[-1]),
+        notes=tuple(notes),
     )
 
 

@@ -23,8 +23,13 @@ PIECES = 4  # least number of quadrature intervals per segment
 
 
 def spline_shape(
-    tips: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike, *, boundary: str = CLAMPED,
-    base: ArrayLike = (0.0, 0.0), base_tangent: ArrayLike = (0.0, 1.0),
+    tips: ArrayLike,
+    node_arc_length: ArrayLike,
+    arc_length: ArrayLike,
+    *,
+    boundary: str = CLAMPED,
+    base: ArrayLike = (0.0, 0.0),
+    base_tangent: ArrayLike = (0.0, 1.0),
 ) -> Array:
     """Reconstruct a continuous shape from a chain of links: return P points (T, P, d) [m] on the cubic spline through
     the base and the link tips, in T frames and d dimensions.

@@ -59,9 +59,11 @@ def mass(case: Case) -> str:
         density = case.mass / (0.25 * np.pi * case.diameter**2 * case.length)
         if DENSITY[0] <= density <= DENSITY[1]:
             return ""
-        return (f"mass = {case.mass:g} kg in {1e3 * case.length:.4g} mm of {1e3 * case.diameter:.3g} mm diameter is "
-                f"a density of {density:.3g} kg/m3, but soft bodies have {DENSITY[0]:g} to {DENSITY[1]:g}: state "
-                "mass in kg and lengths in m; fitted stiffness, damping and torque are proportional to the mass")
+        return (
+            f"mass = {case.mass:g} kg in {1e3 * case.length:.4g} mm of {1e3 * case.diameter:.3g} mm diameter is "
+            f"a density of {density:.3g} kg/m3, but soft bodies have {DENSITY[0]:g} to {DENSITY[1]:g}: state "
+            "mass in kg and lengths in m; fitted stiffness, damping and torque are proportional to the mass"
+        )
     wide = float(np.sqrt(case.mass / (0.25 * np.pi * SILICONE * case.length)))
     if wide <= WIDEST * case.length:
         return ""
