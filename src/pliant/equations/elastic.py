@@ -50,6 +50,23 @@ def spring_slope(i, joints, bend):
     return joints.K[i] + more * bend
 
 
+def spring_curvature(i, joints, bend):
+    """Return the second and the third derivative of the torque of the nonlinear spring of joint i by its angle [N
+    m/rad^2, N m/rad^3], at the angle `bend` [rad] from its unloaded shape.
+
+    The derivatives of `spring_slope`: 2 K2 r^5 + 6 K3 bend and -10 K2 R bend r^7 + 6 K3, with r as in `spring_torque`.
+    """
+    second = 0.0 * bend
+    third = 0.0 * bend
+    for k in range(TERMS - 1, 0, -1):
+        third = third * bend + (k + 2.0) * (k + 1.0) * k * joints.hardening[k, i]
+        second = (second + (k + 2.0) * (k + 1.0) * joints.hardening[k, i]) * bend
+    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    bounded = 2.0 * joints.hardening[0, i] * (r * r * r * r * r)
+    third = third - 5.0 * joints.hardening[TERMS, i] * bend * r * r * bounded
+    return second + bounded, third
+
+
 def spring_slope_between(i, joints, bend, change):
     """Return the derivative [N m/rad] of a joint's linearised spring torque with respect to the joint angle `bend`
     [rad]. The linearised torque, which an implicit time step uses, is torque + slope * `change` / 2, with the spring's

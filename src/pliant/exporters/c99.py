@@ -37,8 +37,8 @@ from pliant.text import escaped
 Array = np.ndarray
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "curved_segments", "axial_memory",
-    "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag", "rates",
-    "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
+    "tied_segments", "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag",
+    "rates", "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
     "tendon_friction", "pair_pretension", "boucwen",
 }
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
@@ -168,6 +168,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
              "slip_rate": "m/s", "beyond": "1", "axial_stiffness": "N", "axial_damping": "N s",
              **{f"axial_{name}": "1" for name in CURVES}, "axial_creep_share": "1", "axial_creep_time": "s",
              "axial_slip_share": "1", "axial_slip_strain": "1",
+             "tied": "1 where the strain of a segment changes the stiffness of a joint",
              "share": "fraction of each link, the base part first, in each segment"}  # fmt: skip
     known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
     held = [

@@ -74,7 +74,7 @@ def rest_shape(model: Model) -> dict[str, Any]:
     curves = CURVES if any(e.curved for e in model.extensions) else ()
     axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in model.extensions])
              for field in ("stiffness", "damping", *curves)}  # fmt: skip
-    body = mechanics_of(model).body
+    body, joints = mechanics_of(model).body, mechanics_of(model).joints
     if not model.space:
         share = {"share": body.share} if model.extensions else {}
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **share}
@@ -82,7 +82,8 @@ def rest_shape(model: Model) -> dict[str, Any]:
     more: dict[str, Any] = ({"twist_ratio": space.twist_ratio} if space.turns == 3 else {}) | axial
     return {
         "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
-        "stiffness_ratio": space.stiffness_ratio, **more, **{f: getattr(body, f) for f in beside_inertia(body)},
+        "stiffness_ratio": space.stiffness_ratio, "tied": joints.tied, **more,
+        **{f: getattr(body, f) for f in beside_inertia(body)},
     }
 
 
@@ -130,7 +131,8 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
     weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
     body = symbols.SpatialBody(*(weight[f] if f in weight else of(f) for f in symbols.SpatialBody._fields))
-    return body, mechanics_of(model).joints._replace(K=of("K"), D=of("D"), hardening=of("hardening"))
+    springs = {f: of(f) for f in ("K", "D", "hardening", "tied")}
+    return body, mechanics_of(model).joints._replace(**springs)
 
 
 def names(model: Model) -> Names:

@@ -185,7 +185,7 @@ def longer(model: Model) -> tuple[str, ...]:
 
 def linear_segments(model: Model) -> Model:
     """Return the model with linear axial springs in its extensible segments."""
-    straight: dict[str, Any] = dict.fromkeys(CURVES)
+    straight: dict[str, Any] = dict.fromkeys(CURVES) | {"stiffens_bending": False}
     return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
 
 
@@ -227,6 +227,13 @@ FEATURES: dict[str, Feature] = {
         "axial springs that soften or stiffen",
         lambda m: tuple(f"axial spring of segment {e.name} that softens or stiffens" for e in m.extensions if e.curved),
         linear_segments, tuple(f"Extension.{name}" for name in CURVES),
+    ),
+    "tied_segments": Feature(
+        "a strain that changes the bending stiffness",
+        lambda m: tuple(f"bending stiffness that changes with the strain of segment {e.name}"
+                        for e in m.extensions if e.stiffens_bending),
+        lambda m: m.with_(extensions=tuple(replace(e, stiffens_bending=False) for e in m.extensions)),
+        ("Extension.stiffens_bending",),
     ),
     "axial_memory": Feature(
         "hysteresis of segments that lengthen", when("hysteresis of segments", lambda m: m.memory.has_axial),
