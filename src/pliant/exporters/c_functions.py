@@ -131,8 +131,8 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
     weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
     body = symbols.SpatialBody(*(weight[f] if f in weight else of(f) for f in symbols.SpatialBody._fields))
-    springs = {f: of(f) for f in ("K", "D", "hardening", "tied")}
-    return body, mechanics_of(model).joints._replace(**springs)
+    tied = {f: of(f) for f in ("K", "D", "hardening", "tied")}
+    return body, mechanics_of(model).joints._replace(**tied)
 
 
 def names(model: Model) -> Names:
