@@ -78,8 +78,10 @@ def of_all_kinds() -> Model:
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
-@pytest.mark.parametrize(("make", "levels"), [(of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3]),
-                                             pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow)])  # fmt: skip
+@pytest.mark.parametrize(("make", "levels"), [
+    (of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3]),
+    pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
+])  # fmt: skip
 def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
     """Inputs that change; what the C says of its state."""
     model, levels = make(), np.array(levels)
