@@ -2,8 +2,9 @@
 
 The body is an arm of 0.17 m and 69 g in five links, released from a bend in space under gravity across it. Each joint
 has the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; the difference
-between the tips of the two models is printed. Every method is compared with itself at a tiny step. Pinocchio runs
-semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of them taut and
+between the tips of the two models is printed. Every method is compared with itself at a tiny step. pliant's methods are
+the midpoint rule and its extrapolation, with and without the divided first step of `simulate(..., graded=True)`.
+Pinocchio runs semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of them taut and
 some slack, is compared with the step without tendons. The shortest processor time of many runs counts; `--seconds S`
 sets the duration.
 """
@@ -16,7 +17,7 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -40,6 +41,9 @@ TENDONS = 6
 TARGETS = (1.0, 0.1, 0.02)  # mm
 STEPS = [1e-2 / k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 64, 100, 160, 250, 400, 800)]  # s
 FINEST = 1e-2 / 4000
+FIRST = (1 / 32, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # parts of a divided first step
+METHODS = {"midpoint": {}, "midpoint, graded": {"graded": True}, "extrapolated": {"extrapolated": True},
+           "extrapolated, graded": {"extrapolated": True, "graded": True}}  # fmt: skip
 CALLS = 20_000
 POINTER = ctypes.POINTER(ctypes.c_double)
 
@@ -130,14 +134,24 @@ def c_step_ns(turns: int, seconds: float) -> float:
     return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
 
 
-def pliant_tips(h: float, turns: int = 3) -> Array:
-    """Return tips (LOOKS, 3) of the arm, with twist if each joint has 3 turns."""
+def coordinates(h: float, turns: int, parts: int, *, graded: bool) -> Array:
+    """Return coordinates (LOOKS, N) of the arm, by steps of h [s] that are each divided into `parts`."""
     chain, count = arm(turns), round(END / LOOKS / h)
     x, seen = start(turns), np.zeros((LOOKS, turns * LINKS))
-    still = np.zeros(x.size)
-    loop(turns)(count, LOOKS, x, 0.0 * x, h, still, chain.body, chain.joints, chain.workspace(), seen)
+    v, still, work, run = 0.0 * x, 0.0 * x, chain.workspace(), loop(turns)
+    steps = [(part * h, 1, seen[:1]) for part in (FIRST if graded else (1.0,))]
+    for length, number, rows in (*steps, (h, count - 1, seen[:1]), (h, count, seen[1:])):
+        run(parts * number, len(rows), x, v, length / parts, still, chain.body, chain.joints, work, rows)
+    return seen
+
+
+def pliant_tips(h: float, turns: int = 3, *, graded: bool = False, extrapolated: bool = False) -> Array:
+    """Return tips (LOOKS, 3) of the arm, with twist if each joint has 3 turns."""
+    chain, rows = arm(turns), coordinates(h, turns, 1, graded=graded)
+    if extrapolated:
+        rows = (4 * coordinates(h, turns, 2, graded=graded) - rows) / 3
     tips, work = np.zeros((LOOKS, 3)), chain.workspace()
-    for row, tip in zip(seen, tips, strict=True):
+    for row, tip in zip(rows, tips, strict=True):
         spatial.pose_links(row, chain.body, work)
         tip[:] = work.r[-1] + chain.body.length[-1] * work.R[-1, :, 2]
     return tips
@@ -231,11 +245,13 @@ def to_target(solve: Callable[[float], Array], truth: Array, target: float, step
 def race(seconds: float) -> dict[str, dict[str, Any]]:
     """Return step, error and time of each method at each target."""
     found: dict[str, dict[str, Any]] = {}
-    truth = pliant_tips(FINEST)
-    for target in TARGETS:
-        h, error = to_target(pliant_tips, truth, target, STEPS)
-        ms = END / h * step_ns(3, seconds) / 1e6
-        found[f"pliant {target} mm"] = {"step_ms": 1e3 * h, "error_mm": error, "ms": ms}
+    truth, each = pliant_tips(FINEST), step_ns(3, seconds)
+    for name, options in METHODS.items():
+        for target in TARGETS:
+            h, error = to_target(partial(pliant_tips, **options), truth, target, STEPS)
+            steps = (END / h + (len(FIRST) - 1) * ("graded" in options)) * (3 if "extrapolated" in options else 1)
+            row = {"step_ms": 1e3 * h, "error_mm": error, "ms": steps * each / 1e6}
+            found[f"pliant, {name} {target} mm"] = row
     try:
         numbers = {"implicitfast": 3, "implicit": 2, "Euler": 0, "RK4": 1}
         solvers = {f"MuJoCo {name}": mujoco_runner(number) for name, number in numbers.items()}
