@@ -32,14 +32,16 @@ def errors_mm(arm):
     return measure
 
 
-def test_the_first_step_and_the_first_after_a_jump_are_divided():
+def test_the_first_two_steps_and_those_after_a_jump_are_divided():
     nodes = np.array([0.0, 0.32, 0.64, 1.0, 2.0])
-    wanted = [0.01, 0.02, 0.04, 0.08, 0.16]
+    wanted = [0.01, 0.02, 0.04, 0.08, 0.16, 0.48]
     for jumps in ([], [-0.1], [2.0], [3.0], [0.0]):
         np.testing.assert_allclose(grade(nodes, np.array(jumps), 1e-9), np.sort([*nodes, *wanted]), rtol=1e-15)
-    second = 1.0 + np.array([1, 2, 4, 8, 16]) / 32
+    both = np.sort([*nodes, *wanted, *(1.0 + np.array([1, 2, 4, 8, 16]) / 32)])
+    next_but_last = np.sort([*nodes, *wanted, *(0.64 + 0.36 * np.array([1, 2, 4, 8, 16]) / 32), 1.5])
+    np.testing.assert_allclose(grade(nodes, np.array([0.64]), 1e-9), next_but_last, rtol=1e-15)
     for jump in (1.0, 1.0 + 5e-10, 1.0 - 5e-10):  # equal to the end of a step but for rounding
-        np.testing.assert_allclose(grade(nodes, np.array([jump]), 1e-9), np.sort([*nodes, *wanted, *second]), rtol=1e-15)
+        np.testing.assert_allclose(grade(nodes, np.array([jump]), 1e-9), both, rtol=1e-15)
 
 
 def test_a_plan_keeps_its_outputs_and_its_impulse(paper):
@@ -50,7 +52,7 @@ def test_a_plan_keeps_its_outputs_and_its_impulse(paper):
     for jump in (0.0, 0.111, 0.411):
         after = nodes[(nodes > jump + 1e-9) & (nodes < jump + 8.1e-3)] - jump
         np.testing.assert_allclose(after[:6] / after[5], 0.5 ** np.arange(5, -1, -1), rtol=1e-9)
-    assert graded.h.size == plain.h.size + 15
+    assert graded.h.size == plain.h.size + 18
     assert nodes[np.flatnonzero(graded.keep >= 0) + 1] == pytest.approx(times[1:])
     assert (graded.h * graded.torque[:, 0]).sum() == pytest.approx((plain.h * plain.torque[:, 0]).sum(), rel=1e-12)
     np.testing.assert_array_equal(graded.pressure, plain.pressure)

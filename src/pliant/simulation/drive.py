@@ -34,7 +34,7 @@ Array = np.ndarray
 _GAUSS = 0.5 / np.sqrt(3.0)
 LONGEST = 1e8  # steps in one simulation: more do not fit into memory
 _SAME = 1e-9  # of a step: times closer than this are equal but for rounding
-_FINER = 0.5 ** np.arange(5, 0, -1)  # where the first step after a jump is divided: 1/32, 1/16 ... 1/2 of it
+_FINER = 0.5 ** np.arange(5, 0, -1)  # where the first step after a jump is divided: at 1/32, 1/16 ... 1/2 of it
 
 
 class Drive(NamedTuple):
@@ -196,7 +196,7 @@ def drive(
     times : array (rows,)
         Output times, s, strictly increasing; the first is the start of the simulation.
     graded : bool
-        Whether the first step after the start and after each jump is divided, as `grade` does.
+        Whether the first two steps after the start and after each jump are divided, as `grade` does.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def grid(
     inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *, graded: bool = False
 ) -> Grid:
     """Return time steps of at most `time_step` [s] that end at all output times and at the inputs' jumps.
-    Each jump is delayed by the dead time [s] of its valve. `graded` divides the first step after each jump.
+    Each jump is delayed by the dead time [s] of its valve. `graded` divides the first two steps after each jump.
     """
     same = max(_SAME * time_step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
@@ -290,17 +290,19 @@ def subdivide(corners: Array, time_step: float) -> Array:
 
 
 def grade(nodes: Array, jumps: Array, same: float) -> Array:
-    """Return the ends `nodes` [s] of time steps, with the first step and the first one after each of `jumps` [s]
-    divided into six, which end at 1/32, 1/16, 1/8, 1/4 and 1/2 of it and at its end.
+    """Return the ends `nodes` [s] of time steps, with short steps at the start and after each of `jumps` [s]: the first
+    step is divided into six, which end at 1/32, 1/16, 1/8, 1/4 and 1/2 of it and at its end, and the next one into two.
 
     In a sudden change the midpoint rule does not damp a mode that decays within a fraction of the step: its rate
     changes sign in every step (Hairer and Wanner II, Sec. IV.3). The short steps damp these modes and follow the rest.
     A jump ends a step to within `same` [s].
     """
     first = np.append(0, np.searchsorted(nodes, jumps + same, side="right") - 1)
-    first = np.unique(first[(first >= 0) & (first < nodes.size - 1)])
-    within = nodes[first, None] + np.diff(nodes)[first, None] * _FINER
-    return np.sort(np.append(nodes, within))
+    first = first[(first >= 0) & (first < nodes.size - 1)]
+    second = first[first < nodes.size - 2] + 1
+    h = np.diff(nodes)
+    within = nodes[first, None] + h[first, None] * _FINER
+    return np.unique(np.concatenate([nodes, within.ravel(), nodes[second] + 0.5 * h[second]]))
 
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:

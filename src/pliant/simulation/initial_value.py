@@ -41,7 +41,7 @@ class InitialValueProblem(NamedTuple):
     initial: Array  # (C,) Pa, just before the first time
     start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
-    graded: bool = False  # whether the first step after each jump is divided
+    graded: bool = False  # whether the first two steps after each jump are divided
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
         """Return the problem with its initial state set: joint angles, rates and hysteresis states. None stands for the

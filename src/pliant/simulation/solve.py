@@ -101,9 +101,9 @@ def simulate(
         Whether to estimate the error of the tip, and to warn of it and of missing energy. This takes half as many steps
         again, and twice as many more if the first estimate is not small.
     graded : bool
-        Whether the first step, and the first one after each jump of a pressure, is divided into six, the shortest 1/32
-        of it. Stiff or strongly damped bodies that are released or driven suddenly then need far fewer steps for the
-        same accuracy. Not for the SciPy solvers, which choose their steps.
+        Whether the first two steps, and the first two after each jump of a pressure, are divided, the first into six
+        with the shortest 1/32 of it, the second into two. Stiff or strongly damped bodies that are released or driven
+        suddenly then need far fewer steps for the same accuracy. Not for the SciPy solvers, which choose their steps.
 
     Returns
     -------
