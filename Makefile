@@ -6,12 +6,16 @@ PIP     = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-
 
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); test $$n -gt 3 && echo 4 || expr $$n + 1)  # tests also wait
 
-.PHONY: demo test lint bench bundled docs clean
+.PHONY: demo test proofs lint bench bundled docs clean
 demo: $(VENV)/.run
 	$(BIN)/pliant demo -o results/demo
 
+TESTS = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --tell-skips
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --tell-skips $(if $(SLOW),,-m "not slow")
+	$(TESTS) $(if $(SLOW),,-m "not slow")
+
+proofs: $(VENV)/.dev  # the slow tests alone; UNTIL=TIME, s since 1970: none starts later
+	$(TESTS) -m slow $(if $(UNTIL),--slow-until $(UNTIL))
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

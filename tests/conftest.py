@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from math import log2
 from pathlib import Path
+from time import time
 
 ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: small matrices, and tests share the cores
@@ -38,6 +39,7 @@ MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is comp
     "PyTables is not installed": "it stores what it reads as pickles: no dependency",
     "no limit of a file's size": "a system other than POSIX",
     "signals of another kind": "a system other than POSIX",
+    (OUT_OF_TIME := "no slow test starts after --slow-until"): "CI has a limit of time; it says how many are left",
 }
 DURATIONS = "pliant/seconds_by_file"
 LONG, LONG_TESTS = 1.5, "pliant/long_tests"  # s of the processor; from one on a test is `slow`, but machines differ
@@ -46,6 +48,7 @@ PROCESSOR, LEFT = "processor_s", "slow_left"
 
 def pytest_addoption(parser):
     parser.addoption("--tell-skips", action="store_true", help="fail when a test is skipped for a reason not expected")
+    parser.addoption("--slow-until", type=float, metavar="TIME", help="s since 1970, after which no slow test starts")
 
 
 class Controller:
@@ -71,6 +74,7 @@ class Controller:
     def note(self, report):
         if report.skipped and isinstance(report.longrepr, tuple):
             reason = str(report.longrepr[2])
+            self.left += OUT_OF_TIME in reason
             if not any(part in reason for part in MAY_BE_SKIPPED):
                 self.untold.append(f"{report.nodeid}: {reason}")
 
@@ -90,12 +94,19 @@ class Controller:
         for test, used in sorted(self.long.items()):
             terminalreporter.write_line(f"{test} took {used:.1f} s of the processor, twice: cheaper, or marked slow?")
         if self.left:
-            terminalreporter.write_line(f"{self.left} slow proofs left for CI; make test SLOW=1 runs them too")
+            terminalreporter.write_line(f"{self.left} slow proofs left out; make test SLOW=1 runs them too")
 
 
 def pytest_configure(config):
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(Controller(config), "pliant-controller")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    until = item.config.getoption("--slow-until")
+    if until and time() > until and item.get_closest_marker("slow"):
+        pytest.skip(OUT_OF_TIME)
 
 
 @pytest.hookimpl(wrapper=True)
