@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -45,6 +46,15 @@ class SimulationError(PliantError, ArithmeticError):
 
 class FitError(PliantError):
     """Exception for a fit that cannot start or does not lead to a usable model."""
+
+
+@contextmanager
+def inside(where: str) -> Iterator[None]:
+    """Context manager: if an InputError is raised inside, put `where` and a colon before its message."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def explain_validation(error: Any, what: str, model: Any = None) -> InputError:

@@ -1,4 +1,5 @@
-"""Plug-ins of installed packages, which add readers, estimators, controllers, exporters or torque laws to pliant.
+"""Optional packages, and plug-ins of installed packages, which add readers, estimators, controllers, exporters or
+torque laws to pliant.
 
 Another package adds a plug-in with an entry point, in the group of its kind, that names the object to load.
 """
@@ -9,12 +10,22 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pliant.errors import InputError
 from pliant.heavy import show_heavy
 
 T = TypeVar("T")
+
+
+def optional(module: str, remedy: str) -> Any:
+    """Return an imported module of an optional package; raise InputError with the sentence `remedy` if the package is
+    not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise InputError(remedy) from None
 
 
 @cache

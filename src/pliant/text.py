@@ -41,7 +41,8 @@ def escaped(text: object, form: Form) -> str:
     if form == "identifier":
         if is_identifier(str(text)):
             return str(text)
-        name = re.sub(r"[^A-Za-z0-9]+", "_", plain_letters(str(text))).strip("_")[:LONGEST]
+        letters = "".join(c for c in normalize("NFKD", str(text)) if not combining(c))  # without their accents
+        name = re.sub(r"[^A-Za-z0-9]+", "_", letters).strip("_")[:LONGEST]
         return f"_{name}" if not name or name[0].isdigit() else name
     line = str(text)
     if not line.isprintable():
@@ -58,11 +59,6 @@ def escaped(text: object, form: Form) -> str:
 def is_line(text: str) -> bool:
     """Return whether `text` is one line of printable characters."""
     return text.isprintable() or all(c.isprintable() or category(c) == "Zs" for c in text)
-
-
-def plain_letters(text: str) -> str:
-    """Return `text` without the accents of its letters."""
-    return "".join(c for c in normalize("NFKD", text) if not combining(c))
 
 
 def is_identifier(name: str) -> bool:

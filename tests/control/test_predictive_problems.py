@@ -41,6 +41,6 @@ def test_without_the_solver_a_sentence(monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr("pliant.control.quadratic_program.import_module", missing)
+    monkeypatch.setattr("pliant.plugins.import_module", missing)
     with pytest.raises(InputError, match=r"needs OSQP: pip install 'pliant\[mpc\]'"):
         QuadraticProgram(np.ones(2), np.zeros((0, 2)))

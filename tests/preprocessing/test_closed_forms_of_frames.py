@@ -20,6 +20,7 @@ from pliant.preprocessing.quality import quality
 from pliant.preprocessing.repair import drop_repeated_frames, fill_gaps, undo_orientation_jumps
 from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
 from pliant.preprocessing.rest import rest_window
+from pliant.preprocessing.rotations import to_matrix
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import make_recording
 
@@ -126,8 +127,8 @@ def test_directions_at_a_base_that_is_not_the_first_station():
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (4, 2, 1))
     quaternion[:, 1, 0] = np.nan  # three of four numbers are no orientation
     window = np.ones(4, bool)
-    np.testing.assert_allclose(base_rotation_at_rest(quaternion, 0, window), np.eye(3))
-    assert base_rotation_at_rest(quaternion, 1, window) is None
+    np.testing.assert_allclose(base_rotation_at_rest(to_matrix(quaternion), 0, window), np.eye(3))
+    assert base_rotation_at_rest(to_matrix(quaternion), 1, window) is None
     assert base_rotation_at_rest(None, 0, window) is None
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pliant.preprocessing import held
+from pliant.preprocessing.detectors import repeated_frames
 from pliant.preprocessing.held import (
     _interval,
     _lines,
-    _repeats,
     frozen,
     frozen_sentences,
     lines_between_changes,
@@ -142,7 +142,7 @@ def test_runs_of_three_and_repeats_of_what_was_seen():
     nan = np.nan
     values = np.array([[1, 2], [1, 2], [nan, 2], [nan, 2], [1, 2], [1, 3], [nan, nan], [nan, nan], [nan, 3], [nan, 3]])
     repeated = [False, True, False, True, False, False, False, False, False, True]
-    assert _repeats(values).tolist() == repeated
+    assert repeated_frames(values).tolist() == repeated
 
 
 def test_the_three_longest_spans_are_told_in_their_order():

@@ -11,6 +11,7 @@ from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences, coarse_steps, from_rest, sensor_noise, turns_back
 from pliant.preprocessing.arc_length import chord_lengths, station_arc_length, whole_frames
 from pliant.preprocessing.cut import cut_body, cut_time
+from pliant.preprocessing.held import runs
 from pliant.preprocessing.labels import (
     _continuation,
     _cycles,
@@ -27,7 +28,6 @@ from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_
 from pliant.preprocessing.rest import (
     _away,
     _precedes_motion,
-    _runs,
     _still,
     _width,
     before_inputs,
@@ -477,8 +477,8 @@ def moving(start=0.5, amount=0.02, count=300, rate=100.0):
 
 
 def test_runs_and_widths():
-    assert _runs(np.array([True, True, False, True, False, False, True])) == [(0, 1), (3, 3), (6, 6)]
-    assert _runs(np.array([False, False])) == []
+    assert runs(np.array([True, True, False, True, False, False, True]), 1) == [(0, 2), (3, 4), (6, 7)]
+    assert runs(np.array([False, False]), 1) == []
     place = np.array([0.0, 0.0, 3.0, 3.0, 3.0, np.nan, 3.0])[:, None, None] * np.array([1.0, 4.0 / 3.0])
     np.testing.assert_allclose(_width(place, 1)[:, 0], [0, 5, 5, 0, 0, 0, 0])
     np.testing.assert_allclose(_width(place, 2)[:, 0], [5, 5, 5, 5, 0, 0, 0])

@@ -24,7 +24,7 @@ from pliant.preprocessing.cap import CapTemplate, _consensus, find_tip
 from pliant.preprocessing.clusters import _fixes_orientation, _mean_shape, _poses, assemble
 from pliant.preprocessing.curvature import curvature_of, differences, savgol_curvature, turning
 from pliant.preprocessing.curvature_fit import _Model, fit_curvature
-from pliant.preprocessing.plausibility import Case, body, clock, fitted, pressure, shape
+from pliant.preprocessing.plausibility import Case, body, pressure, shape
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
 from pliant.recording import make_recording
 
@@ -585,13 +585,13 @@ def test_a_tenth_of_gravity_may_point_across_the_plane(across, said):
 def test_samples_follow_each_other_as_those_of_sensors_do(step, said):
     place = np.tile(np.linspace([0, 0, 0], [0, 0.1, 0], 4), (20, 1, 1))
     slow = make_recording(np.arange(20) * step, place)
-    assert said in clock.unit(Case(slow))
-    assert bool(clock.unit(Case(slow))) == bool(said)
+    assert said in pressure.time_unit(Case(slow))
+    assert bool(pressure.time_unit(Case(slow))) == bool(said)
     log = make_recording(np.arange(20) / 10, place, pressure=np.arange(20.0), pressure_time=np.arange(20) * step)
-    assert bool(clock.unit(Case(log))) == bool(said)
+    assert bool(pressure.time_unit(Case(log))) == bool(said)
     if said:
-        assert "samples of pressure are" in clock.unit(Case(log))
-    assert clock.unit(Case(make_recording([0.0, step], place[:2]))).startswith("the frames" if said else "")
+        assert "samples of pressure are" in pressure.time_unit(Case(log))
+    assert pressure.time_unit(Case(make_recording([0.0, step], place[:2]))).startswith("the frames" if said else "")
 
 
 @pytest.mark.parametrize(
@@ -635,21 +635,21 @@ def test_a_base_tangent_points_along_the_body(stations, at, degrees, said):
 def test_a_bending_stiffness_is_that_of_a_soft_body(part, said):
     """EI is the joint's stiffness times the length of its segment."""
     most = 5e3 * 0.12**4 / 0.03
-    assert bool(fitted.stiffness(Case(model=BODY.with_(stiffness=part * most)))) == said
+    assert bool(body.stiffness(Case(model=BODY.with_(stiffness=part * most)))) == said
     second = np.pi / 64 * 0.02**4
     for modulus, sign in ((1e9, 1), (1e3, -1)):
         model = BODY.with_(stiffness=modulus * part**sign * second / 0.03)
-        assert bool(found := fitted.stiffness(Case(model=model, diameter=0.02))) == said
+        assert bool(found := body.stiffness(Case(model=model, diameter=0.02))) == said
         if said:
             assert "at 20 mm diameter, but soft bodies have 1e+03 to 1e+09 Pa" in found
-    assert fitted.stiffness(Case()) == fitted.torque(Case()) == ""
+    assert body.stiffness(Case()) == body.torque(Case()) == ""
 
 
 @pytest.mark.parametrize(("part", "said"), [(0.98, False), (1.02, True)])
 def test_a_torque_is_an_area_times_a_lever(part, said):
     for diameter in (0.02, None):
         most = np.pi / 8 * (0.02 if diameter else 0.4 * 0.12) ** 3
-        found = fitted.torque(Case(model=BODY.with_(torque=[-part * most]), diameter=diameter))
+        found = body.torque(Case(model=BODY.with_(torque=[-part * most]), diameter=diameter))
         assert bool(found) == said
 
 
@@ -739,7 +739,7 @@ def test_counts_that_rest_high_are_named():
 
 def test_a_case_without_what_a_check_needs_finds_nothing():
     empty = Case()
-    for module in (body, clock, fitted, pressure, shape):
+    for module in (body, pressure, shape):
         assert all(check.find(empty) == "" for check in module.CHECKS)
     assert shape.extent(np.full((3, 2, 3), np.nan)) == 0.0
     assert shape.swapped(replace(empty, swapped={"a-b": 3, "c-d": 1})).startswith(

@@ -18,7 +18,7 @@ from pliant.preprocessing.lag_model import (
     fit_lag,
     holes,
 )
-from pliant.preprocessing.plausibility import Case, body, clock, pressure, shape
+from pliant.preprocessing.plausibility import Case, body, pressure, shape
 from pliant.preprocessing.sync import check_fit, doubts, offsets
 from pliant.recording import make_recording
 
@@ -41,7 +41,7 @@ def fitted(**changes):
 
 def test_limits_of_plausible_numbers_are_plausible_or_not():
     for step, said in ((1.0, False), (1.25, True)):
-        assert bool(clock.unit(Case(make_recording(np.arange(5) * step, np.zeros((5, 1, 3)))))) == said
+        assert bool(pressure.time_unit(Case(make_recording(np.arange(5) * step, np.zeros((5, 1, 3)))))) == said
     for highest, said in ((1000.0, False), (999.0, True), (2e6, False), (2.001e6, True), (0.0, False)):
         log = make_recording(pressure=[0.0, highest, 0.0], pressure_time=np.arange(3.0))
         assert bool(pressure.unit(Case(log))) == said

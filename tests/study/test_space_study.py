@@ -138,10 +138,10 @@ def test_tendons_that_a_chain_cannot_have_are_refused(change, sentence):
         study_model(ActuatorEntry.model_validate(actuator), None)
 
 
-def test_tendons_of_a_body_in_a_plane_are_refused(study, tmp_path):
+def test_tendons_of_a_body_in_a_plane_are_refused(study):
     flat = study.actuator.model_copy(update={"space": False, "tendons": [TendonTable(**TENDON)]})
     with pytest.raises(InputError, match="needs a body in space"):
-        check_chambers(study.model_copy(update={"actuator": flat}), tmp_path / "study.toml")
+        check_chambers(study.model_copy(update={"actuator": flat}))
 
 
 def test_a_study_leaves_frozen_frames_out_and_draws_lines_through_held_inputs(study):

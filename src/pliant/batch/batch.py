@@ -124,7 +124,11 @@ def simulate_batch(
         return labelled(many_models[0], times, found, failures, {"step_s": time_step, "device": device})
     samples = gather(models, parameters, len(sets))
     many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
-    check_request(samples, many, variables, device, failures)
+    if len(many) not in (1, samples.size):
+        raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(many)}")
+    if device == "gpu":
+        check_gpu(samples)
+    check_choices(variables, "cpu" if device == "gpu" else device, failures)
     check_steps(samples, time_step)
     schedule = Schedule(samples, many, times, time_step)
     start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])
@@ -154,19 +158,6 @@ def check_choices(variables: Sequence[str], device: str, failures: str, known: M
         raise InputError("a batch on a GPU needs planar models of one chamber and fixed length: use device='cpu'")
     if device != "cpu":
         raise InputError(f"device must be 'cpu' or 'gpu', got {device!r}")
-
-
-def check_request(
-    samples: Samples, pressures: Sequence[Input], variables: Sequence[str], device: str, failures: str,
-) -> None:
-    """Raise InputError for an invalid number of pressures, or an invalid device, variable or `failures` option of a
-    batch.
-    """
-    if len(pressures) not in (1, samples.size):
-        raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(pressures)}")
-    if device == "gpu":
-        check_gpu(samples)
-    check_choices(variables, "cpu" if device == "gpu" else device, failures)
 
 
 def check_steps(samples: Samples, time_step: float) -> None:

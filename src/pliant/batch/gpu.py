@@ -11,6 +11,7 @@ from pliant.batch.schedule import Schedule
 from pliant.batch.simd import constant_arrays, outputs, unpack
 from pliant.batch.simd_loops import Output
 from pliant.errors import InputError
+from pliant.plugins import optional
 
 Array = np.ndarray
 BYTES = 2**29  # memory of a launch on the GPU: a larger batch is split
@@ -18,11 +19,8 @@ BYTES = 2**29  # memory of a launch on the GPU: a larger batch is split
 
 def check_gpu(samples: Samples) -> None:
     """Raise InputError if there is no GPU, or if the models have features that the GPU code lacks."""
-    try:
-        from pliant.batch.gpu_loops import present
-    except ImportError:
-        raise InputError("device='gpu' needs the extra 'gpu': pip install 'pliant[gpu]', or use device='cpu'") from None
-    if not present():
+    missing = "device='gpu' needs the extra 'gpu': pip install 'pliant[gpu]', or use device='cpu'"
+    if not optional("pliant.batch.gpu_loops", missing).present():
         raise InputError(
             "device='gpu' needs an NVIDIA GPU with its driver and the extra 'gpu', pip install 'pliant[gpu]', but "
             "Numba finds no GPU on this machine: use device='cpu'"

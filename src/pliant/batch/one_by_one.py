@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.batch.samples import initial_values
+from pliant.batch.samples import check_alike, initial_values
 from pliant.compiler.simd import lane_twin
 from pliant.equations.symbols import Past
 from pliant.errors import InputError
@@ -113,9 +113,7 @@ def samples_alone(
         "n": lambda m: m.n, "the names of their segments": lambda m: [e.name for e in m.extensions],
         "their joint coordinates": lambda m: (m.space is None, m.size),
     }
-    for name, of in shared.items():
-        if any(of(m) != of(sample_models[0]) for m in sample_models):
-            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
+    check_alike(sample_models, shared)
     sets = sets * len(sample_models) if len(sets) == 1 else sets
     for model, inputs in zip(sample_models, sets, strict=True):
         inputs_of(model, inputs)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from pliant.simulation import state
 Array = np.ndarray
 SCALARS = (*model_fields.SCALARS, *RUBBER)
 PER_LINK = (*model_fields.PER_LINK, "joint_gain")
+ALIKE = {name: attrgetter(name) for name in ("n", "mass_at", "memory")}  # of all models of a batch
 VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}
 
 
@@ -129,15 +131,20 @@ def gather(models: Model | Sequence[Model], parameters: Mapping[str, Any] | None
     if not models:
         raise InputError("a batch needs at least one model")
     template = models[0]
-    for name in ("n", "mass_at", "memory"):
-        if len({getattr(m, name) for m in models}) > 1:
-            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
+    check_alike(models, ALIKE)
     values: dict[str, Array] = {}
     longest = max(m.torque.size for m in models)
     for name in (*PER_LINK, *SCALARS, "gravity"):
         values[name] = np.stack([own_value(m, name) for m in models], axis=-1)
     values["torque"] = np.stack([np.pad(m.torque, (0, longest - m.torque.size)) for m in models], axis=-1)
     return Samples(template, values, tuple(m.valve for m in models))
+
+
+def check_alike(models: Sequence[Model], shared: Mapping[str, Callable[[Model], Any]]) -> None:
+    """Raise InputError if the models of a batch differ in one of the properties `shared`, given by name."""
+    for name, of in shared.items():
+        if any(of(m) != of(models[0]) for m in models):
+            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
 
 
 def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:

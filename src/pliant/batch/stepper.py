@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from pliant.batch import simd_loops
+from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
 from pliant.compiler.simd import WIDTH, aligned, lane_twin
 from pliant.errors import InputError, SimulationError
@@ -20,29 +20,7 @@ from pliant.simulation.solve import check_step
 Array = np.ndarray
 
 
-class Stepped(Protocol):
-    """Interface of a simulator that advances N chains together, where each chain has one of several models."""
-
-    @property
-    def angle(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
-
-    @property
-    def rate(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
-
-    def reset(self, which: Array, bodies: Array) -> None:
-        """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
-        bodies[k], for k from 0 to M - 1.
-        """
-
-    def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
-        each chain whether it failed, as booleans (N,).
-        """
-
-
-def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Stepped:
+def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> OnLanes | OneByOne:
     """Return a step-by-step simulator of `size` chains, all of which start with the first of `models`.
 
     Raises
@@ -52,9 +30,7 @@ def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Stepp
     """
     first = fixed_length(models[0])
     Stepper(first, time_step, np.zeros(first.actuation.count))  # what it refuses is refused
-    for name in ("n", "mass_at", "memory"):
-        if len({getattr(m, name) for m in models}) > 1 and (name != "memory" or any(not m.memory for m in models)):
-            raise InputError(f"the models of a batch must share {name}: simulate others in a separate batch")
+    check_alike(models, {k: of for k, of in ALIKE.items() if k != "memory" or not all(m.memory for m in models)})
     if len({m.actuation.count for m in models}) > 1:
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:

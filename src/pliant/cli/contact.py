@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.pressures import DRIVE, drives
+from pliant.cli.reading import DRIVE, drives, read_with_mapping
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,7 +44,6 @@ def contact(
     Example: pliant contact poke.nc --model model.json --free pulse_60.nc --free pulse_180.nc --figure poke.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.reading import read_with_mapping
     from pliant.cli.terminal import busy
     from pliant.contact import find_contact, free_motion, map_contacts
     from pliant.model import load_model

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer, say
 from pliant.units import KIND_OF, quantity, shown_in
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def control(
 
     Example: pliant control --plant testbed:b --model results/demo/model.json --task task.toml
     """
-    from pliant.cli.output import print_numbers, write_figure
+    from pliant.cli.output import number_table, write_figure
     from pliant.cli.terminal import progress_lines
     from pliant.control.task import read_task
     from pliant.files import output_folder, write_text
@@ -90,16 +90,12 @@ def control(
         )
         for ending in (".png", ".svg"):
             write_figure(figure, output / f"control{ending}")
-    if json:
-        from json import dumps
-
-        say(dumps({"plant": plant, "folder": str(output), **reached(done), **done.summary,
-                          "settling_s": settling(done)}, default=float))
-        return
-    say("\n".join([f"stability margins of {plant} by pressure, full state known, no limits:",
-                   str(done.prepared.design), *unmodelled(done), str(done.prepared.rehearsal)]))
-    print_numbers(reached(done), as_json=False, title="results of the run", meaning=MEANING)
-    say(f"log, report and figures: {output}")
+    numbers = reached(done)
+    lines = [f"stability margins of {plant} by pressure, full state known, no limits:", str(done.prepared.design),
+             *unmodelled(done), str(done.prepared.rehearsal), number_table(numbers, "results of the run", MEANING),
+             f"log, report and figures: {output}"]  # fmt: skip
+    answer({"plant": plant, "folder": str(output), **numbers, **done.summary, "settling_s": settling(done)},
+           "\n".join(lines), as_json=json, default=float)
 
 
 def columns(log: Any, name: str) -> Any:

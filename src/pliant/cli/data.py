@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from typing import Annotated, Any, Literal
 
 import typer
 
-from pliant.cli.terminal import busy, say
+from pliant.cli.terminal import answer, busy, say
 
 
 def data(
@@ -30,26 +29,26 @@ def data(
 
     if action == "list":
         entries = [entry(name) for name in names or data_sets()]
-        if json:
-            say(jsonlib.dumps({"folder": str(data_folder()), "data": entries}))
-            return
-        say(f"folder: {data_folder()}")
+        lines = [f"folder: {data_folder()}"]
         for one in entries:
-            say(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
-            for file in one["files"]:
-                say(f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
-                           + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else ""))  # fmt: skip
+            lines.append(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
+            lines += [
+                f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
+                + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else "")
+                for file in one["files"]
+            ]
+        answer({"folder": str(data_folder()), "data": entries}, "\n".join(lines), as_json=json)
         return
-    paths = []
+    here: list[str] = []
     for name in names or data_sets():
         with busy(f"downloading {name}"):
             try:
-                paths += fetch(name, mirror=mirror)
+                here += map(str, fetch(name, mirror=mirror))
             except InputError as error:
                 if names or any(f.address for f in data_set(name).files.values()):
                     raise
                 say(f"not downloaded: {error}", error=True)  # data sets that can only be downloaded by hand
-    say(jsonlib.dumps([str(p) for p in paths]) if json else "\n".join(map(str, paths)))
+    answer(here, "\n".join(here), as_json=json)
 
 
 def entry(name: str) -> dict[str, Any]:

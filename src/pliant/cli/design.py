@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.terminal import progress_lines, say
+from pliant.cli.terminal import answer, progress_lines
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -34,21 +33,17 @@ def design(
     highest = None if max_kpa is None else max_kpa * 1e3
     with progress_lines() as notify:
         plan = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
-    if json:
-        say(json_format.dumps(plan.to_dict(), indent=2))
-        return
-    print_design(plan)
+    answer(plan.to_dict(), design_table(plan), as_json=json, indent=2)
 
 
-def print_design(plan: Design) -> None:
-    """Print a table of the proposed recordings, with the standard errors of the parameters expected after each."""
+def design_table(plan: Design) -> str:
+    """Return a table of the proposed recordings, with the standard errors of the parameters expected after each."""
     from pliant.cli.output import aligned
 
-    say(
+    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
+    least = (
         f"Least certain parameters: {', '.join(plan.direction)}. Standard error: {100 * plan.now.weakest:.3g} % in "
         f"their worst combination, {100 * plan.now.volume:.3g} % on average over all combinations of parameters."
     )
-    rows = [[p.words, f"{100 * p.weakest:.3g} %", f"{100 * p.volume:.3g} %"] for p in plan.proposals[:8]]
-    say("\n".join(aligned([["one more recording", "weakest", "all"], *rows])))
-    for line in plan.refused:
-        say(f"  not proposed: {line}")
+    table = aligned([["one more recording", "weakest", "all"], *rows])
+    return "\n".join([least, *table, *(f"  not proposed: {line}" for line in plan.refused)])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.pressures import DRIVE, LEVELS, drives, levels
+from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_with_mapping
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +53,6 @@ def estimate(
     Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
-    from pliant.cli.reading import read_with_mapping
     from pliant.cli.terminal import busy
     from pliant.estimation import estimate as filter_recording
     from pliant.model import load_model

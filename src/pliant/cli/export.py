@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer
 from pliant.errors import InputError
 
 
@@ -34,8 +34,6 @@ def export(
 
     Example: pliant export results/demo --to mjcf -o finger.xml --set fit=softening --set prefix=left_
     """
-    import json as jsonlib
-
     from pliant.cli.terminal import busy
     from pliant.validation.export_results import TARGETS
 
@@ -53,7 +51,7 @@ def export(
             done: Any = results_written(model, to, output, chosen)
         else:
             done = model_written(model, to, output, chosen, fit=fit, approximate=approximate)
-    say(jsonlib.dumps(done.to_dict()) if json else repr(done))
+    answer(done.to_dict(), repr(done), as_json=json)
 
 
 def model_written(

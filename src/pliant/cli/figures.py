@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import busy, mention, say
+from pliant.cli.terminal import answer, busy, mention
 
 
 def figures(
@@ -35,11 +34,11 @@ def figures(
     from pliant.validation.store import load_outcome
 
     with busy("drawing"):
-        files = list(draw_figures(
+        written = [str(f) for f in draw_figures(
             load_outcome(result), output or result / "figures", kinds=split(kinds), width_mm=width_mm,
             records=split(records), all_fits=all_fits, letters=letters, warn=mention,
-        ))
-    say(json_format.dumps([str(f) for f in files]) if as_json else "\n".join(map(str, files)))
+        )]
+    answer(written, "\n".join(written), as_json=as_json)
 
 
 def split(text: str) -> list[str]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from pliant.cli.reading import read_with_mapping
+from pliant.cli.terminal import answer, busy
+from pliant.text import escaped
 
 
 def inspect(
@@ -18,12 +22,29 @@ def inspect(
 
     Example: pliant inspect pulse.c3d --figure pulse.png
     """
-    from pliant.cli.reading import print_recording, read_with_mapping
+    from pliant.preprocessing.quality import quality
+    from pliant.recording.schema import history_of
 
     ds = read_with_mapping(recording, mapping)
-    print_recording(ds, recording, as_json=json)
+    with busy("checking the recording"):
+        assessed, history = quality(ds), history_of(ds)
+    names = [str(s) for s in ds["station"].values] if "station" in ds else []
+    content = {"file": str(recording), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes),
+               "station_names": names, "history": history, "quality": plain(assessed.to_dict())}  # fmt: skip
+    head = escaped(f"{recording} ({ds.attrs.get('source_format', 'unknown format')})", "line")
+    listed = [f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"] if names else []
+    answer(content, "\n".join([head, *listed, assessed.summary(), *(f"  {line}" for line in history)]), as_json=json)
     if figure is not None:
         from pliant.cli.output import write_figure
         from pliant.plotting import recording_overview
 
         write_figure(recording_overview(ds), figure)
+
+
+def plain(value: Any) -> Any:
+    """Return `value` with every NaN replaced by None, since JSON has no NaN."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return None if isinstance(value, float) and value != value else value  # noqa: PLR0124  NaN is not itself

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.reading import load_mapping, vector
+from pliant.cli.terminal import answer
 
 if TYPE_CHECKING:
     from pliant.study.draft import Draft
@@ -38,7 +39,6 @@ def new(
 
     Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
-    from pliant.cli.reading import load_mapping
     from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.study.draft import draft_study
@@ -51,7 +51,10 @@ def new(
     if not study.parent.is_dir():
         raise InputError(f"there is no folder {study.parent}: create it first")
     level = None if level_kpa is None else 1e3 * level_kpa
-    direction, columns, given = vector(gravity), load_mapping(mapping), [*files, *more]
+    direction = None if gravity is None else vector(
+        gravity, 3, f"--gravity must be three numbers 'x,y,z', got {gravity!r}"
+    )
+    columns, given = load_mapping(mapping), [*files, *more]
     with busy("reading the recordings"):
         draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     try:
@@ -62,30 +65,9 @@ def new(
     print_draft(study, draft, as_json=json)
 
 
-def vector(text: str | None) -> list[float] | None:
-    """Return three numbers from 'x,y,z'; None if `text` is None."""
-    from pliant.errors import InputError
-
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--gravity must be three numbers 'x,y,z', got {text!r}") from None
-    return [x, y, z]
-
-
 def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
     """Print the name of the study file written, its warnings and open questions, and the next command."""
-    if as_json:
-        import json
-
-        say(json.dumps({"study": str(study), "open": list(draft.questions), "doubts": list(draft.doubts)}))
-        return
-    say(f"wrote {study}")
-    for doubt in draft.doubts:
-        say(f"! {doubt}")
-    for question in draft.questions:
-        say(f"? {question}")
-    answer = 'replace each "?" in it, then run: ' if draft.questions else ""
-    say(f"next: {answer}pliant run {study} -o results/{study.stem}")
+    first = 'replace each "?" in it, then run: ' if draft.questions else ""
+    lines = [f"wrote {study}", *(f"! {doubt}" for doubt in draft.doubts), *(f"? {q}" for q in draft.questions),
+             f"next: {first}pliant run {study} -o results/{study.stem}"]  # fmt: skip
+    answer({"study": str(study), "open": draft.questions, "doubts": draft.doubts}, "\n".join(lines), as_json=as_json)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from pliant.cli.output import aligned
 from pliant.cli.reading import read_with_mapping
-from pliant.cli.terminal import busy, say
+from pliant.cli.terminal import answer, busy, say
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,15 +54,12 @@ def order(
     if figure is not None:
         for path in _draw(result, figure):
             say(f"figure: {path}", error=True)
-    if as_json:
-        say(json_format.dumps(result.to_dict(), indent=2))
-        if result.frames_left_out:
-            say(f"{result.frames_left_out} frame(s) with missing stations were left out", error=True)
-        return
-    _print_table(result)
+    answer(result.to_dict(), _table(result), as_json=as_json, indent=2)
+    if as_json and result.frames_left_out:
+        say(f"{result.frames_left_out} frame(s) with missing stations were left out", error=True)
 
 
-def _print_table(result: OrderResult) -> None:
+def _table(result: OrderResult) -> str:
     head = ("n", "max", "mean", "median of max", "95 % of max", "within bound", "stations between", "flops")
     rows = []
     for n, row in zip(result.orders, result.to_dict()["orders"].values(), strict=True):
@@ -74,10 +70,10 @@ def _print_table(result: OrderResult) -> None:
         rows.append((f"{n}{mark}", *numbers, within, between, str(result.operations(n))))
     shown = result.chosen or result.orders[-1]
     worst = ", ".join(f"{t:.3f} s ({e * 1e3:.2f} mm)" for t, e in result.worst_frames(shown, 3))
-    say("\n".join([
+    return "\n".join([
         f"{result.frames} frames, {result.stations} stations, errors in mm", *aligned([head, *rows]), result.summary(),
         f"Worst frames for n = {shown}: {worst}.", *(f"- {note}" for note in result.notes),
-    ]))  # fmt: skip
+    ])  # fmt: skip
 
 
 def _draw(result: OrderResult, path: Path) -> list[Path]:

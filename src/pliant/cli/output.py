@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.terminal import busy, mention, say
+from pliant.cli.terminal import answer, busy, mention
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.units import quantity
@@ -109,9 +108,11 @@ def print_numbers(
     numbers: Mapping[str, Any], *, as_json: bool, title: str = "", meaning: Mapping[str, str] | None = None,
 ) -> None:
     """Print named numbers as JSON, or as a table with name, value, unit and, if stated, meaning."""
-    if as_json:
-        say(jsonlib.dumps(numbers, default=float))
-        return
+    answer(numbers, number_table(numbers, title, meaning), as_json=as_json, default=float)
+
+
+def number_table(numbers: Mapping[str, Any], title: str, meaning: Mapping[str, str] | None) -> str:
+    """Return named numbers as a table with name, value, unit and, if stated, meaning."""
     rows, sentences = [], []
     for name, value in numbers.items():
         words, unit = quantity(name)
@@ -119,7 +120,7 @@ def print_numbers(
             sentences.append(f"  {words}: {value}")
         else:
             rows.append([words, shown(value), unit, *([meaning.get(name, "")] if meaning else [])])
-    say("\n".join([*([title] if title else []), *aligned(rows), *sentences]))
+    return "\n".join([*([title] if title else []), *aligned(rows), *sentences])
 
 
 def shown(value: Any) -> str:

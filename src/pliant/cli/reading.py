@@ -1,17 +1,21 @@
-"""Functions by which commands read a recording and print its content."""
+"""Functions by which commands read recordings, and the numbers and pressures in their options."""
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pliant.cli.terminal import busy, say
+from pliant.cli.terminal import busy
+from pliant.errors import InputError
 from pliant.files import read_entries
-from pliant.text import escaped
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pliant.model import Model
+
+LEVELS = "kPa gauge; for several chambers one each, as 80,30, or by name, as left=80 (others: 0)"
+DRIVE = "For several chambers: which recorded pressure drives which, as left=p1,right=p2; default: by equal names."
 
 
 def load_mapping(path: Path | None) -> dict[str, Any] | None:
@@ -32,32 +36,61 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
         return read_shape(path, mapping=load_mapping(mapping))
 
 
-def print_recording(recording: xr.Dataset, path: Path, *, as_json: bool) -> None:
-    """Print the content of a recording and its quality, as text or JSON."""
-    from pliant.preprocessing.quality import quality
-    from pliant.recording.schema import history_of
+def levels(model: Model, text: str) -> list[float]:
+    """Return the pressure [Pa] of each chamber from a text in kPa: "30,20" in the order of the chambers, or "left=30"
+    by name with 0 for the others.
+    """
+    names = [c.name for c in model.chambers]
+    if "=" in text:
+        given = pairs("--level-kpa", text)
+        if strange := [name for name in given if name not in names]:
+            raise InputError(
+                f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}: use these names"
+            )
+        return [1e3 * number(given.get(name, "0")) for name in names]
+    pressures = [1e3 * number(part) for part in text.split(",")]
+    if len(pressures) != len(names):
+        raise InputError(
+            f"--level-kpa gives {len(pressures)} pressure(s), but the model has {len(names)} chamber(s), "
+            f"{', '.join(names)}: give one for each, as {','.join(['30'] * len(names))}, or by name, as {names[0]}=30"
+        )
+    return pressures
 
-    with busy("checking the recording"):
-        assessed = quality(recording)
-    if as_json:
-        content = {"file": str(path), "format": recording.attrs.get("source_format"), "sizes": dict(recording.sizes)}
-        content["station_names"] = [str(s) for s in recording["station"].values] if "station" in recording else []
-        content["history"] = history_of(recording)
-        say(jsonlib.dumps({**content, "quality": plain(assessed.to_dict())}))
-        return
-    say(escaped(f"{path} ({recording.attrs.get('source_format', 'unknown format')})", "line"))
-    if "station" in recording:
-        names = [str(s) for s in recording["station"].values]
-        say(f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}")
-    say(assessed.summary())
-    for line in history_of(recording):
-        say(f"  {line}")
+
+def number(text: str) -> float:
+    """Return the number in a text such as "30", a pressure in kPa. A text that is no number raises InputError."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--level-kpa must be numbers in kPa, got {text.strip()!r:.60}") from None
 
 
-def plain(value: Any) -> Any:
-    """Return `value` with every NaN replaced by None, since JSON has no NaN."""
-    if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    return None if isinstance(value, float) and value != value else value  # noqa: PLR0124  NaN is not itself
+def vector(text: str, count: int, refusal: str) -> list[float]:
+    """Return `count` numbers from a text such as "1,2,3"; any other text raises InputError with the message
+    `refusal`.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        raise InputError(refusal)
+    return values
+
+
+def pairs(option: str, text: str) -> dict[str, str]:
+    """Parse a text such as "left=p1,right=p2" and return its pairs as a dictionary."""
+    parts = [part.partition("=") for part in text.split(",")]
+    entries = {name.strip(): word.strip() for name, _, word in parts}
+    if not all(entries) or not all(entries.values()) or len(entries) != len(parts):
+        raise InputError(f"{option} must be pairs as left=p1,right=p2, each chamber once, got {text!r:.80}")
+    return entries
+
+
+def drives(text: str) -> dict[str, str | int] | None:
+    """Return which recorded pressure (name, or index from 0) drives each chamber, from a text such as
+    "left=p1,right=0". For an empty text return None.
+    """
+    if not text:
+        return None
+    return {name: int(word) if word.isdecimal() else word for name, word in pairs("--drive", text).items()}

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer
 
 
 def shape(
@@ -41,11 +41,12 @@ def shape(
     from pliant.preprocessing.align import align
     from pliant.preprocessing.quality import quality
     from pliant.recording import write
+    from pliant.recording.schema import history_of
     from pliant.study.dense import body_of_fibre
     from pliant.study.schema import Fibre
 
     raw = read_with_mapping(file, mapping)
-    summary, status = quality(raw).summary(), ""
+    summary, status = quality(raw).summary().splitlines(), ""
     cap = cap_curvature is not None and cap_length is not None
     if any(value is not None for value in (cap_curvature, cap_length, body_length, start)):
         if body_length is None or cap == (start is not None) or (cap_curvature is None) != (cap_length is None):
@@ -61,17 +62,9 @@ def shape(
         with busy("aligning"):
             clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
     write(clean, output)
-    print_result(summary.splitlines(), status, str(clean.attrs["history"]).splitlines(), output, as_json=json)
-
-
-def print_result(summary: list[str], status: str, history: list[str], output: Path, *, as_json: bool) -> None:
-    """Print the quality of the raw recording, how the tip was found, the processing steps and the file written."""
-    if as_json:
-        import json
-
-        say(json.dumps({"quality": summary, "tip": status or None, "history": history, "recording": str(output)}))
-        return
-    say("\n".join([*summary, *([status] if status else []), *history, f"wrote {output}"]))
+    history = history_of(clean)
+    answer({"quality": summary, "tip": status or None, "history": history, "recording": str(output)},
+           "\n".join([*summary, *filter(None, [status]), *history, f"wrote {output}"]), as_json=json)
 
 
 def direction(text: str) -> str | list[float]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.pressures import DRIVE, LEVELS, drives, levels
+from pliant.cli.reading import DRIVE, LEVELS, drives, levels, vector
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -102,11 +102,8 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
     if not text:
         return ()
     numbers, _, point = text.partition("@")
-    try:
-        fx, fy = (float(part) for part in numbers.split(","))
-    except ValueError:
-        raise InputError(f"--force must be FX,FY or FX,FY@POINT with numbers in N, got {text!r}") from None
-    force, time = np.array([[0.0, 0.0], [fx, fy], [fx, fy], [0.0, 0.0]]), np.array([start, start, stop, stop])
+    pull = vector(numbers, 2, f"--force must be FX,FY or FX,FY@POINT with numbers in N, got {text!r}")
+    force, time = np.array([[0.0, 0.0], pull, pull, [0.0, 0.0]]), np.array([start, start, stop, stop])
     return (PointForce(time, force, point or model.points[-1].name),)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer
 
 if TYPE_CHECKING:
     from pliant.model import Model
@@ -32,8 +32,6 @@ def sweep(
 
     Example: pliant sweep sweep.toml --model results/arm/model.json -o results/sweep --figure spread.png
     """
-    import json as jsonlib
-
     from pliant.cli.output import aligned, write_figure
     from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
@@ -48,14 +46,12 @@ def sweep(
 
         write_figure(sweep_figure(result.samples), figure)
     summary = result.summary()
-    if json:
-        say(jsonlib.dumps(summary))
-        return
     rows = [[name.replace("_", " "), *(f"{values[key]:.5g}" for key in ("median", "low", "high")), values["unit"]]
             for name, values in summary["numbers"].items() if values]
-    say("\n".join(aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows])))
-    say(f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['message']}")
-    say(f"samples: {output / 'samples.nc'}")
+    lines = [*aligned([["", "median", "2.5 %", "97.5 %", "unit"], *rows]),
+             f"{summary['samples']} samples, {summary['failed_samples']} of them failed; {summary['message']}",
+             f"samples: {output / 'samples.nc'}"]  # fmt: skip
+    answer(summary, "\n".join(lines), as_json=json)
 
 
 def prepare(path: Path, model: Path | None, seed: int | None) -> tuple[Sweep, Model, dict[str, Any]]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer
 
 
 def sync(
@@ -52,11 +53,8 @@ def sync(
         write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
     if output is not None:
         write(shift_pressure(recording, offset.delay_s, offset.drift), output)
-    if json:
-        from dataclasses import asdict
-        from json import dumps
-
-        say(dumps(asdict(offset)))
-        return
-    say(offset.summary())
-    say(f'in a study: clock = {offset.delay_s:.4f}, or clock = "align"')
+    answer(
+        asdict(offset),
+        f'{offset.summary()}\nin a study: clock = {offset.delay_s:.4f}, or clock = "align"',
+        as_json=json,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +24,11 @@ QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 def say(text: object = "", *, error: bool = False) -> None:
     """Print a text, with control characters escaped, to standard output or, with `error=True`, to standard error."""
     typer.echo("\n".join(escaped(line, "line") for line in str(text).split("\n")), err=error)
+
+
+def answer(content: Any, text: str, *, as_json: bool, **options: Any) -> None:
+    """Print the result of a command: `content` as JSON, or `text`. `options` are those of `json.dumps`."""
+    say(json.dumps(content, **options) if as_json else text)
 
 
 def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:

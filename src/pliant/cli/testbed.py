@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import counting, say
+from pliant.cli.terminal import answer, counting
 
 
 def run_testbed(
@@ -56,20 +55,17 @@ def run_testbed(
         lab = resolved(scenario, actuator, None, "angle" if sensor else record)[2]  # type: ignore[arg-type]
         lab = replace(lab, angle=sensor) if sensor else lab
         ran = generate_file(scenario, path, body=actuator, seed=seed, lab=lab, truth=truth, progress=progress)
-    if json:
-        say(jsonlib.dumps({"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran}))
-        return
-    say(f"{path}: {'recorded' if ran else 'exists with this content, not written again'}")
+    answer(
+        {"recording": str(path), "truth": str(truth) if truth else None, "recorded": ran},
+        f"{path}: {'recorded' if ran else 'exists with this content, not written again'}",
+        as_json=json,
+    )
 
 
 def _list_scenarios(*, as_json: bool) -> None:
     from pliant.testbed.scenarios import SCENARIOS
 
-    if as_json:
-        entries = [{"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for c in SCENARIOS.values()]
-        say(jsonlib.dumps(dict(zip(SCENARIOS, entries, strict=True))))
-        return
-
+    entries = {n: {"duration_s": c.duration, "rate_hz": c.rate, "summary": c.summary} for n, c in SCENARIOS.items()}
     width = max(map(len, SCENARIOS))
-    for case in SCENARIOS.values():
-        say(f"{case.name:{width}}  {case.duration:5.1f} s  {case.rate:5.1f} Hz  {case.summary}")
+    lines = [f"{c.name:{width}}  {c.duration:5.1f} s  {c.rate:5.1f} Hz  {c.summary}" for c in SCENARIOS.values()]
+    answer(entries, "\n".join(lines), as_json=as_json)

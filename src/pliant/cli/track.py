@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.reading import vector
+from pliant.cli.terminal import answer
 
 
 def track(
@@ -40,27 +41,13 @@ def track(
         raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count and region")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
         raise InputError(f"the name of the recording must end in .nc or .csv, got {output.name!r}")
-    how = Tracking(method, pixels(base), colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
+    at = None if base is None else tuple(
+        vector(base, 2, f"--base must be two numbers of pixels, 'x,y', got {base!r}"))  # fmt: skip
+    how = Tracking(method, at, colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
     with counting(f"tracking the body in {video.name}") as progress:
         recording = track_video(video, entries.get("camera", entries), how, progress=progress)
     write(recording, output)
     written = [str(p) for p in (output, *how.overlays)]
-    if json:
-        from json import dumps
-
-        say(dumps({"history": history_of(recording), "written": written}))
-        return
-    say("\n".join([*history_of(recording), *(f"wrote {p}" for p in written)]))
-
-
-def pixels(text: str | None) -> tuple[float, float] | None:
-    """Return two numbers from 'x,y'; None if `text` is None."""
-    from pliant.errors import InputError
-
-    if text is None:
-        return None
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        raise InputError(f"--base must be two numbers of pixels, 'x,y', got {text!r}") from None
-    return x, y
+    history = history_of(recording)
+    answer({"history": history, "written": written}, "\n".join([*history, *(f"wrote {p}" for p in written)]),
+           as_json=json)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from json import dumps
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import say
+from pliant.cli.terminal import answer
 
 
 def view(
@@ -37,7 +36,7 @@ def view(
     from pliant.view.server import Server
 
     server = Server(page_content(source, loop, 1e-3 * touch_mn_m), port)
-    say(dumps({"address": server.address}) if json else server.address)
+    answer({"address": server.address}, server.address, as_json=json)
     if browser:
         webbrowser.open(server.address)
     server.run()

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.control import horizon_loops
+from pliant.control import feedback_loops
 from pliant.control.design import LqrDesign
 from pliant.control.valve import SupplyValve, supply_of
 from pliant.estimation.contract import State
@@ -73,7 +73,7 @@ class Horizon:
         J = slopes if isinstance(slopes, np.ndarray) else slopes.J
         self._rest, self._theta0 = joints.theta0, np.array(joints.theta0)
         self._chain = body, joints._replace(theta0=self._theta0), work, slopes, J
-        self._march = twin(horizon_loops.body_ahead, *mechanics_of(model).sizes)
+        self._march = twin(feedback_loops.body_ahead, *mechanics_of(model).sizes)
         steps, N = self.periods * self._parts, model.size
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *J.shape))
 
@@ -112,15 +112,15 @@ class Horizon:
         N, parts, scale, actuation = self.model.size, self._parts, state.torque_scale, self.model.actuation
         turns = state.angle.size
         np.add(self._rest[:turns], state.rest_shift, out=self._theta0[:turns])
-        each = [torque_and_slope(c, p) for c, p in zip(self.model.chambers, pressure.T, strict=True)]
-        torque = scale * np.stack([made for made, _ in each], axis=1) @ actuation.columns
+        each = list(zip(self.model.chambers, pressure.T, strict=True))
+        torque = scale * np.stack([p * c.lever_at(p) for c, p in each], axis=1) @ actuation.columns
         torque[:, turns:N] += self._chain[1].K[turns:] * state.strain_shift
         x, v = (np.concatenate(pair) for pair in ((state.angle, state.strain), (state.rate, state.strain_rate)))
         places, rates = self._places
         self._march(
             x, v, self.period / parts, np.repeat(torque, parts, axis=0), self._chain, places, rates, self._jacobians
         )
-        by_input = scale * np.stack([made for _, made in each], axis=1)
+        by_input = scale * np.stack([c.law_slope(p) for c, p in each], axis=1)
         drive = by_input[:, :, None] * actuation.columns  # (K, C, N + R) N m/Pa
         by, out = np.zeros((2 * N, slope.shape[2])), np.empty((len(pressure), 2 * N, slope.shape[2]))
         for k in range(len(pressure)):
@@ -141,7 +141,7 @@ class ValveLine:
         self.order = held[0][1].size
         steps = [[hold(A, B, t) for A, B in held] for t in (part, period - part)] if self.order else []
         self._pieces = tuple(np.array([[pair[i] for pair in row] for row in steps]) for i in (0, 1))
-        self._march = twin(horizon_loops.valve_ahead)
+        self._march = twin(feedback_loops.valve_ahead)
 
     def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
         """Return the chamber's mean pressures (K,) [Pa] in K periods and the r valve states (r,) at the end, each
@@ -173,15 +173,8 @@ def sides(valve: Valve, supply: SupplyValve | None) -> tuple[Valve, Valve]:
     known = supply or supply_of(valve)
     if known is None:
         return valve, valve
-    return (
-        replace(known.mean, natural_frequency=known.fall_frequency),
-        replace(known.mean, natural_frequency=known.rise_frequency),
-    )
-
-
-def torque_and_slope(chamber: Chamber, pressure: Array) -> tuple[Array, Array]:
-    """Return the static torque (K,) [N m] of a chamber at K pressures (K,) [Pa], and its derivative (K,) [N m/Pa]."""
-    return pressure * chamber.lever_at(pressure), chamber.law_slope(pressure)
+    falling, rising = (replace(known.mean, natural_frequency=f) for f in (known.fall_frequency, known.rise_frequency))
+    return falling, rising
 
 
 def alone(rows: Array, chamber: int, chambers: int) -> Array:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,21 +19,9 @@ from pliant.control.limits import Limits
 from pliant.control.steady_inputs import output_weights, tip_geometry
 from pliant.control.valve_states import ValveObserver
 from pliant.estimation.contract import State
-from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
-
-
-class Present(NamedTuple):
-    """Data of one control period: its index and gains, the shift of the actuator's rest shape from the model's, and the
-    pressures that compensate this shift.
-    """
-
-    k: int  # period of the design
-    gains: Gains
-    turn: Array  # (n + S,) shift of the rest angles and strains from the model's
-    more: Array  # (C,) Pa, pressures that compensate the shift, in terms of the model's torque
 
 
 class Lqr:
@@ -117,14 +104,22 @@ class Lqr:
         """Return the commands (C,) [Pa] of C chambers for the period that starts at `time` [s], from the estimated
         state and the pressure readings (C,) [Pa].
         """
-        now = self._present(time, state, pressure)
-        self._wish(now, state)
-        met = self._finish(self._tables[self.design.at[now.k]], self._rules, self._memory)
+        self._present(time, state, pressure)
+        self._wish(state)
+        met = self._finish(self._tables[self.design.at[self.period]], self._rules, self._memory)
         self.saturated += bool(self._met(bool(met)))
         return self.command.copy()
 
-    def _present(self, time: float, state: State, pressure: float | Array) -> Present:
-        """Return the deviation of the state from the present reference; write the unlimited commands to `_wishes`."""
+    @property
+    def _gains(self) -> Gains:
+        """Gains of the present period."""
+        return self.design.gains[self.design.at[self.period]]
+
+    def _present(self, time: float, state: State, pressure: float | Array) -> None:
+        """Write the deviation of the state from the present reference to the workspace: the shift of the rest shape
+        from the model's (n + S,) to `_turn`, the pressures [Pa] that compensate it, in terms of the model's torque, to
+        `_more`, and the unlimited commands to `_wishes`.
+        """
         design = self.design
         if math.isnan(self._began):
             self._began = time
@@ -137,18 +132,9 @@ class Lqr:
             state.angle, state.rate, state.rest_shift, state.strain, state.strain_rate, state.strain_shift,
             float(state.torque_scale), self._behind,
         )  # fmt: skip
-        gains = design.gains[design.at[k]]
         self._look(self._tables[design.at[k]], row, self._geometry, known, self._rules, design.resting, self._memory)
-        return Present(k, gains, self._turn, self._more)
 
-    def _rest(self, k: int, gains: Gains, turn: Array, more: Array) -> Array:
-        """Return the reference state (N,) of period k, with pressures in kPa of the model's torque."""
-        design, n = self.design, self.design.model.size
-        out = design.resting @ ((design.pressure[k] + more) / KILO) + design.beside[k]
-        out[:n] += design.angle[k] + turn + gains.slope @ more
-        return np.asarray(out)
-
-    def _wish(self, now: Present, state: State) -> None:
+    def _wish(self, state: State) -> None:
         """Write the commands (C,) [Pa] before their limits to `_wishes`. Here `_present` has done so already."""
 
     def _met(self, met: bool) -> bool:

@@ -19,7 +19,7 @@ from pliant.control.design import LqrDesign
 from pliant.control.gains import SQUARE
 from pliant.control.horizon import Ahead, Horizon
 from pliant.control.limits import Limits
-from pliant.control.lqr import Lqr, Present
+from pliant.control.lqr import Lqr
 from pliant.control.quadratic_program import QuadraticProgram
 from pliant.control.steady_inputs import output_rates, output_values
 from pliant.control.tuning import MpcTuning
@@ -87,12 +87,12 @@ class Mpc(Lqr):
         self.solved, self.failed, self.fault = 0, 0, ""
         self.plan, self.age = np.zeros((self.tuning.stages, self.chambers)), 0
 
-    def _wish(self, now: Present, state: State) -> None:
+    def _wish(self, state: State) -> None:
         """Solve the quadratic program and write the plan's commands (C,) [Pa] for this period to `_wishes`."""
         self.age, self._before = self.age + 1, self.command.copy()
         last = self._within(self.horizon.later(self.plan, self.age))
         ahead = self.horizon.predict(state, self._parts, self._waiting, last)
-        H, g = self._cost(now, state, ahead)
+        H, g = self._cost(state, ahead)
         H, g = H * np.outer(self._size, self._size), g * self._size
         start = (last / self._unit).ravel()
         before = np.zeros(len(self._steep))
@@ -127,20 +127,20 @@ class Mpc(Lqr):
         low, high = np.maximum(before - self._reach, 0.0), np.minimum(before + self._reach, self._highest)
         return bool(((self._wishes <= low + edge) | (self._wishes >= high - edge)).any())
 
-    def _cost(self, now: Present, state: State, ahead: Ahead) -> tuple[Array, Array]:
+    def _cost(self, state: State, ahead: Ahead) -> tuple[Array, Array]:
         """Return Hessian (Z, Z) and gradient (Z,) of the cost at the plan that `ahead` predicts, with commands in kPa.
 
         The cost is half the sum of squares of the regulator's errors over the horizon, plus its cost to go of the last
         state.
         """
         design, scale, K = self.design, state.torque_scale, self.horizon.periods
-        rows = design.periods(now.k, K + 1) if design.path else np.full(K + 1, now.k)
-        after = self._after(now.k)
-        y, dy, speed, turn = self._outputs(rows[1:], after[1:], ahead, moves=self._moves(now.k))
-        z, dz = self._integrals(now, y, dy)
+        rows = design.periods(self.period, K + 1) if design.path else np.full(K + 1, self.period)
+        after = self._after()
+        y, dy, speed, turn = self._outputs(rows[1:], after[1:], ahead)
+        z, dz = self._integrals(y, dy)
         gains = design.gains[design.at[rows[0]]]
         worth = np.sqrt(np.diag(gains.R))  # of each command, per kPa
-        steady = design.pressure[rows] + after[:, None] * self._growth[rows] + now.more
+        steady = design.pressure[rows] + after[:, None] * self._growth[rows] + self._more
         wish = (scale * ahead.command - steady[:-1]) / KILO
         effort = scale * np.einsum("kj,cd->kcjd", self.horizon.straight, np.diag(worth)).reshape(wish.size, -1)
         residual = np.concatenate([
@@ -152,28 +152,27 @@ class Mpc(Lqr):
             MILLI * dy[:-1].reshape(-1, count), MILLI * design.tuning.damping_time * turn[:-1].reshape(-1, count),
             MILLI / design.tuning.integral_time * dz[:-1].reshape(-1, count), effort,
         ])  # fmt: skip
-        last, by_last = self._last((rows[-1], after[-1]), now, state, ahead, (z[-1], dz[-1]))
+        last, by_last = self._last((rows[-1], after[-1]), state, ahead, (z[-1], dz[-1]))
         final = design.gains[design.at[rows[-1]]].P
         later = design.ahead[min(rows[-1], len(design.at))] if design.path else 0.0
         H = slope.T @ slope + by_last.T @ final @ by_last
         return 0.5 * (H + H.T), slope.T @ residual + by_last.T @ (final @ last + later)
 
-    def _after(self, k: int) -> Array:
-        """Return the times (K + 1,) [s] by which the periods from k on lie beyond the end of the known path.
+    def _after(self) -> Array:
+        """Return the times (K + 1,) [s] by which the periods from the present one on lie beyond the end of the known
+        path.
 
         Before the path has ended, it is extrapolated linearly beyond its end, so that the body is not braked early.
         """
-        known = len(self.design.at) - 1
-        beyond = np.arange(k, k + self.horizon.periods + 1) - known
-        return np.maximum(beyond, 0) * self.design.period * self._moves(k)
+        beyond = self.period + np.arange(self.horizon.periods + 1) - (len(self.design.at) - 1)
+        return np.maximum(beyond, 0) * self.design.period * self._moves
 
-    def _moves(self, k: int) -> bool:
-        """Return whether period k lies before the end of a path, from which on the path's last point is held."""
-        return self.design.path and k < len(self.design.at) - 1
+    @property
+    def _moves(self) -> bool:
+        """Whether the present period lies before the end of a path, from which on the path's last point is held."""
+        return self.design.path and self.period < len(self.design.at) - 1
 
-    def _outputs(
-        self, rows: Array, after: Array, ahead: Ahead, *, moves: bool
-    ) -> tuple[Array, Array, Array, Array]:
+    def _outputs(self, rows: Array, after: Array, ahead: Ahead) -> tuple[Array, Array, Array, Array]:
         """Return errors (K, m) [m] and their derivatives (K, m, Z) [m/kPa], and the same of their speeds [m/s]."""
         design, weight, n = self.design, self._weight, self.design.model.size
         value = output_values(design.model, ahead.position, design.outputs)
@@ -182,31 +181,31 @@ class Mpc(Lqr):
         each = weight[:, None]
         return (
             weight * (value - design.still - design.wanted[rows] - after[:, None] * self._speed[rows]),
-            KILO * each * (row @ by_x), weight * (speed - moves * self._speed[rows]),
+            KILO * each * (row @ by_x), weight * (speed - self._moves * self._speed[rows]),
             KILO * each * (row_speed @ by_x + row @ by_v),
         )
 
-    def _integrals(self, now: Present, y: Array, dy: Array) -> tuple[Array, Array]:
+    def _integrals(self, y: Array, dy: Array) -> tuple[Array, Array]:
         """Return the integrals (K, m) [m s] of the errors at the periods' ends, and their derivatives (K, m, Z)."""
-        driven, period = now.gains.driven, self.design.period
+        driven, period = self._gains.driven, self.design.period
         start = (driven @ (self._weight * self._off))[None]
         error = np.concatenate([start, y[:-1] @ driven.T])  # at the beginnings of the periods
         moved = np.concatenate([np.zeros((1, *dy.shape[1:])), driven @ dy[:-1]])
         return self._integral + period * np.cumsum(error, axis=0), period * np.cumsum(moved, axis=0)
 
     def _last(
-        self, when: tuple[int, float], now: Present, state: State, ahead: Ahead, integral: tuple[Array, Array]
+        self, when: tuple[int, float], state: State, ahead: Ahead, integral: tuple[Array, Array]
     ) -> tuple[Array, Array]:
         """Return the last state's deviation (N,) from the reference, as in `Gains`, and its derivative (N, Z).
 
         `when` holds the row of the design and the time [s] after it.
         """
-        design, scale, (row, after) = self.design, state.torque_scale, when
-        rest = self._rest(row, design.gains[design.at[row]], now.turn, now.more)
+        design, n, scale, (row, after) = self.design, self.design.model.size, state.torque_scale, when
+        rest = design.resting @ ((design.pressure[row] + self._more) / KILO) + design.beside[row]
+        rest[:n] += design.angle[row] + self._turn + design.gains[design.at[row]].slope @ self._more
         rest += design.resting @ (after * self._growth[row]) / KILO
-        n = design.model.size
         rest[:n] += after * self._rates[row]
-        rest[n : 2 * n] = self._moves(now.k) * self._rates[row]
+        rest[n : 2 * n] = self._moves * self._rates[row]
         pressures = scale * np.concatenate([ahead.valve, ahead.waiting]) / KILO
         full = np.concatenate([ahead.position[-1], ahead.rate[-1], pressures, integral[0]])
         by_pressure = scale * np.concatenate([ahead.valve_slope, ahead.waiting_slope])

@@ -8,7 +8,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.control.contract import Controller, ControllerKind, Pipeline
+from pliant.control.contract import Controller, Pipeline
 from pliant.control.design import LqrDesign
 from pliant.control.limits import Limits
 from pliant.control.plan import Plan, Task
@@ -139,45 +139,22 @@ def prepare_control(
     setting = RehearsalSetting(behind_rig(body, each), arc_length, each, period, known["late"])
     latency = 0.0 if seeing.predicts else setting.late * period  # a state that is predicted to the present is not late
     plan = Plan(task, setting.body, limits, period, latency, each, follows=law.follows)
-    maker = Maker(link_angles, rest, seeing, law, plan, setting)
+    if plan.several and not law.several:
+        raise InputError(f"the controller {law.name!r} needs one chamber and a fixed length: use lqr or mpc")
+    plan, given = replace(plan, trajectory=plan.planned()), Setting(plan.body, period, setting.late)
+
+    def made(tuned: Task) -> Prepared:
+        """Return a new estimator and controller for a task, without a simulated rehearsal of the loop."""
+        own = replace(plan, task=tuned)
+        control, (first, estimator) = law.make(own), (seeing.make(given) for _ in range(2))
+        warm_up(Pipeline(link_angles.frame, first, control), rest, period)
+        return Prepared(own.body, link_angles, estimator, control, getattr(control, "design", None), own.trajectory)
+
     weight = output_weights(body, task.outputs) if plan.several else np.ones(1)
     tuned, rehearsal = limit_aware(
-        lambda tuned: maker.make(tuned).pipeline, setting, task, limits, weight, tunable=law.tunable
+        lambda tuned: made(tuned).pipeline, setting, task, limits, weight, tunable=law.tunable
     )
-    return replace(maker.make(tuned), rehearsal=rehearsal)
-
-
-class Maker:
-    """Factory that creates a new estimator and controller of an actuator for each tuning of a task.
-
-    Parameters
-    ----------
-    link_angles : LinkAngles or LinkTips
-    rest : array (S, 2)
-        Shape of the body at rest [m].
-    seeing : EstimatorKind
-    law : ControllerKind
-    plan : Plan
-    setting : RehearsalSetting
-    """
-
-    def __init__(
-        self, link_angles: LinkAngles | LinkTips, rest: Array, seeing: EstimatorKind, law: ControllerKind,
-        plan: Plan, setting: RehearsalSetting,
-    ) -> None:
-        if plan.several and not law.several:
-            raise InputError(f"the controller {law.name!r} needs one chamber and a fixed length: use lqr or mpc")
-        self.link_angles, self.seeing, self.law, self._rest = link_angles, seeing, law, rest
-        self.plan = replace(plan, trajectory=plan.planned())
-        self._setting = Setting(plan.body, plan.period, setting.late)
-
-    def make(self, task: Task) -> Prepared:
-        """Return a new estimator and controller for `task`, without a simulated rehearsal of the loop."""
-        plan = replace(self.plan, task=task)
-        control, (first, estimator) = self.law.make(plan), (self.seeing.make(self._setting) for _ in range(2))
-        warm_up(Pipeline(self.link_angles.frame, first, control), self._rest, plan.period)
-        design = getattr(control, "design", None)
-        return Prepared(plan.body, self.link_angles, estimator, control, design, plan.trajectory)
+    return replace(made(tuned), rehearsal=rehearsal)
 
 
 def calibration(

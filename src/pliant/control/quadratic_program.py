@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
-
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.plugins import optional
 
 Array = np.ndarray
 ACCURACY = 1e-5  # tolerance of OSQP's primal and dual residuals, absolute and relative
@@ -44,8 +41,9 @@ class QuadraticProgram:
     """
 
     def __init__(self, highest: Array, change: Array) -> None:
-        osqp = solver()
         from scipy import sparse
+
+        osqp = optional("osqp", "predictive control needs OSQP: pip install 'pliant[mpc]'")
 
         size = len(highest)
         self._upper = np.triu_indices(size)
@@ -86,11 +84,3 @@ class QuadraticProgram:
             self._solver.update_settings(rho=1.0)
             self._solver.warm_start(x=start, y=np.zeros(len(self._low)))
         return None
-
-
-def solver() -> Any:
-    """Return the imported module `osqp`; raise InputError if it is not installed."""
-    try:
-        return import_module("osqp")
-    except ImportError:
-        raise InputError("predictive control needs OSQP: pip install 'pliant[mpc]'") from None

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.control.bounded_least_squares import bounded_least_squares
 from pliant.errors import InputError, SimulationError
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.mechanics import mechanics_of
@@ -174,3 +173,31 @@ def nearest(model: Model, outputs: tuple[str, ...], wanted: Array, highest: Arra
         if length <= 1e-3 or length * np.abs(move).max() < 1e-6:
             break
     return rest
+
+
+def bounded_least_squares(H: Array, b: Array, start: Array, highest: float) -> Array:
+    """Return the F unknowns x (F,) that minimise 1/2 x^T H x - b^T x between 0 and `highest`, by projected Newton
+    steps.
+
+    H (F, F) must be positive definite; `start` (F,) is the initial guess.
+
+    Source: Bertsekas, SIAM J. Control Optim. 20(2), 1982
+    """
+    x = np.clip(start, 0.0, highest)
+    for _ in range(60):
+        slope = H @ x - b
+        free = ~(((x <= 0.0) & (slope > 0)) | ((x >= highest) & (slope < 0)))
+        if not free.any() or np.abs(slope[free]).max() <= 1e-9 * np.abs(b).max():
+            break
+        move = np.zeros_like(x)
+        move[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free])
+        length = 1.0
+        while length > 1e-4:
+            step = np.clip(x + length * move, 0.0, highest) - x
+            if slope @ step + 0.5 * step @ H @ step < 0.0:
+                break
+            length *= 0.5
+        if (np.abs(step) <= 1e-6 * highest).all():
+            return x + step
+        x = x + step
+    return x

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -194,31 +194,29 @@ class KalmanFilter:
         self.advance(time)
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
-        memory, shift = model.memory, disturbance / K[:n]
+        memory, shift, strain_shift = model.memory, disturbance / K[:n], self._own.disturbance[n:] / K[n:]
         if model.space is None:
             self._rest_shift(
                 angle, shift.copy(), self.memory, float(model.base_angle), model.rest_angle, memory.law(),
                 memory.instantaneous, shift,
             )
-        elif memory:
-            left, law = memory.instantaneous, memory.law()
-            r = np.array([memory_angle(i, angle[i], self.memory, law) for i in range(n)])
-            shift = (shift + left * angle - r) / (1.0 + left)
+        else:
+            shift = self._remembered(memory, 0, angle, shift)
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
-            strain_shift=self._strain_shift(K[n:]),
+            strain_shift=self._remembered(memory.axial, n, self.strain, strain_shift),
         )
 
-    def _strain_shift(self, K: Array) -> Array:
-        """Shifts (S,) of the segments' rest strains, those by their hysteresis included; K (S,) [N m]."""
-        n, memory, strain = self.angle.size, self.model.memory.axial, self.strain
-        shift = np.asarray(self._own.disturbance[n:] / K)
+    def _remembered(self, memory: Any, first: int, q: Array, shift: Array) -> Array:
+        """Return the shifts of rest that have the same effect as model error and hysteresis, of the coordinates q from
+        index `first` on. `shift` are those by model error alone.
+        """
         if not memory:
             return shift
         left, law = memory.instantaneous, memory.law()
-        r = np.array([memory_angle(n + s, strain[s], self.memory, law) for s in range(strain.size)])
-        return np.asarray((shift + left * strain - r) / (1.0 + left))
+        r = np.array([memory_angle(first + i, q[i], self.memory, law) for i in range(q.size)])
+        return np.asarray((shift + left * q - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
         """Predict the state to `time` [s] under the current pressure. An earlier time changes nothing."""
@@ -226,18 +224,14 @@ class KalmanFilter:
         if not span > 1e-12 or math.isinf(span):
             return
         count = math.ceil(span / self.time_step * (1 - 1e-9))
-        prediction = Prediction(count, span / count, self._torque(span), self._densities)
+        self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
+        prediction = Prediction(count, span / count, self._tau, self._densities)
         failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
         if failed < 0:
             raise SimulationError(
                 f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long; use a shorter step"
             )
         self.time = float(time)
-
-    def _torque(self, span: float) -> Array:
-        """Return the mean torques (n,) [N m] of the joints over `span` [s] under the current pressures."""
-        self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
-        return self._tau
 
     def _arrays(self, rows: int) -> FilterWorkspace:
         if rows not in self._workspaces:

@@ -13,6 +13,7 @@ from pliant.model import Model, fixed_length
 from pliant.simulation import state
 
 Array = np.ndarray
+WHOLE = 5  # least number of frames for a rest shape
 
 
 class LinkAngles:
@@ -34,21 +35,14 @@ class LinkAngles:
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 2e-3) -> None:
         fixed_length(model)
-        s = np.asarray(arc_length, dtype=float)
         ends = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])
-        if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > ends[0] + 1e-3 or s[-1] < ends[-1] - 2e-3:
-            raise InputError(
-                f"the points must lie along the body at increasing arc lengths that cover {ends[0] * 1e3:.4g} to "
-                f"{ends[-1] * 1e3:.4g} mm, got {s.size} points from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
-            )
+        s = covering(arc_length, ends, 1e-3)
         if not (np.isfinite(noise) and noise > 0):
             raise InputError(f"the noise of an angle must be positive, in rad, got {noise}")
         if abs(s[-1] - ends[-1]) < 2e-3:  # links are chords, a little shorter than the arc: the last ends at the tip
             ends = ends * (s[-1] / ends[-1])
-        ends = np.clip(ends, s[0], s[-1])
-        left = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, s.size - 2)
-        self._left, self._share = left, ((ends - s[left]) / (s[left + 1] - s[left]))[:, None]
-        self._ends = left.astype(np.int64), self._share[:, 0].copy()
+        self._left, self._share = neighbours(s, np.clip(ends, s[0], s[-1]))
+        self._ends = self._left.astype(np.int64), self._share[:, 0].copy()
         self._values, self._size = twin(link_angle_loops.joint_values), s.size
         self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
@@ -81,13 +75,45 @@ class LinkAngles:
         return Frame(self.rows, values, self._variance)
 
 
+def covering(arc_length: Array, places: Array, slack: float = 0.0) -> Array:
+    """Return the arc lengths (S,) [m] of S points as an array; raise InputError unless they increase and cover the
+    arc lengths `places` [m], but for `slack` [m] at the beginning and 2 mm at the end.
+    """
+    s = np.asarray(arc_length, dtype=float)
+    if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > places[0] + slack or s[-1] < places[-1] - 2e-3:
+        raise InputError(
+            f"the points must lie along the body at increasing arc lengths that cover {places[0] * 1e3:.4g} to "
+            f"{places[-1] * 1e3:.4g} mm, got {s.size} points from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
+        )
+    return s
+
+
+def neighbours(s: Array, places: Array) -> tuple[Array, Array]:
+    """Return for each of K arc lengths `places` [m] the index (K,) of the point before it, of the points at the arc
+    lengths `s` [m], and the weight (K, 1) of the point after it.
+    """
+    left = np.clip(np.searchsorted(s, places, side="right") - 1, 0, s.size - 2)
+    return left, ((places - s[left]) / (s[left + 1] - s[left]))[:, None]
+
+
+def complete(frames: Array) -> Array:
+    """Return the frames without lost points, of T frames of S points (T, S, 2 or 3) [m]; raise InputError if there are
+    fewer than 5.
+    """
+    whole = frames[np.isfinite(frames).all(axis=(1, 2))]
+    if len(whole) < WHOLE:
+        raise InputError(
+            f"a rest shape needs at least {WHOLE} complete frames, got {len(whole)} of {len(frames)}: record the body "
+            "at rest for longer, with all points in view"
+        )
+    return whole
+
+
 def joint_rows(model: Model) -> Array:
     """Return rows (n, 4) that define n measured quantities for an estimator: the angle of each link relative to the
     link before it, and of the first link relative to +y.
     """
     return np.array([(JOINT, i, 0.0, 0.0) for i in range(model.n)], dtype=float)
-
-
 
 
 def needs_joint_rows(model: Model, rows: Array, who: str) -> Array:
@@ -120,13 +146,7 @@ def calibrated(model: Model, arc_length: Array, frames: Array) -> Model:
     InputError
         When fewer than 5 frames are complete.
     """
-    whole = frames[np.isfinite(frames).all(axis=(1, 2))]
-    if len(whole) < 5:
-        raise InputError(
-            f"a rest shape needs at least 5 complete frames, got {len(whole)} of {len(frames)}: record the body at "
-            "rest for longer, with all points in view"
-        )
-    mean = whole.mean(axis=0)
+    mean = complete(frames).mean(axis=0)
     link_angles = LinkAngles(model, arc_length)
     ends = link_angles.ends(mean)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)

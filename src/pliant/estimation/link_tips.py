@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.estimation.contract import Frame
+from pliant.estimation.link_angles import complete, covering, neighbours
 from pliant.estimation.measurement import rows_of
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain, rotation
@@ -15,7 +16,6 @@ from pliant.model import Model, Space
 from pliant.simulation import state
 
 Array = np.ndarray
-WHOLE = 5  # least number of frames for a rest shape
 TURNS = 12  # iterations: the rotation of joints by weight depends on the rest angles, and these on it
 
 
@@ -40,15 +40,9 @@ class LinkTips:
     """
 
     def __init__(self, model: Model, arc_length: Array, noise: float = 3e-4) -> None:
-        s = np.asarray(arc_length, dtype=float)
         tips = model.base_length + np.cumsum(model.link_length)
-        if s.ndim != 1 or s.size < 2 or np.any(np.diff(s) <= 0) or s[0] > tips[0] or s[-1] < tips[-1] - 2e-3:
-            raise InputError(
-                f"the points must lie along the body at increasing arc lengths that cover {tips[0] * 1e3:.4g} to "
-                f"{tips[-1] * 1e3:.4g} mm, got {s.size} points from {s.min() * 1e3:.4g} to {s.max() * 1e3:.4g} mm"
-            )
-        self._left = np.clip(np.searchsorted(s, tips, side="right") - 1, 0, s.size - 2)
-        self._share = ((tips - s[self._left]) / (s[self._left + 1] - s[self._left]))[:, None]
+        s = covering(arc_length, tips)
+        self._left, self._share = neighbours(s, tips)
         self._shape = s.size, mechanics_of(model).dimension
         self.rows = rows_of(model, model.with_(stations=()).points)
         self._variance = np.full(len(self.rows), noise**2)
@@ -88,12 +82,7 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
         When fewer than 5 frames are complete.
     """
     link_tips = LinkTips(model, arc_length)
-    tips = link_tips.tips(frames[np.isfinite(frames).all(axis=(1, 2))])
-    if len(tips) < WHOLE:
-        raise InputError(
-            f"a rest shape needs at least {WHOLE} complete frames, got {len(tips)} of {len(frames)}: record the body "
-            "at rest for longer, with all points in view"
-        )
+    tips = link_tips.tips(complete(frames))
     fitted = model
     for _ in range(TURNS):
         bend, shape = state.equilibrium(fitted), tips.mean(axis=0)

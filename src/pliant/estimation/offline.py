@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import xarray as xr
 from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
+from pliant.estimation.adaptive_observer import without_valves
 from pliant.estimation.measurement import Measurement, flips, measurement_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import (
@@ -25,7 +25,7 @@ from pliant.estimation.symbols import (
 )
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Valve
+from pliant.model import Model
 from pliant.simulation import Trace, state
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
@@ -140,7 +140,7 @@ def input_of(
     clock = recording["pressure_time"].values.astype(float)
     samples = measured("to estimate", recording, model, drive)
     sources = tuple(Trace(*averaged(clock, values, window)) for values in samples)
-    return sources, model.with_(chambers=tuple(replace(c, valve=Valve()) for c in model.chambers))
+    return sources, without_valves(model)
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
-from pliant.exporters.c_functions import DERIVED, Text, parameters
+from pliant.exporters.c_functions import DERIVED, UNIT, Text, parameters
 from pliant.exporters.c_space import text_of
 from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
@@ -27,8 +27,6 @@ from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.extension import CURVES
-from pliant.model.file import UNITS
 from pliant.simulation import state
 from pliant.simulation.solve import check_step
 from pliant.simulation.time_step import shared_step, warn_too_coarse
@@ -161,17 +159,12 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner}{strains} */")
     if queue:
         rows += [f"{kind} queue[{queue}][{C}]; /* Pa, delayed commands */", "int next; /* index of the next command */"]
-    units = {"valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", **dict.fromkeys(DERIVED, "derived"),
-             "torque": "N m/Pa^k", "joint_gain": "1",
-             "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "lever": "m",
-             "tendon_stiffness": "N/m, also in `torque`", "pretension": "N", "friction": "1",
-             "slip_rate": "m/s", "beyond": "1", "axial_stiffness": "N", "axial_damping": "N s",
-             **{f"axial_{name}": "1" for name in CURVES}, "axial_creep_share": "1", "axial_creep_time": "s",
-             "axial_slip_share": "1", "axial_slip_strain": "1",
-             "share": "fraction of each link, the base part first, in each segment"}  # fmt: skip
-    known = {**UNITS, "creep_share": "1", "creep_time": "s", "slip_share": "1", "slip_angle": "rad", **units}
+    notes = dict.fromkeys(DERIVED, "derived") | {
+        "tendon_stiffness": "N/m, also in `torque`",
+        "share": "fraction of each link, the base part first, in each segment",
+    }
     held = [
-        f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {known.get(f, '')} */"
+        f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {notes.get(f) or UNIT.get(f, '')} */"
         for f, v in parameters(text.model).items() if f != "dead_time"
     ]
     return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]

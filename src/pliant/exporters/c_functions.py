@@ -11,12 +11,13 @@ import numpy as np
 
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
-from pliant.equations import energy, inertia, laws, motion, symbols
+from pliant.equations import energy, inertia, laws, motion, observation, symbols
 from pliant.equations.elastic import ROWS, TERMS
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.extension import CURVES
+from pliant.model.file import UNITS
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of
@@ -26,6 +27,14 @@ Array = np.ndarray
 IN_SPACE = ("length", "mass", "centre", "lateral", "axial", "rest", "base")  # derived fields of the body
 DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # fields that `update` computes from the other parameters
 FORM = 5  # index of the law's number in a chamber's constants, which is fixed in the code
+UNIT = {  # of each parameter; one unit for each column where they differ
+    **UNITS, "valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "joint_gain": "1", "creep_share": "1",
+    "creep_time": "s", "slip_share": "1", "slip_angle": "rad", "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad",
+    "base_tilt": "rad", "radius": "m", "stiffness_ratio": "1", "twist_ratio": "1", "lever": "m",
+    "tendon_stiffness": "N/m", "pretension": "N", "friction": "1", "slip_rate": "m/s", "beyond": "1", "share": "1",
+    "axial_stiffness": "N", "axial_damping": "N s", **{f"axial_{name}": "1" for name in CURVES},
+    "axial_creep_share": "1", "axial_creep_time": "s", "axial_slip_share": "1", "axial_slip_strain": "1",
+}
 LIMITS = {"AGREE": 2e-6}  # rad, tolerance that single precision can reach; see `equations.memory`
 
 
@@ -178,9 +187,14 @@ class Text:
         self.phi, self.w = cells("s->angle", (model.size,)), cells("s->rate", (model.size,))
         self.remembered = state.relaxed(model, np.zeros(model.size)).shape if model.memory else (0, 0)
 
+    @property
+    def instead(self) -> dict[Any, Any]:
+        """Kernels of planar chains of fixed length, with the kernels that replace them for this kind of model."""
+        return {}
+
     def writer(self) -> CWriter:
         """Return a writer for a new C function whose body is still empty."""
-        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_")
+        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", self.instead)
 
     def workspace(self, writer: CWriter) -> Any:
         """Declare the kernels' scratch arrays as local variables of a C function, and return them."""
@@ -192,11 +206,13 @@ class Text:
         are declared as local variables of the C function.
         """
         example, joints = mechanics_of(self.model).held(), self.given.joints
-        shapes = {f: v.shape for f, v in example._asdict().items() if f != "springs"}
-        rows = {f: writer.scratch(f"held_{f}", shape) for f, shape in shapes.items()}
-        if "rest" not in rows:
+        arrays = {f: v for f, v in example._asdict().items() if isinstance(v, np.ndarray)}
+        rows = {f: writer.scratch(f"held_{f}", v.shape) for f, v in arrays.items()}
+        springs = joints._replace(**{f: rows[f] for f in ("theta0", "K", "rest", "line") if f in rows})
+        if self.model.space:
+            springs = springs._replace(theta0=writer.scratch("held_theta0", (self.model.size,)))
+        elif "rest" not in rows:
             rows["K"][self.model.n :] = joints.K[self.model.n :]  # of segments, which have no hysteresis
-        springs = joints._replace(**{f: rows[f] for f in ("theta0", "K", "rest") if f in rows})
         memory = cells("s->memory", self.remembered)
         return symbols.Past(self.given.memory, memory, example._replace(springs=springs, **rows))
 
@@ -285,73 +301,78 @@ class Text:
         w.say(f"{joints.K[i]} = p->axial_stiffness[{s}] * {whole};")
         w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
 
+    def placed(self) -> tuple[CWriter, Any]:
+        """Return a writer for a C function, and scratch arrays. The function begins by computing directions, stretches
+        and joints of all links into these arrays.
+        """
+        w, n = self.writer(), self.model.n
+        links, share = w.scratch("links", (5, n + 1)), getattr(self.given.body, "share", np.zeros((n + 1, 0)))
+        base, length = (place(self.model, "p", f) for f in ("base_length", "link_length"))
+        chain = symbols.ObservedChain(base, length, share)
+        w.call(observation.place_links, self.phi, Real("p->base_angle"), chain, links)
+        return w, links
+
     def tips(self) -> str:
         """Return the source of the C function that computes the positions of the link tips."""
-        w, n = self.writer(), self.model.n
-        x, y = w.local("x"), w.local("y")
-        c, s = w.cosine_and_sine("p->base_angle")
-        w.say(f"{x} = -p->base_length * {s};")
-        w.say(f"{y} = p->base_length * {c};")
-        for k in range(n):
-            c, s = w.cosine_and_sine(self.phi[k])
-            w.say(f"{x} -= p->link_length[{k}] * {s};")
-            w.say(f"{y} += p->link_length[{k}] * {c};")
-            w.say(f"tip[{k}][0] = {x};")
-            w.say(f"tip[{k}][1] = {y};")
-        return self.reading("tips", f"tip[{n}][2]", w)
+        w, links = self.placed()
+        for k, length in enumerate(place(self.model, "p", "link_length")):
+            for axis in range(2):
+                w.say(f"tip[{k}][{axis}] = {w.call(observation.position, axis, k, length, 0.0, links)};")
+        return self.reading("tips", f"tip[{self.model.n}][2]", w)
 
     def stations(self) -> str:
         """Return the source of the C function that computes the position of each observed point and the absolute angle
         of its link.
         """
-        w, points = self.writer(), self.model.points
-        x, y = w.local("x"), w.local("y")
-        for carrier in range(-1, self.model.n):
-            angle = self.phi[carrier] if carrier >= 0 else "p->base_angle"
-            c, s = w.cosine_and_sine(angle)
-            for k, point in enumerate(points):
-                if point.link == carrier:
-                    a, b = w.number(point.along), w.number(point.across)
-                    w.say(f"pose[{k}][0] = {x} - {a} * {s} - {b} * {c};")
-                    w.say(f"pose[{k}][1] = {y} + {a} * {c} - {b} * {s};")
-                    w.say(f"pose[{k}][2] = {angle};")
-            length = f"p->link_length[{carrier}]" if carrier >= 0 else "p->base_length"
-            w.say(f"{x} = {x} - {length} * {s};")
-            w.say(f"{y} = {y} + {length} * {c};")
-        rows = len(points)
-        return self.reading("stations", f"pose[{rows}][3]", w)
+        w, links = self.placed()
+        for k, point in enumerate(self.model.points):
+            for axis in range(2):
+                spot = w.call(observation.position, axis, point.link, float(point.along), float(point.across), links)
+                w.say(f"pose[{k}][{axis}] = {spot};")
+            w.say(f"pose[{k}][2] = {self.phi[point.link] if point.link >= 0 else 'p->base_angle'};")
+        return self.reading("stations", f"pose[{len(self.model.points)}][3]", w)
 
     def joint_angles(self) -> str:
         """Return the source of the C function that computes the joint angles relative to the rest shape, and copies the
-        strains of segments that lengthen.
+        strains of segments that lengthen. In space it copies all joint coordinates.
         """
-        w = self.writer()
-        for k in range(self.model.n):
+        w, turned = self.writer(), 0 if self.model.space else self.model.n
+        for k in range(turned):
             before = self.phi[k - 1] if k else "p->base_angle"
             w.say(f"q[{k}] = {self.phi[k]} - {before} - p->rest_angle[{k}];")
-        for i in range(self.model.n, self.model.size):
+        for i in range(turned, self.model.size):
             w.say(f"q[{i}] = {self.phi[i]};")
+        if not turned:
+            w.say("(void)p;")
         return self.reading("joint_angles", f"q[{self.model.size}]", w)
 
     def energy(self) -> str:
         """Return the source of the C function that computes kinetic, elastic and gravitational energy."""
-        w, n, g = self.writer(), self.model.n, self.given
+        w = self.writer()
+        for k, (kernel, *given) in enumerate(self.energies(w)):
+            w.say(f"joule[{k}] = {w.call(kernel, *given)};")
+        return self.reading("energy", "joule[3]", w)
+
+    def energies(self, w: CWriter) -> list[tuple[Any, ...]]:
+        """Return the kernels of kinetic, elastic and gravitational energy, each followed by its arguments."""
+        n, g = self.model.n, self.given
         c, s = w.scratch("cosine", (n,)), w.scratch("sine", (n,))
         for k in range(n):
             pair = w.cosine_and_sine(self.phi[k])
             w.say(f"{c[k]} = {pair[0]};")
             w.say(f"{s[k]} = {pair[1]};")
-        w.say(f"joule[0] = {w.call(energy.kinetic_energy, c, s, self.w, g.body)};")
-        w.say(f"joule[1] = {w.call(energy.elastic_energy, self.phi, g.joints)};")
-        w.say(f"joule[2] = {w.call(energy.gravity_energy, c, s, g.body)};")
-        return self.reading("energy", "joule[3]", w)
+        return [(energy.kinetic_energy, c, s, self.w, g.body), (energy.elastic_energy, self.phi, g.joints),
+                (energy.gravity_energy, c, s, g.body)]  # fmt: skip
 
     def linearise(self) -> str:
         """Return the source of the C function that computes the matrices A (2n, 2n) and B (2n, C) of the model
-        linearised at the present state, for n links and C chambers.
+        linearised at the present state, for n links and C chambers. For a body that lengthens or moves in space, which
+        the export target `state_space` linearises, return an empty text.
 
         Hysteresis elements act as springs, as before they slip.
         """
+        if self.model.space or self.model.extensions:
+            return ""
         w, n, g = self.writer(), self.model.n, self.given
         work, tau = self.workspace(w), w.scratch("tau", (n,))
         out = symbols.Slopes(w.scratch("a", (n,)), w.scratch("by_angle", (n, n)), w.scratch("by_rate", (n, n)))

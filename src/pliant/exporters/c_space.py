@@ -1,23 +1,27 @@
-"""C functions of an exported model in space.
+"""C functions of an exported model whose segments lengthen, or of a model in space.
 
-The module `c_functions` does this for planar models.
+The module `c_functions` does this for planar models of fixed length. The kernels of planar bodies that lengthen are
+those of `equations.extension`, and of `equations.extension_memory` where segments have hysteresis.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from pliant.compiler.c import CWriter
-from pliant.compiler.c_values import Real, cells
-from pliant.compiler.choose import SPATIAL
-from pliant.equations import motion, spatial, spatial_points, spatial_springs, symbols, tendon
-from pliant.exporters.c_extensible import ExtensibleText
-from pliant.exporters.c_functions import LIMITS, Text
-from pliant.mechanics import mechanics_of
-
-Array = np.ndarray
+from pliant.compiler.c_values import Real
+from pliant.compiler.choose import AXIAL, SPATIAL
+from pliant.equations import (
+    energy,
+    extension,
+    inertia,
+    motion,
+    spatial,
+    spatial_points,
+    spatial_springs,
+    tendon,
+)
+from pliant.exporters.c_functions import Text, place
 
 
 def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
@@ -38,25 +42,50 @@ def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
     R[2, 1] = c2 * y * z + c1 * x
 
 
+class ExtensibleText(Text):
+    """Writer of the C functions of one planar model with segments that lengthen."""
+
+    @property
+    def instead(self) -> dict[Any, Any]:
+        return {motion.step: extension.step} | (AXIAL if self.model.memory.has_axial else {})
+
+    def update(self) -> str:
+        """Return the source of the C function that computes inertia and springs from the parameters."""
+        w, n, body, joints = self.writer(), self.model.n, self.given.body, self.given.joints
+        rod = self.model.mass_at == "rod"
+        mass = [0.0, *place(self.model, "p", "link_mass")]
+        centre = w.scratch("centre", (n + 1,))
+        for k in range(n + 1):
+            w.say(f"{centre[k]} = {w.number(0.5 if rod else 1.0)} * {body.l[k]};")
+        w.call(inertia.body_constants, body.l, mass, centre, Real("p->tip_mass"), body.B, body.h)
+        for k in range(n):
+            if rod:
+                square = f"{body.l[k + 1]} * {body.l[k + 1]}"
+                w.say(f"{body.B[k + 1, k + 1]} += {mass[k + 1]} * {square} / {w.number(12.0)};")
+            w.say(f"{joints.K[k]} = p->stiffness[{k}];")
+            w.say(f"{joints.D[k]} = p->damping[{k}];")
+            self.curved_spring(w, k, k)
+        for s in range(self.model.size - n):
+            self.segment(w, s, body.l)
+            if any(e.curved for e in self.model.extensions):
+                self.curved_spring(w, s, n + s, "axial_")
+        return self.function("void", "update", f"{self.prefix}_parameters *p", w)
+
+    def energies(self, w: CWriter) -> list[tuple[Any, ...]]:
+        parts = self.phi, self.w, self.given.body, self.given.joints, self.workspace(w)
+        return [(extension.kinetic_energy, *parts), (energy.elastic_energy, self.phi, self.given.joints),
+                (extension.gravity_energy, *parts)]  # fmt: skip
+
+
 class SpatialText(Text):
     """Writer of the C functions of one model in space."""
 
     pose = 4
 
-    def writer(self) -> CWriter:
-        instead: dict[Any, Any] = SPATIAL
-        if self.model.actuation.tendons:
-            instead = {**SPATIAL, **dict.fromkeys((motion.step, spatial.step), tendon.step)}
-        return CWriter(self.single, LIMITS if self.single else {}, f"{self.prefix}_", instead)
-
-    def past(self, writer: CWriter) -> symbols.Past:
-        example = mechanics_of(self.model).held()
-        arrays = {f: v for f, v in example._asdict().items() if isinstance(v, np.ndarray)}
-        rows = {f: writer.scratch(f"held_{f}", v.shape) for f, v in arrays.items()}
-        shift = writer.scratch("held_theta0", (self.model.size,))
-        springs = self.given.joints._replace(theta0=shift, line=rows["line"])
-        memory = cells("s->memory", self.remembered)
-        return symbols.Past(self.given.memory, memory, example._replace(**rows, springs=springs))
+    @property
+    def instead(self) -> dict[Any, Any]:
+        pulled = dict.fromkeys((motion.step, spatial.step), tendon.step) if self.model.actuation.tendons else {}
+        return SPATIAL | pulled
 
     def update(self) -> str:
         """Return the source of the C function that computes springs, inertia and rest frames from the parameters."""
@@ -133,38 +162,20 @@ class SpatialText(Text):
         """
         w, work = self.posed()
         for k, point in enumerate(self.model.points):
-            place = w.scratch(f"place_{k}", (3,))
+            spot = w.scratch(f"place_{k}", (3,))
             lengths = (float(point.aside), float(point.across), float(point.along))
-            w.call(spatial_points.point_position, point.link, *lengths, work, place)
+            w.call(spatial_points.point_position, point.link, *lengths, work, spot)
             for i in range(3):
-                w.say(f"pose[{k}][{i}] = {place[i]};")
+                w.say(f"pose[{k}][{i}] = {spot[i]};")
             x, y, z = work.R[point.link + 1, :, 2]
             w.say(f"pose[{k}][3] = atan2{w.suffix}(sqrt{w.suffix}({x} * {x} + {y} * {y}), {z});")
         return self.reading("stations", f"pose[{len(self.model.points)}][4]", w)
 
-    def joint_angles(self) -> str:
-        """Return the source of the C function that copies the joint coordinates from the state."""
-        w = self.writer()
-        for i in range(self.model.size):
-            w.say(f"q[{i}] = {self.phi[i]};")
-        w.say("(void)p;")
-        return self.reading("joint_angles", f"q[{self.model.size}]", w)
-
-    def energy(self) -> str:
-        """Return the source of the C function that computes kinetic, elastic and gravitational energy."""
-        w, g = self.writer(), self.given
-        work = self.workspace(w)
-        w.say(f"joule[0] = {w.call(spatial_points.kinetic_energy, self.phi, self.w, g.body, work)};")
-        w.say(f"joule[1] = {w.call(spatial_springs.elastic_energy, self.phi, g.joints)};")
-        w.say(f"joule[2] = {w.call(spatial_points.gravity_energy, self.phi, g.body, work)};")
-        return self.reading("energy", "joule[3]", w)
-
-    def linearise(self) -> str:
-        """Return an empty text, since the C code of a model in space has no function for linearisation.
-
-        The export target `state_space` linearises such a model.
-        """
-        return ""
+    def energies(self, w: CWriter) -> list[tuple[Any, ...]]:
+        g, work = self.given, self.workspace(w)
+        return [(spatial_points.kinetic_energy, self.phi, self.w, g.body, work),
+                (spatial_springs.elastic_energy, self.phi, g.joints),
+                (spatial_points.gravity_energy, self.phi, g.body, work)]  # fmt: skip
 
 
 def text_of(model: Any, prefix: str, *, single: bool) -> Text:

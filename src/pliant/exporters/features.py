@@ -27,9 +27,27 @@ class Feature(NamedTuple):
     fields: tuple[str, ...]  # fields of the model's parts that describe the feature, as Part.field
 
 
-def when(name: str, has: Callable[[Model], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function that takes a model and returns (`name`,) if ``has(model)`` is true, else ()."""
-    return lambda model: (name,) if has(model) else ()
+def of_model(
+    title: str, has: Callable[[Model], object], without: Callable[[Model], Model], *parts: str, name: str = "",
+) -> Feature:
+    """Return a feature of a whole model, which it has if ``has(model)`` is true. `name` names it in messages; default:
+    the title. `parts` are the fields that describe it.
+    """
+    return Feature(title, lambda model: (name or title,) if has(model) else (), without, parts)
+
+
+def of_each(
+    title: str, has: Callable[[Chamber], object], without: Callable[[Model], Model], *parts: str, name: str = "",
+) -> Feature:
+    """Return a feature of each chamber for which ``has(chamber)`` is true. `name` names it in messages; default: the
+    title. If the model has several chambers, the chamber's name is appended. `parts` are the fields that describe it.
+    """
+
+    def names(model: Model) -> tuple[str, ...]:
+        ending = (f" of {c.name}" if model.actuation.count > 1 else "" for c in model.chambers)
+        return tuple((name or title) + end for c, end in zip(model.chambers, ending, strict=True) if has(c))
+
+    return Feature(title, names, without, parts)
 
 
 def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tuple[str, ...]]:
@@ -121,60 +139,31 @@ def straight_springs(model: Model) -> Model:
     return model.with_(**dict.fromkeys(CURVES, 0.0))
 
 
-def untwisted(model: Model) -> Model:
-    """Return the model in space without twist of its joints (twist_ratio = 0)."""
-    return model.with_(space=replace(model.space or Space(), twist_ratio=0.0))
+def refused(words: str) -> Callable[[Model], Model]:
+    """Return a function that raises InputError for a model, with its name before `words`: there is no model without the
+    feature.
+    """
+
+    def refuse(model: Model) -> Model:
+        raise InputError(f"{model.name!r} {words}")
+
+    return refuse
 
 
-def no_plane(model: Model) -> Model:
-    """Raise InputError, because a model in space cannot be exported to a target for planar models."""
-    raise InputError(
-        f"{model.name!r} is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
-        "state-space or urdf"
-    )
-
-
-def of_tendons(change: Callable[[Tendon], Tendon]) -> Callable[[Model], Model]:
-    """Return a function that takes a model and returns a copy with ``change(tendon)`` in place of each tendon."""
-    return of_chambers(lambda chamber: change(chamber) if isinstance(chamber, Tendon) else chamber)
-
-
-def both_taut(tendon: Tendon) -> Tendon:
-    """Return a pair of tendons as one linear spring without pretension, other tendons unchanged. With pretension the
+def both_taut(tendon: Chamber) -> Chamber:
+    """Return a pair of tendons as one linear spring without pretension, other chambers unchanged. With pretension the
     spring has twice a tendon's stiffness, which is exact while both tendons are taut.
     """
-    if not tendon.pair:
+    if not (isinstance(tendon, Tendon) and tendon.pair):
         return tendon
     stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
     return replace(tendon, line_stiffness=stiffness, pretension=0.0)
 
 
-def no_tendons(model: Model) -> Model:
-    """Raise InputError, because a model without its tendons would not move."""
-    raise InputError(
-        f"{model.name!r} is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"
-    )
-
-
-def some(name: str, has: Callable[[Chamber], object]) -> Callable[[Model], tuple[str, ...]]:
-    """Return a function that takes a model and returns a tuple with one `name` for each chamber for which
-    ``has(chamber)`` is true.
-
-    If the model has several chambers, the chamber's name is appended.
-    """
-
-    def names(model: Model) -> tuple[str, ...]:
-        titles = [f"{name} of {c.name}" for c in model.chambers] if model.actuation.count > 1 else [name]
-        return tuple(title for c, title in zip(model.chambers, titles, strict=True) if has(c))
-
-    return names
-
-
 def spring_term(name: str) -> Feature:
     """Return the feature for one nonlinear spring term, such as `cubic_stiffening`."""
-    return Feature(
-        f"spring term {name}", when(f"spring term {name}", lambda m: getattr(m, name).any()),
-        lambda m: m.with_(**{name: [0.0]}), (f"Model.{name}",),
+    return of_model(
+        f"spring term {name}", lambda m: getattr(m, name).any(), lambda m: m.with_(**{name: [0.0]}), f"Model.{name}"
     )
 
 
@@ -183,125 +172,105 @@ def longer(model: Model) -> tuple[str, ...]:
     return tuple(f"segment {e.name} that lengthens" for e in model.extensions)
 
 
-def linear_segments(model: Model) -> Model:
-    """Return the model with linear axial springs in its extensible segments."""
-    straight: dict[str, Any] = dict.fromkeys(CURVES)
-    return model.with_(extensions=tuple(replace(e, **straight) for e in model.extensions))
-
-
 def without_segments(model: Model) -> Model:
     """Return the model without its extensible segments and without their hysteresis."""
     return of_memory(**dict.fromkeys(AXIAL_BRANCHES, ()))(model).with_(extensions=())
 
 
 AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain"))
+STRAIGHT: dict[str, Any] = dict.fromkeys(CURVES)  # no terms of the axial springs but the first
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
-    "springs": Feature(
-        "springs and dampers", when("springs and dampers", lambda _: True), lambda m: m,
-        ("Model.stiffness", "Model.damping", "Extension.stiffness"),
+    "springs": of_model(
+        "springs and dampers", lambda _: True, lambda m: m, "Model.stiffness", "Model.damping", "Extension.stiffness"
     ),
-    "drive": Feature(
-        "torque by pressure", some("torque by pressure", lambda c: c.torque.any()), lambda m: m,
-        ("Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain", "Chamber.axial_gain"),
+    "drive": of_each(
+        "torque by pressure", lambda c: c.torque.any(), lambda m: m,
+        "Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain", "Chamber.axial_gain",
     ),
     "chambers": Feature(
-        "several chambers",
-        lambda m: tuple(f"chamber {c.name}" for c in m.chambers[1:]), lambda m: m.with_(chambers=m.chambers[:1]),
-        ("Model.chambers",),
+        "several chambers", lambda m: tuple(f"chamber {c.name}" for c in m.chambers[1:]),
+        lambda m: m.with_(chambers=m.chambers[:1]), ("Model.chambers",),
     ),
-    "points": Feature(
-        "observed points", when("observed points", lambda m: m.stations), lambda m: m.with_(stations=()),
-        ("Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside"),
+    "points": of_model(
+        "observed points", lambda m: m.stations, lambda m: m.with_(stations=()),
+        "Model.stations", "Station.link", "Station.along", "Station.across", "Station.aside",
     ),
     "lengthening": Feature(
-        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), without_segments,
-        LENGTHENING,
+        "a body in a plane that lengthens", lambda m: () if m.space else longer(m), without_segments, LENGTHENING,
     ),
     "space_lengthening": Feature(
-        "a body in space that lengthens", lambda m: longer(m) if m.space else (), without_segments,
-        LENGTHENING,
+        "a body in space that lengthens", lambda m: longer(m) if m.space else (), without_segments, LENGTHENING,
     ),
     "curved_segments": Feature(
         "axial springs that soften or stiffen",
         lambda m: tuple(f"axial spring of segment {e.name} that softens or stiffens" for e in m.extensions if e.curved),
-        linear_segments, tuple(f"Extension.{name}" for name in CURVES),
+        lambda m: m.with_(extensions=tuple(replace(e, **STRAIGHT) for e in m.extensions)),
+        tuple(f"Extension.{name}" for name in CURVES),
     ),
-    "axial_memory": Feature(
-        "hysteresis of segments that lengthen", when("hysteresis of segments", lambda m: m.memory.has_axial),
-        of_memory(**dict.fromkeys(AXIAL_BRANCHES, ())), tuple(f"Memory.{name}" for name in AXIAL_BRANCHES),
+    "axial_memory": of_model(
+        "hysteresis of segments that lengthen", lambda m: m.memory.has_axial,
+        of_memory(**dict.fromkeys(AXIAL_BRANCHES, ())), *(f"Memory.{name}" for name in AXIAL_BRANCHES),
+        name="hysteresis of segments",
     ),
-    "gravity": Feature(
-        "gravity", when("gravity", lambda m: m.gravity.any()), lambda m: m.with_(gravity=np.zeros_like(m.gravity)),
-        ("Model.gravity",),
+    "gravity": of_model(
+        "gravity", lambda m: m.gravity.any(), lambda m: m.with_(gravity=np.zeros_like(m.gravity)), "Model.gravity",
     ),
-    "softening": Feature(
-        "springs that soften or stiffen",
-        when("softening springs", soft),
-        straight_springs,
-        ("Model.stiffening", "Model.cubic_stiffening"),
+    "softening": of_model(
+        "springs that soften or stiffen", soft, straight_springs, "Model.stiffening", "Model.cubic_stiffening",
+        name="softening springs",
     ),
-    "bounded": Feature(
-        "springs that soften within a bound",
-        when("bounded softening", lambda m: (m.stiffening * m.stiffening_bound).any()), unbounded,
-        ("Model.stiffening_bound",),
+    "bounded": of_model(
+        "springs that soften within a bound", lambda m: (m.stiffening * m.stiffening_bound).any(), unbounded,
+        "Model.stiffening_bound", name="bounded softening",
     ),
     **{  # terms beyond the first two: a target that does not list them refuses them
         term: spring_term(term) for term in tuple(SPRING_TERMS)[2:]
     },
-    "law": Feature(
-        "torque law of higher degree", some("torque law of higher degree", curved), straight_law, ("Chamber.torque",)
+    "law": of_each("torque law of higher degree", curved, straight_law, "Chamber.torque"),
+    "own_law": of_each(
+        "torque law that is no polynomial", lambda c: c.law != POLYNOMIAL, straight_law, "Chamber.law",
     ),
-    "own_law": Feature(
-        "torque law that is no polynomial", some("torque law that is no polynomial", lambda c: c.law != POLYNOMIAL),
-        straight_law, ("Chamber.law",),
+    "lagging_law": of_each(
+        "torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c), straight_law,
+        "Chamber.torque",
     ),
-    "lagging_law": Feature(
-        "torque law of higher degree behind a lagging valve",
-        some("torque law of higher degree behind a lagging valve", lambda c: curved(c) and lag(c)), straight_law,
-        ("Chamber.torque",),
+    "dead_time": of_each("dead time", lambda c: c.valve.dead_time, of_valve(dead_time=0.0), "Valve.dead_time"),
+    "two_lags": of_each(
+        "rise and fall times that differ", lambda c: c.valve.rise_time != c.valve.fall_time, of_chambers(one_lag),
+        "Valve.rise_time", "Valve.fall_time",
     ),
-    "dead_time": Feature(
-        "dead time", some("dead time", lambda c: c.valve.dead_time), of_valve(dead_time=0.0), ("Valve.dead_time",)
+    "lag": of_each(
+        "first-order valve", lambda c: c.valve.rise_time or c.valve.fall_time, of_valve(rise_time=0.0, fall_time=0.0),
+        "Valve.rise_time", "Valve.fall_time",
     ),
-    "two_lags": Feature(
-        "rise and fall times that differ",
-        some("rise and fall times that differ", lambda c: c.valve.rise_time != c.valve.fall_time), of_chambers(one_lag),
-        ("Valve.rise_time", "Valve.fall_time"),
+    "second_order": of_each(
+        "second-order valve", lambda c: c.valve.natural_frequency, of_chambers(first_order),
+        "Valve.natural_frequency", "Valve.damping_ratio",
     ),
-    "lag": Feature(
-        "first-order valve", some("first-order valve", lambda c: c.valve.rise_time or c.valve.fall_time),
-        of_valve(rise_time=0.0, fall_time=0.0), ("Valve.rise_time", "Valve.fall_time"),
+    "rates": of_each(
+        "valve of limited rate", lambda c: c.valve.rise_rate or c.valve.fall_rate,
+        of_valve(rise_rate=0.0, fall_rate=0.0), "Valve.rise_rate", "Valve.fall_rate", name="limited rate of the valve",
     ),
-    "second_order": Feature(
-        "second-order valve", some("second-order valve", lambda c: c.valve.natural_frequency),
-        of_chambers(first_order), ("Valve.natural_frequency", "Valve.damping_ratio"),
+    "opening": of_each(
+        "flow through the valve's opening", lambda c: c.valve.opening_time, of_valve(opening_time=0.0),
+        "Valve.opening_time",
     ),
-    "rates": Feature(
-        "valve of limited rate", some("limited rate of the valve", lambda c: c.valve.rise_rate or c.valve.fall_rate),
-        of_valve(rise_rate=0.0, fall_rate=0.0), ("Valve.rise_rate", "Valve.fall_rate"),
+    "settling": of_each(
+        "pressure that settles late", lambda c: c.valve.settle_share, of_valve(settle_share=0.0),
+        "Valve.settle_share", "Valve.settle_time", name="late settling of the valve",
     ),
-    "opening": Feature(
-        "flow through the valve's opening", some("flow through the valve's opening", lambda c: c.valve.opening_time),
-        of_valve(opening_time=0.0), ("Valve.opening_time",),
+    "dead_band": of_each(
+        "dead band of the regulator", lambda c: c.valve.dead_band, of_valve(dead_band=0.0), "Valve.dead_band",
     ),
-    "settling": Feature(
-        "pressure that settles late", some("late settling of the valve", lambda c: c.valve.settle_share),
-        of_valve(settle_share=0.0), ("Valve.settle_share", "Valve.settle_time"),
+    "swelling": of_each(
+        "swelling", lambda c: c.swell_share, of_chambers(lambda c: replace(c, swell_share=0.0)),
+        "Chamber.swell_share", "Chamber.swell_time",
     ),
-    "dead_band": Feature(
-        "dead band of the regulator", some("dead band of the regulator", lambda c: c.valve.dead_band),
-        of_valve(dead_band=0.0), ("Valve.dead_band",),
-    ),
-    "swelling": Feature(
-        "swelling", some("swelling", lambda c: c.swell_share), of_chambers(lambda c: replace(c, swell_share=0.0)),
-        ("Chamber.swell_share", "Chamber.swell_time"),
-    ),
-    "inflation": Feature(
-        "inflation", some("inflation", lambda c: c.inflation_limit),
-        of_chambers(lambda c: replace(c, inflation_limit=0.0)),
-        ("Chamber.inflation_limit", "Chamber.inflation_time", "Chamber.inflation_jm"),
+    "inflation": of_each(
+        "inflation", lambda c: c.inflation_limit, of_chambers(lambda c: replace(c, inflation_limit=0.0)),
+        "Chamber.inflation_limit", "Chamber.inflation_time", "Chamber.inflation_jm",
     ),
     "creep": Feature(
         "creep", numbered("creep branch", lambda m: len(m.memory.creep_share)),
@@ -311,39 +280,42 @@ FEATURES: dict[str, Feature] = {
         "slip elements", numbered("slip element", lambda m: len(m.memory.slip_share)),
         of_memory(slip_share=(), slip_angle=()), ("Memory.slip_share", "Memory.slip_angle"),
     ),
-    "space": Feature(
-        "a body in space", when("a body in space", lambda m: m.space is not None), no_plane,
-        ("Model.space", "Space.stiffness_ratio", "Space.rest_turn", "Space.base_tilt", "Space.radius"),
+    "space": of_model(
+        "a body in space", lambda m: m.space is not None,
+        refused("is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
+                "state-space or urdf"),
+        "Model.space", "Space.stiffness_ratio", "Space.rest_turn", "Space.base_tilt", "Space.radius",
     ),
-    "twist": Feature(
-        "joints that twist", when("joints that twist", lambda m: m.space is not None and m.space.twist_ratio),
-        untwisted, ("Space.twist_ratio",),
+    "twist": of_model(
+        "joints that twist", lambda m: m.space is not None and m.space.twist_ratio,
+        lambda m: m.with_(space=replace(m.space or Space(), twist_ratio=0.0)), "Space.twist_ratio",
     ),
-    "soft_swing": Feature(
-        "springs that soften or stiffen, of a body in space",
-        when("springs that soften with the size of a swing", lambda m: m.space is not None and soft(m)),
-        straight_springs,
-        ("Model.stiffening", "Model.cubic_stiffening"),
+    "soft_swing": of_model(
+        "springs that soften or stiffen, of a body in space", lambda m: m.space is not None and soft(m),
+        straight_springs, "Model.stiffening", "Model.cubic_stiffening",
+        name="springs that soften with the size of a swing",
     ),
-    "space_memory": Feature(
-        "hysteresis of a body in space", when("hysteresis in space", lambda m: m.space is not None and m.memory),
-        lambda m: m.with_(memory=Memory()), ("Model.memory",),
+    "space_memory": of_model(
+        "hysteresis of a body in space", lambda m: m.space is not None and m.memory,
+        lambda m: m.with_(memory=Memory()), "Model.memory", name="hysteresis in space",
     ),
     "tendons": Feature(
-        "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)), no_tendons,
+        "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)),
+        refused("is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"),
         tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "line_stiffness", "pretension", "pulley", "pair")),
     ),
-    "tendon_friction": Feature(
-        "friction of tendons", some("friction", lambda c: isinstance(c, Tendon) and c.friction),
-        of_tendons(lambda tendon: replace(tendon, friction=0.0)), ("Tendon.friction", "Tendon.slip_rate"),
+    "tendon_friction": of_each(
+        "friction of tendons", lambda c: isinstance(c, Tendon) and c.friction,
+        of_chambers(lambda c: replace(c, friction=0.0) if isinstance(c, Tendon) else c),
+        "Tendon.friction", "Tendon.slip_rate", name="friction",
     ),
-    "pair_pretension": Feature(
-        "pretension of pairs of tendons",
-        some("pretension", lambda c: isinstance(c, Tendon) and c.pair and c.pretension), of_tendons(both_taut), (),
+    "pair_pretension": of_each(
+        "pretension of pairs of tendons", lambda c: isinstance(c, Tendon) and c.pair and c.pretension,
+        of_chambers(both_taut), name="pretension",
     ),
-    "boucwen": Feature(
-        "Bouc-Wen", when("Bouc-Wen", lambda m: m.memory.boucwen_share), of_memory(boucwen_share=0.0),
-        tuple(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
+    "boucwen": of_model(
+        "Bouc-Wen", lambda m: m.memory.boucwen_share, of_memory(boucwen_share=0.0),
+        *(f"Memory.boucwen_{f}" for f in ("share", "beta", "gamma", "exponent")),
     ),
 }
 EVERYWHERE = (  # fields that every target writes, names, and fields that contain others

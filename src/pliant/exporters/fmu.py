@@ -53,23 +53,15 @@ def root_of(provenance: Provenance, this: Identity) -> ET.Element:
         variableNamingConvention="structured",
     )
     root.set("guid" if this.version == "2.0" else "instantiationToken", this.token)
-    abilities = {
-        "modelIdentifier": this.name, "canHandleVariableCommunicationStepSize": "true",
-        "canBeInstantiatedOnlyOncePerProcess": "false",
-    }
+    own = ET.SubElement(root, "CoSimulation", modelIdentifier=this.name, canHandleVariableCommunicationStepSize="true",
+                        canBeInstantiatedOnlyOncePerProcess="false")  # fmt: skip
     if this.version == "2.0":
-        abilities |= {
-            "canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true",
-            "canSerializeFMUstate": "true",
-        }
-        own = ET.SubElement(root, "CoSimulation", abilities)
+        names = ("canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate", "canSerializeFMUstate")
+        own.attrib.update(dict.fromkeys(names, "true"))
         ET.SubElement(ET.SubElement(own, "SourceFiles"), "File", name="all.c")
     else:
-        abilities |= {
-            "canGetAndSetFMUState": "true", "canSerializeFMUState": "true",
-            "fixedInternalStepSize": repr(this.time_step),
-        }
-        ET.SubElement(root, "CoSimulation", abilities)
+        own.attrib.update(dict.fromkeys(("canGetAndSetFMUState", "canSerializeFMUState"), "true"))
+        own.set("fixedInternalStepSize", repr(this.time_step))
     return root
 
 

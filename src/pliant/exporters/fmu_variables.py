@@ -5,33 +5,20 @@ Names and the order of value references match `templates/fmu.c`: time, inputs, o
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from pliant.equations.laws import LAWS
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
-from pliant.exporters.c_functions import DERIVED, parameters
+from pliant.exporters.c_functions import DERIVED, UNIT, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Tendon
-from pliant.model.extension import CURVES
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")
-UNIT_OF = {  # unit of each parameter; one unit per column if the columns of an array differ
-    "link_length": "m", "link_mass": "kg", "tip_mass": "kg", "stiffness": "N.m/rad", "damping": "N.m.s/rad",
-    "rest_angle": "rad", "base_length": "m", "base_angle": "rad",
-    "gravity": "m/s2", "joint_gain": "", "valve": ("s", "s", "Pa/s", "Pa/s"), "rubber": ("", "s", "Pa", "s", ""),
-    "rest_turn": "rad", "base_tilt": "rad", "radius": "m", "stiffness_ratio": "", "twist_ratio": "",
-    "lever": "m", "tendon_stiffness": "N/m", "pretension": "N", "friction": "", "slip_rate": "m/s", "beyond": "",
-    "axial_stiffness": "N", "axial_damping": "N.s", "share": "", **{f"axial_{name}": "" for name in CURVES},
-    "axial_creep_share": "", "axial_creep_time": "s", "axial_slip_share": "", "axial_slip_strain": "",
-    "creep_share": "", "creep_time": "s", "slip_share": "", "slip_angle": "rad",
-    "boucwen": ("", "1/rad^n", "1/rad^n", ""),
-    **{name: term.unit.replace("^", "") for name, term in SPRING_TERMS.items()}, SPRING_BOUND: "",
-}
 BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
     "J": (1, 2, -2, 0), "m/s2": (0, 1, -2, 0), "Pa/s": (1, -1, -3, 0), "1/rad": (0, 0, 0, -1),
@@ -94,12 +81,17 @@ def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
         chamber = model.chambers[index[0]]
         if isinstance(chamber, Tendon):
             return {"N": "m", "m": "N/m", "rad": "N/rad"}[chamber.unit]
-        own = {law.name: [row.unit.replace(" ", ".") for row in law.parameters.values()] for law in LAWS}
+        own = {law.name: [fmu_unit(row.unit) for row in law.parameters.values()] for law in LAWS}
         if units := own.get(chamber.law):
             return units[index[-1]] if index[-1] < len(units) else ""
         return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
-    unit = UNIT_OF[field]
-    return unit if isinstance(unit, str) else unit[index[-1]]
+    columns = UNIT[field].split(", ")
+    return fmu_unit(columns[index[-1]] if len(columns) > 1 else columns[0])
+
+
+def fmu_unit(unit: str) -> str:
+    """Return a unit such as "N m/rad^2" in the notation of FMUs, "N.m/rad2"; "" for a dimensionless number."""
+    return re.sub(r"\^(?=\d)", "", unit.replace(" ", ".")) if unit != "1" else ""
 
 
 def unit_definitions(root: ET.Element, rows: list[Variable]) -> None:

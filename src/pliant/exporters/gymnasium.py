@@ -81,16 +81,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self, num_envs: int = 1, model: Model | str | Path = "", *, highest: float = 0.0, fit: Fit | None = None,
         moving: bool = False, task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
-        self.model = model if isinstance(model, Model) else load_model(model)
-        require_planar(self.model, "an environment of Gymnasium")
+        self.model = planar_model(model)
         self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
         self.task = checked_task(task or EpisodeTask())
-        self.highest = highest or 2.0 * typical_pressure(self.model)
-        if not self.highest > 0:
-            raise InputError(
-                "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a "
-                "torque"
-            )
+        self.highest = highest_pressure(self.model, highest, "reaches no target")
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
@@ -135,20 +129,13 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._body[which] = self.np_random.integers(len(self._bodies), size=len(which))
         self._chains.reset(which, self._body[which])
         self._phase[which] = self.np_random.uniform(0.0, 1.0, len(which))
-        self._target[which] = self.target_at(self._phase[which])
+        self._target[which] = on_curve(self._curve, self._phase[which])
         self._command[which], self._elapsed[which], self._done[which] = 0.0, 0, False
         angle = self._chains.angle
         if self._fibre:
             self._fibre.reset(which, self.np_random)
             angle = self._fibre.see(angle, self.np_random)
         self._before[which] = angle[which]
-
-    def target_at(self, phase: Array) -> Array:
-        """Return N target points (N, 2) [m] on the curve of tip positions that pressure can reach. `phase` (N,) is 0 at
-        the curve's start and 1 at its end.
-        """
-        along = np.linspace(0.0, 1.0, len(self._curve))
-        return np.stack([np.interp(phase, along, self._curve[:, k]) for k in range(2)], axis=1)
 
     def tips(self, angle: Array, *, own: bool) -> Array:
         """Return the tip positions (N, 2) [m] of N chains with n links, at their absolute link angles (N, n) [rad].
@@ -209,7 +196,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         angle = np.where((over | lost)[:, None], now, angle) if self._late else now
         if self.moving:
             turn = 2.0 * np.pi * self.task.frequency * self._elapsed * self._steps * self.task.time_step
-            self._target = self.target_at(0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
+            self._target = on_curve(self._curve, 0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
         apart = np.linalg.norm(self.tips(now, own=True) - self._target, axis=1) / self.model.length
         reward = np.where(over, 0.0, np.where(lost, LOST, -apart))
         time_step = self.task.time_step
@@ -252,6 +239,33 @@ class TipEnv(gymnasium.Env[Array, Array]):
 def alone(info: dict[str, Any]) -> dict[str, Any]:
     """Return the info dict of the first environment of a batch, without the arrays' batch dimension."""
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
+
+
+def planar_model(model: Model | str | Path) -> Model:
+    """Return a planar model, or that of a model file; raise InputError if the body moves in space."""
+    found = model if isinstance(model, Model) else load_model(model)
+    require_planar(found, "an environment of Gymnasium")
+    return found
+
+
+def highest_pressure(model: Model, highest: float, fails: str) -> float:
+    """Return the highest pressure [Pa] of an environment: `highest` or, if it is 0, twice the model's typical pressure.
+    Raise InputError if pressure does not bend the model, so that it `fails`.
+    """
+    found = highest or 2.0 * typical_pressure(model)
+    if not found > 0:
+        raise InputError(
+            f"pressure does not bend this model, so that it {fails}: use a model whose chambers have a torque"
+        )
+    return found
+
+
+def on_curve(curve: Array, phase: float | Array) -> Array:
+    """Return points (..., 2) [m] on a curve of K points (K, 2) [m] at `phase` (...), 0 at its start and 1 at its
+    end.
+    """
+    share = np.linspace(0.0, 1.0, len(curve))
+    return np.stack([np.interp(phase, share, column) for column in curve.T], axis=-1)
 
 
 def checked_task(task: EpisodeTask) -> EpisodeTask:

@@ -15,15 +15,23 @@ from gymnasium import spaces
 from pliant.errors import InputError
 from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
-from pliant.exporters.gymnasium import LOST, Array, EpisodeTask, checked_task, reachable
+from pliant.exporters.gymnasium import (
+    LOST,
+    Array,
+    EpisodeTask,
+    checked_task,
+    highest_pressure,
+    on_curve,
+    planar_model,
+    reachable,
+)
 from pliant.exporters.mjcf import CAN, branches, control, controls, mjcf, number
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, load_model
-from pliant.model.space import require_planar
+from pliant.model import Model
+from pliant.plugins import optional
 from pliant.simulation import state
-from pliant.simulation.state import typical_pressure
 
 PUCK = 0.10  # radius of the puck, as a fraction of the body's length
 SKIN = 0.05  # radius of the body, as a fraction of its length
@@ -58,18 +66,13 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self, model: Model | str | Path, *, highest: float = 0.0, fit: Fit | None = None,
         task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
-        self.mujoco = imported()
-        self.model = model if isinstance(model, Model) else load_model(model)
-        require_planar(self.model, "an environment of Gymnasium")
+        self.mujoco = optional("mujoco", "pliant/Push-v0 needs MuJoCo: pip install mujoco")
+        self.model = planar_model(model)
         self.fit, self.task, self.render_mode = fit, checked_task(task or EpisodeTask()), render_mode
         if lost := missing(self.model, CAN - {"lengthening"}):  # the environment has angles alone
             raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, which simulates "
                              "the puck: use a model without this feature")  # fmt: skip
-        self.highest = highest or 2.0 * typical_pressure(self.model)
-        if not self.highest > 0:
-            raise InputError(
-                "pressure does not bend this model, so that it cannot push: use a model whose chambers have a torque"
-            )
+        self.highest = highest_pressure(self.model, highest, "cannot push")
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 8 + C,), np.float32)
@@ -124,13 +127,8 @@ class PushEnv(gymnasium.Env[Array, Array]):
         ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-12)
         start = self._curve[k] + (PUCK + SKIN) * self.model.length * ahead
         end = where + further * (1.0 - where)
-        target = self.along(end) + (PUCK + SKIN) * self.model.length * ahead
+        target = on_curve(self._curve, end) + (PUCK + SKIN) * self.model.length * ahead
         return start, target
-
-    def along(self, phase: float) -> Array:
-        """Return a point (2,) [m] of the tip's path, from phase 0 (its start) to 1 (its end)."""
-        share = np.linspace(0.0, 1.0, len(self._curve))
-        return np.array([np.interp(phase, share, self._curve[:, k]) for k in range(2)])
 
     def angle(self) -> Array:
         """Return the present absolute angles (n,) [rad] of the simulated actuator's n links."""
@@ -193,12 +191,3 @@ def world(model: Model, time_step: float, highest: float) -> str:
         ET.SubElement(puck, "joint", name=f"puck_{axis}", type="slide", axis=along, frictionloss=rub)
     ET.SubElement(puck, "geom", name="puck", type="cylinder", size=number(radius, radius), mass=number(mass))
     return ET.tostring(root, encoding="unicode")
-
-
-def imported() -> Any:
-    """Return the imported module `mujoco`; raise InputError if it is not installed."""
-    try:
-        import mujoco
-    except ImportError:
-        raise InputError("pliant/Push-v0 needs MuJoCo: pip install mujoco") from None
-    return mujoco

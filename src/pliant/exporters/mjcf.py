@@ -13,7 +13,7 @@ and the segment's axial spring and damper. Equality constraints couple the slide
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -238,32 +238,33 @@ def tendons(root: ET.Element, model: Model, prefix: str) -> None:
     hinges, slides, strains = bodies.hinges, bodies.slides, model.size - len(model.extensions)
     of_slides = bodies.strain_of_slides if slides else np.zeros((0, 0))
     for gain, (_, tendon, _) in zip(model.actuation.gain, chamber_names(model, prefix), strict=True):
-        fixed = ET.SubElement(group, "fixed", name=tendon)
-        for hinge in hinges:
-            ET.SubElement(fixed, "joint", joint=f"{prefix}{hinge.name}", coef=number(gain[hinge.row]))
-        add_slides(fixed, slides, gain[strains:] @ of_slides, prefix)
+        turns = [(prefix + hinge.name, gain[hinge.row]) for hinge in hinges]
+        fixed(group, tendon, [*turns, *moved(slides, gain[strains:] @ of_slides, prefix)])
     for s, segment in enumerate(model.extensions):
         K, D = joints.K[strains + s], joints.D[strains + s]
-        spring = ET.SubElement(group, "fixed", name=f"{prefix}strain_{segment.name}", stiffness=number(K),
-                               damping=number(D), springlength="0")  # fmt: skip
-        add_slides(spring, slides, of_slides[s], prefix)
+        spring = {"stiffness": number(K), "damping": number(D), "springlength": "0"}
+        fixed(group, f"{prefix}strain_{segment.name}", moved(slides, of_slides[s], prefix), **spring)
     for branch in branches(model):
         for hinge in hinges:
-            name = f"{prefix}{branch.name}_{hinge.link + 1}"
-            spring = ET.SubElement(
-                group, "fixed", name=f"{name}_spring", stiffness=number(hinge.stiffness * branch.share),
-                springlength="0",
-            )
-            ET.SubElement(spring, "joint", joint=f"{prefix}{hinge.name}", coef="1")
-            ET.SubElement(spring, "joint", joint=name, coef="-1")
+            name, K = f"{prefix}{branch.name}_{hinge.link + 1}", number(hinge.stiffness * branch.share)
+            fixed(group, f"{name}_spring", [(prefix + hinge.name, 1.0), (name, -1.0)], stiffness=K, springlength="0")
     together(root, group, model, prefix)
 
 
-def add_slides(tendon: ET.Element, slides: Sequence[Slide], coefficients: Array, prefix: str) -> None:
-    """Add slides with their coefficients to a fixed tendon of the MJCF. Slides with the coefficient 0 are left out."""
-    for slide, coefficient in zip(slides, coefficients, strict=True):
-        if coefficient:
-            ET.SubElement(tendon, "joint", joint=f"{prefix}{slide.name}", coef=number(coefficient))
+def fixed(group: ET.Element, name: str, joints: Iterable[tuple[str, float]], **words: str) -> None:
+    """Add a fixed tendon to the MJCF, with the names of its joints and their coefficients, and the attributes
+    `words`.
+    """
+    tendon = ET.SubElement(group, "fixed", attrib={"name": name, **words})
+    for joint, coefficient in joints:
+        ET.SubElement(tendon, "joint", joint=joint, coef=number(coefficient))
+
+
+def moved(slides: Sequence[Slide], coefficients: Array, prefix: str) -> list[tuple[str, float]]:
+    """Return the names of slides with their coefficients in a fixed tendon. Slides with the coefficient 0 are left
+    out.
+    """
+    return [(prefix + slide.name, c) for slide, c in zip(slides, coefficients, strict=True) if c]
 
 
 def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> None:
@@ -293,8 +294,7 @@ def together(root: ET.Element, group: ET.Element, model: Model, prefix: str) -> 
             ET.SubElement(equal, "joint", name=name, joint1=name, joint2=prefix + chiefs[k].name,
                           polycoef=number(0.0, factors[k], 0.0, 0.0, 0.0), **EXACT)  # fmt: skip
         else:
-            apart = ET.SubElement(group, "fixed", name=f"{name}_apart")
-            add_slides(apart, [slide, *chiefs], np.append(1.0, -factors), prefix)
+            fixed(group, f"{name}_apart", moved([slide, *chiefs], np.append(1.0, -factors), prefix))
             ET.SubElement(equal, "tendon", name=name, tendon1=f"{name}_apart", **EXACT)
 
 

@@ -59,7 +59,7 @@ class Provenance:
     def lines(self, form: Form) -> list[str]:
         """Return the origin of an exported model as lines of text, escaped for comments of the given file format."""
         content = self.to_dict()
-        first = [
+        lines = [
             f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
             f"frame: {content['frame']}", "SI units throughout",
         ]
@@ -68,7 +68,9 @@ class Provenance:
         errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
         source = [f"{k}: {v}" for k, v in content["source"].items()]
         sections = {"parameters": rows, "standard errors": errors, "source": source, "left out": self.sentences()}
-        lines = first + [line for title, part in sections.items() if part for line in (f"{title}:", *indent(part))]
+        for title, part in sections.items():
+            if part:
+                lines += [f"{title}:", *(f"  {row}" for row in part)]
         return [escaped(line, form) for line in lines]
 
     def sentences(self) -> list[str]:
@@ -77,11 +79,6 @@ class Provenance:
         """
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
-
-
-def indent(lines: list[str]) -> list[str]:
-    """Return the lines of text with two spaces in front of each."""
-    return [f"  {line}" for line in lines]
 
 
 def command_of(source: Sequence[str], target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:
@@ -100,12 +97,26 @@ def standard_errors(path: str | Path) -> dict[str, float]:
     InputError
         When the file cannot be read or holds no parameters.
     """
+    rows = first_fit(path)["parameters"]
+    return {name: row["std"] for name, row in rows.items() if row.get("std") is not None}
+
+
+def first_fit(path: str | Path) -> dict[str, Any]:
+    """Return the first fit in the metrics.json of `pliant run`, which is that of the chosen model, or a fit saved as
+    JSON. The standard errors of its parameters are numbers or None.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or holds no parameters.
+    """
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
         if "fits" in content:
             fits = content["fits"]
             content = next(iter(fits.values())) if isinstance(fits, dict) else fits[0]
-        rows = content["parameters"]
-        return {name: float(row["std"]) for name, row in rows.items() if row.get("std") is not None}
+        for row in content["parameters"].values():
+            row["std"] = None if row.get("std") is None else float(row["std"])
     except (OSError, ValueError, LookupError, TypeError, StopIteration, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None
+    return content

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
+from pliant.exporters.provenance import first_fit
 from pliant.identification import FitResult
 from pliant.identification.parameters import apply, kind_of
 from pliant.model import Model
@@ -99,7 +99,12 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     """Return the fitted parameters of the actuator and their covariance. Parameters that belong to a single recording
     are left out.
     """
-    content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(Path(fit))
+    content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(fit)
+    if "covariance" not in content:
+        raise InputError(
+            f"{fit} was written by an older version of pliant and has no covariance: run the study again with this "
+            "version"
+        )
     if content.get("covariance") is None:
         raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
     try:
@@ -125,22 +130,6 @@ def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[
     if not (np.isfinite(matrix).all() and np.isfinite(mean).all()):
         raise ValueError("a fit holds finite numbers")
     return Uncertainty(names, mean, matrix)
-
-
-def first_fit(path: Path) -> dict[str, Any]:
-    """Return the first fit in a metrics.json file of `pliant run`, which is that of the chosen model."""
-    try:
-        fits = json.loads(path.read_text(encoding="utf-8"))["fits"]
-        first: dict[str, Any] = next(iter(fits.values()))
-        dict(first["parameters"])
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, StopIteration, RecursionError):
-        raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None
-    if "covariance" not in first:
-        raise InputError(
-            f"{path} was written by an older version of pliant and has no covariance: run the study again with this "
-            "version"
-        )
-    return first
 
 
 def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.plugins import optional
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
@@ -83,10 +84,7 @@ def control_system(model: Model, pressure: float | Array = 0.0, period: float = 
     InputError
         When python-control is not installed.
     """
-    try:
-        import control
-    except ImportError:
-        raise InputError("python-control is not installed: pip install 'pliant[export]'") from None
+    control = optional("control", "python-control is not installed: pip install 'pliant[export]'")
     system = matrices(model, pressure, period)
     labels = {"states": "state", "inputs": "input", "outputs": "output"}
     names = {which: [name.replace(".", "_") for name in system[key]] for which, key in labels.items()}
@@ -100,7 +98,8 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
     A, B, C, states, dead = linear.A, linear.B, linear.C, list(linear.states), linear.dead_times
     if period:
         plant = sample(linear, period)
-        waiting = commands_on_their_way(model, plant.waiting)
+        pairs = zip(model.actuation.labels("command"), plant.waiting, strict=True)  # past commands, as in `Sampled`
+        waiting = [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
         A, B, states, dead = plant.A, plant.B, [*states, *waiting], np.zeros(dead.size)
         C = np.concatenate([C, np.zeros((C.shape[0], len(waiting)))], axis=1)
     point, units = operating_point(model, linear, states)
@@ -112,15 +111,6 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         "output_unit": [output_unit(name) for name in linear.outputs],
         "operating_state": point, "operating_input": linear.pressures,
     }
-
-
-def commands_on_their_way(model: Model, waiting: tuple[int, ...]) -> list[str]:
-    """Return the names of the states that hold past commands in transit because of dead times.
-
-    The order is that of `Sampled`.
-    """
-    pairs = zip(model.actuation.labels("command"), waiting, strict=True)
-    return [f"{label}_{k + 1}_periods_ago" for label, most in pairs for k in range(most)]
 
 
 def output_unit(name: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from ipaddress import ip_address
 from typing import Any
 
@@ -13,6 +12,7 @@ from pliant.errors import InputError
 from pliant.loop.keyed import Sealer, Sessions
 from pliant.loop.packet import LARGEST, pack, unpack
 from pliant.loop.sample import Sample, Sender
+from pliant.plugins import optional
 
 Address = tuple[str, int]
 BURST = 64  # most packets handled in one read, so that a flood cannot delay the loop
@@ -173,10 +173,7 @@ def refuse_open_host(host: str, *, private_link: bool) -> None:
 
 
 def _zmq() -> Any:
-    try:
-        return import_module("zmq")
-    except ImportError:
-        raise InputError("ZeroMQ is not installed: pip install 'pliant[zmq]', or use UDP") from None
+    return optional("zmq", "ZeroMQ is not installed: pip install 'pliant[zmq]', or use UDP")
 
 
 class ZmqSource:

@@ -123,9 +123,8 @@ def align(
     window, span = _rest(recording, rest)
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
-    pose = mean_place(position[window])
-    _require_all(pose, recording)
-    base_rotation = base_rotation_at_rest(_quaternion(recording), index, window)
+    pose = _rest_pose(position[window], recording)
+    base_rotation = base_rotation_at_rest(matrices, index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
@@ -134,10 +133,11 @@ def align(
     offset = _offset(origin_offset, origin, pose[index])
     zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
-    given = input_normal(recording, y, position, pose) if _is(plane, "input") else _axis(plane, base_rotation)
+    method = plane if isinstance(plane, str) else "stated"
+    given = input_normal(recording, y, position, pose) if method == "input" else named_axis(plane, base_rotation)
     normal, flatness = bending_normal(plane if given is None else given, y, position, about, still_noise(position))
-    sign = 1 if _is(plane, "input") else bending_sign(recording, position, pose, zero, np.cross(y, normal))
-    kept = bend is None or (space and not (_is(plane, "motion", "body", "input")))
+    sign = 1 if method == "input" else bending_sign(recording, position, pose, zero, np.cross(y, normal))
+    kept = bend is None or (space and method not in ("motion", "body", "input"))
     if not kept and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
     rotation = np.stack([np.cross(y, normal), y, normal])
@@ -200,7 +200,7 @@ def _pair(rest: Sequence[float]) -> tuple[float, float]:
 def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base: NDArray) -> NDArray:
     """Return the offset from the base station (3,) to the origin: a length along the tangent (), or a vector (3,)."""
     if origin is not None:
-        if not _is_zero(value):
+        if not (isinstance(value, int | float) and value == 0.0):
             raise InputError("origin and origin_offset are both set: remove one of the two")
         if np.shape(origin) != (3,):
             raise InputError(f"origin must be three numbers in metres, not {origin!r}")
@@ -214,14 +214,6 @@ def _offset(value: float | Sequence[float], origin: Sequence[float] | None, base
     return offset
 
 
-def _is_zero(value: Any) -> bool:
-    return isinstance(value, int | float) and value == 0.0
-
-
-def _quaternion(recording: xr.Dataset) -> NDArray | None:
-    return recording["quaternion"].values if "quaternion" in recording else None
-
-
 def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     """Return positions (T, S, d) relative to the origin in the directions of `rows` (d, 3)."""
     result = np.empty((*position.shape[:2], len(rows)))
@@ -230,11 +222,13 @@ def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     return result
 
 
-def _require_all(pose: NDArray, recording: xr.Dataset) -> None:
+def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:
+    pose = mean_place(position)
     unseen = [str(n) for n, p in zip(recording["station"].values, pose, strict=True) if not np.isfinite(p).all()]
     if unseen:
         raise InputError(f"{', '.join(unseen)} is never seen in the rest window, which must show each "
                          "station at least once: choose another rest window")
+    return pose
 
 
 def _without_base_motion(
@@ -252,14 +246,6 @@ def _wanted_sign(bend: str) -> int:
     if bend not in ("positive", "negative"):
         raise InputError(f"bend must be 'positive', 'negative' or None, not {bend!r}")
     return 1 if bend == "positive" else -1
-
-
-def _is(option: Any, *names: str) -> bool:
-    return isinstance(option, str) and option in names
-
-
-def _axis(option: Any, base_rotation: NDArray | None) -> NDArray | None:
-    return named_axis(option, base_rotation) if isinstance(option, str) else None
 
 
 def _named(option: Any) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.preprocessing import detectors
 from pliant.preprocessing.rest import rest_window
 from pliant.recording import append_history, check_recording
+from pliant.recording.inputs import recorded_inputs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,14 +112,11 @@ def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
     seen = np.isfinite(angle)
     if not seen.any():
         return False
-    if "pressure" in recording and recording["pressure"].ndim > 1 and recording.sizes["chamber"] > 1:
+    pressures = [one for one in recorded_inputs(recording) if one.kind == "pressure"]
+    if len(pressures) > 1:
         return False
-    if "pressure" in recording:
-        p = np.interp(
-            recording["time"].values,
-            recording["pressure_time"].values,
-            np.nan_to_num(recording["pressure"].values.reshape(-1)),
-        )
+    if pressures:
+        p = np.interp(recording["time"].values, pressures[0].time, np.nan_to_num(pressures[0].values))
         away = p - np.median(p[:5])
         return bool(float(away[seen] @ angle[seen]) < 0)
     return bool(abs(np.min(angle[seen])) > abs(np.max(angle[seen])))

@@ -14,21 +14,22 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 STRETCH_WORTH_TELLING = 0.02
 
 
-def chord_lengths(position: NDArray[np.float64]) -> NDArray[np.float64]:
+def chord_lengths(position: Array) -> Array:
     """Return the distances (T, S - 1) [m] between neighbouring stations, from the positions (T, S, d) [m] of S stations
     in d dimensions over T frames.
     """
     squared = np.zeros((position.shape[0], position.shape[1] - 1))
     for axis in range(position.shape[2]):
         squared += np.square(np.diff(position[:, :, axis], axis=1))
-    chords: NDArray[np.float64] = np.sqrt(squared, out=squared)
-    return chords
+    return np.sqrt(squared, out=squared)
 
 
-def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+def whole_frames(recording: xr.Dataset) -> tuple[Array, Array, int]:
     """Return the positions (T, S, d) [m] of S stations in d dimensions and the times (T,) [s], for the T frames in
     which no station is missing. Also return the number of frames left out.
 
@@ -53,8 +54,8 @@ def whole_frames(recording: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def station_arc_length(
-    recording: xr.Dataset, position: NDArray[np.float64], chords: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    recording: xr.Dataset, position: Array, chords: Array | None = None
+) -> tuple[Array, tuple[str, ...]]:
     """Return the arc lengths (S,) [m] of S stations, 0 at the first one, and sentences that say how they were
     determined.
 

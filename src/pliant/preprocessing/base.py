@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.preprocessing import detectors
-from pliant.preprocessing.rotations import mean_rotation, to_matrix
+from pliant.preprocessing.rotations import mean_rotation
 from pliant.recording.inputs import inputs_at
 
 if TYPE_CHECKING:
@@ -72,13 +72,13 @@ def base_tangent(
     return axis
 
 
-def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
+def named_axis(name: Any, rotation: NDArray | None) -> NDArray | None:
     """Return the unit vector (3,), in tracker coordinates, of an axis that is named as a text: "+x" of the tracker, or
-    "base:+x" of the base station at rest. Return None for any other text.
+    "base:+x" of the base station at rest. Return None for any other text or object.
 
     Parameters
     ----------
-    name : str
+    name : str or object
     rotation : (3, 3) array or None
         Orientation of the base at rest.
 
@@ -87,7 +87,7 @@ def named_axis(name: str, rotation: NDArray | None) -> NDArray | None:
     InputError
         When the axis is of the base and the base has no orientation.
     """
-    found = AXIS_NAME.fullmatch(name)
+    found = AXIS_NAME.fullmatch(name) if isinstance(name, str) else None
     if found is None:
         return None
     axis = np.zeros(3)
@@ -204,13 +204,11 @@ def bending_normal(
     return normal, float(values[1] / values[2])
 
 
-def base_rotation_at_rest(quaternion: NDArray | None, base: int, window: NDArray) -> NDArray | None:
-    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest; None where its orientation
-    is unknown.
+def base_rotation_at_rest(matrices: NDArray | None, base: int, window: NDArray) -> NDArray | None:
+    """Return the mean rotation matrix (3, 3) of the base station while the body is at rest, from the rotation matrices
+    (T, S, 3, 3) of S stations over T frames; None where its orientation is unknown.
     """
-    if quaternion is None:
-        return None
-    matrix = mean_rotation(to_matrix(quaternion[window, base]))
+    matrix = np.full((3, 3), np.nan) if matrices is None else mean_rotation(matrices[window, base])
     return matrix if np.isfinite(matrix).all() else None
 
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 PLATEAU_TOLERANCE = 0.25  # of k_c: accepted deviation of the plateau and the tail
 LEAST_CONTRAST = 0.15  # of k_c: a body whose curvature is closer to the cap's hides its edge
 CLEAR_CONTRAST = 0.3  # of k_c
@@ -57,7 +59,7 @@ class Tip:
     standard_deviation: float
     confidence: float
     status: str
-    per_frame: NDArray[np.float64]
+    per_frame: Array
     frames_used: int
     frames_without_cap: int
     frames_ambiguous: int
@@ -65,7 +67,7 @@ class Tip:
 
 
 def find_tip(
-    curvature: NDArray[np.float64] | xr.DataArray,
+    curvature: Array | xr.DataArray,
     spacing: float,
     *,
     cap_curvature: float,
@@ -117,7 +119,7 @@ def find_tip(
 
 
 def _template(
-    kappa: NDArray[np.float64], spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float
+    kappa: Array, spacing: float, cap_curvature: float, cap_length: float, width: float, tail: float
 ) -> CapTemplate:
     if kappa.ndim != 2:
         raise InputError(f"curvature must have the shape (time, station), not {kappa.shape}")
@@ -143,11 +145,7 @@ def _template(
 
 
 def _consensus(
-    place: NDArray[np.float64],
-    capped: NDArray[np.bool_],
-    clear: NDArray[np.bool_],
-    contrast: NDArray[np.float64],
-    spacing: float,
+    place: Array, capped: NDArray[np.bool_], clear: NDArray[np.bool_], contrast: Array, spacing: float
 ) -> Tip:
     without, ambiguous = int((~capped).sum()), int((capped & ~clear).sum())
     counted = f"{len(place)} frame(s): {without} without a cap, {ambiguous} with a body curved like the cap"
@@ -188,7 +186,7 @@ class CapTemplate:
         self.samples = 2 * side + int(np.ceil(cap_length / spacing)) + 1
         self.s = (np.arange(self.samples) - side) * spacing  # 0 is the edge between body and cap
 
-    def shares(self, edge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def shares(self, edge: Array) -> tuple[Array, Array]:
         """Return two arrays (T, M): which fractions of the gauge length of each of M samples lie on the body and on the
         tail. In each of T frames the cap begins at `edge` (T,) [m].
         """
@@ -197,7 +195,7 @@ class CapTemplate:
         tail = np.clip((low + self.width - edge[:, None] - self.cap_length) / self.width, 0.0, 1.0)
         return body, tail
 
-    def locate(self, kappa: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def locate(self, kappa: Array) -> tuple[Array, Array]:
         """Return the tip position (T,) [m] along the fibre in T frames, from the curvature `kappa` (T, S) [1/m] of S
         samples. Also return four rows (4, T) [1/m]: mean curvature of body, cap and tail, and the standard error of the
         mean curvature of the cap.
@@ -214,16 +212,14 @@ class CapTemplate:
         edge, mean = self._refine(window, b[rows, best])
         return (best + self.before) * self.spacing + edge, self._levels(window, edge, mean)
 
-    def _sliding(self, weights: NDArray[np.float64], stations: int) -> NDArray[np.float64]:
+    def _sliding(self, weights: Array, stations: int) -> Array:
         """Return a matrix (S, S - M + 1) whose columns hold the weights at every position of the window."""
         columns = np.arange(stations - self.samples + 1)
         matrix = np.zeros((stations, columns.size))
         matrix[columns[None, :] + np.arange(self.samples)[:, None], columns[None, :]] = weights[:, None]
         return matrix
 
-    def _refine(
-        self, window: NDArray[np.float64], mean: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _refine(self, window: Array, mean: Array) -> tuple[Array, Array]:
         """Refine the edge (at most one sample from 0) and the mean curvature of the body by Gauss-Newton."""
         edge = np.zeros(len(window))
         for _ in range(REFINEMENTS):
@@ -240,9 +236,7 @@ class CapTemplate:
             mean = mean + (a11 * g2 - a12 * g1) / safe
         return edge, mean
 
-    def _levels(
-        self, window: NDArray[np.float64], edge: NDArray[np.float64], mean: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _levels(self, window: Array, edge: Array, mean: Array) -> Array:
         """Return the measured curvature of body, plateau and tail, and the standard error of the plateau.
 
         A cap of two gauge lengths or more holds a whole sample, and so does the tail.

@@ -110,17 +110,13 @@ def _load(mapping: Mapping[str, Any]) -> dict[str, Cluster]:
         options = {"markers": [value]} if isinstance(value, str) else value
         options = options if hasattr(options, "items") else {"markers": list(options)}
         clusters[name] = Cluster.load(options, f"station {name!r}")
-    bases = [n for n, c in clusters.items() if _role(n, c) == "base"]
+    bases = [n for n, c in clusters.items() if (c.role or n.lower()[:4]) == "base"]
     if len(bases) > 1:
         raise InputError(
             f"{len(bases)} clusters have the role base: {', '.join(bases)}; put all markers of the base into one "
             'cluster, or set role = "body" for the others'
         )
     return clusters
-
-
-def _role(name: str, cluster: Cluster) -> str:
-    return cluster.role or ("base" if name.lower().startswith("base") else "body")
 
 
 def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, list[str]]:
@@ -133,8 +129,7 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
             found = exact or [m for m in available if fnmatchcase(m, pattern)]
             if not found:
                 raise InputError(f"station {name!r} names a marker {pattern!r} that is not in the recording: correct "
-                                 "the name; "
-                                 f"available: {', '.join(available)}")  # fmt: skip
+                                 f"the name; available: {', '.join(available)}")  # fmt: skip
             for marker in found:
                 if owner.setdefault(marker, name) != name:
                     raise InputError(f"marker {marker!r} belongs to two stations, {owner[marker]!r} and "
@@ -143,8 +138,7 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
                     members[name].append(marker)
         if cluster.point is not None and cluster.point not in members[name]:
             raise InputError(f"point {cluster.point!r} of station {name!r} is not among its markers: set point "
-                             "to one of "
-                             f"{', '.join(members[name])}")  # fmt: skip
+                             f"to one of {', '.join(members[name])}")  # fmt: skip
         if not members[name]:
             raise InputError(f"station {name!r} has no marker: name its markers")
     return members

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 METHODS = ("basis", "savgol", "spline")
 UNEVEN = 0.01  # largest relative deviation of the spacing for a Savitzky-Golay filter
 POLYNOMIAL = 4
@@ -91,7 +93,7 @@ def curvature_of(
     return xr.DataArray(kappa, coords, ("time", "arc_length"), name="curvature", attrs=attrs)
 
 
-def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], window: int = 51) -> NDArray[np.float64]:
+def savgol_curvature(position: Array, s: Array, window: int = 51) -> Array:
     """Compute the curvature (T, S) [1/m] at S evenly spaced stations over T frames by Savitzky-Golay filters of
     polynomial order 4, from their positions (T, S, d) [m] in d dimensions.
 
@@ -115,7 +117,7 @@ def savgol_curvature(position: NDArray[np.float64], s: NDArray[np.float64], wind
     return turning(*(rows @ near for rows in differences(s.size, window, float(spacing.mean()))))
 
 
-def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def turning(first: Array, second: Array) -> Array:
     """Return the curvature (T, S) [1/m] from the first and second derivatives (T, S, d) of a position by arc length,
     for S stations over T frames. It has a sign in the plane (d = 2), none in space (d = 3).
     """
@@ -123,11 +125,10 @@ def turning(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
         across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     else:
         across = np.linalg.norm(np.cross(first, second), axis=2)
-    curvature: NDArray[np.float64] = across / np.linalg.norm(first, axis=2) ** 3
-    return curvature
+    return across / np.linalg.norm(first, axis=2) ** 3
 
 
-def differences(stations: int, window: int, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def differences(stations: int, window: int, spacing: float) -> tuple[Array, Array]:
     """Return two matrices (S, S) that map values at S evenly spaced stations to their first [1/m] and second [1/m^2]
     derivative by arc length.
 

@@ -14,6 +14,8 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 CHUNK = 64  # frames at a time
 ITERATIONS = 12
 SETTLED = 1e-9  # convergence: change of the angle per step, rad
@@ -31,7 +33,7 @@ class CurvatureFit:
     from the points, and `unsettled` the number of frames that did not converge.
     """
 
-    curvature: NDArray[np.float64]
+    curvature: Array
     terms: int
     smoothing: float
     rms_distance: float
@@ -39,11 +41,7 @@ class CurvatureFit:
 
 
 def fit_curvature(
-    position: NDArray[np.float64],
-    s: NDArray[np.float64],
-    *,
-    terms: int | None = None,
-    smoothing: float | None = None,
+    position: Array, s: Array, *, terms: int | None = None, smoothing: float | None = None
 ) -> CurvatureFit:
     """Fit the planar curvature over arc length, sum_j c_j P_j(s) with Legendre polynomials P_j, to the positions (T, S,
     2) [m] of S stations in each of T frames. A start point and a start angle are fitted too.
@@ -87,7 +85,7 @@ def fit_curvature(
 class _Model:
     """Positions as a function of (x_0, y_0, phi_0, c), by quadrature with two Gauss points per interval."""
 
-    def __init__(self, s: NDArray[np.float64], terms: int) -> None:
+    def __init__(self, s: Array, terms: int) -> None:
         length = float(s[-1])
         self.s = s
         self.basis = legendre_basis(s, length, terms)
@@ -103,7 +101,7 @@ class _Model:
         self.roughness = np.zeros((terms + 3, terms + 3))
         self.roughness[3:, 3:] = legendre_roughness(length, terms)
 
-    def start(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def start(self, position: Array) -> Array:
         """Return initial parameters (T, 3 + m) of the curvature fit for T frames: start point x, y [m], start angle
         [rad] and m coefficients. They follow from a linear fit to the directions of chords.
 
@@ -120,9 +118,7 @@ class _Model:
         fitted = np.linalg.solve(design.T @ design + ridge, design.T @ angle.T).T
         return np.concatenate((position[:, 0], fitted), axis=1)
 
-    def linearised(
-        self, parameters: NDArray[np.float64], position: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearised(self, parameters: Array, position: Array) -> tuple[Array, Array]:
         """Return the residual (T, 2 S) [m] of fitted minus measured positions (S of x, then S of y, in T frames), and
         its Jacobian (T, 2 S, 3 + m) with respect to the 3 + m parameters.
         """
@@ -137,9 +133,7 @@ class _Model:
             jacobian[:, axis, 1:, 2:] = self._sums(normal, self.turns)
         return residual.reshape(frames, -1), jacobian.reshape(frames, 2 * stations, -1)
 
-    def solve(
-        self, position: NDArray[np.float64], smoothing: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    def solve(self, position: Array, smoothing: float) -> tuple[Array, Array, int]:
         """Fit the curve in T frames: return its parameters (T, 3 + m) (start point, start angle, m coefficients), the
         distances (T, S) [m] from S stations, and the number of frames that did not converge.
         """
@@ -161,7 +155,7 @@ class _Model:
         distance = np.hypot(*residual.reshape(len(position), 2, -1).transpose(1, 0, 2))
         return parameters, distance, int(moving.sum())
 
-    def cross_validated(self, position: NDArray[np.float64]) -> float:
+    def cross_validated(self, position: Array) -> float:
         """Return the weight [m^5] of the smoothing that has the lowest score in a generalised cross-validation, from
         positions (T, S, 2) [m] of S stations over T frames.
         """
@@ -179,7 +173,7 @@ class _Model:
                 best, best_score = float(smoothing), score
         return best
 
-    def _sums(self, values: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _sums(self, values: Array, columns: Array) -> Array:
         """Return running integrals (T, S - 1, m) at all stations but the first: values (T, G) times columns (G, m)."""
         many = self.points_per_station
         cells = values[:, ::many, None] * columns[::many]
@@ -188,14 +182,14 @@ class _Model:
         return np.cumsum(cells, axis=1, out=cells)
 
 
-def legendre_basis(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
+def legendre_basis(s: Array, length: float, terms: int) -> Array:
     """Return the first `terms` Legendre polynomials at S arc lengths `s` [m] of a body, as columns (S, terms), with the
     body mapped to -1 ... 1.
     """
     return np.asarray(np.polynomial.legendre.legvander(2.0 * s / length - 1.0, terms - 1), dtype=np.float64)
 
 
-def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDArray[np.float64]:
+def legendre_integrals(s: Array, length: float, terms: int) -> Array:
     """Return the integrals from 0 to S arc lengths `s` [m] of the first `terms` Legendre polynomials along a body, as
     columns (S, terms).
 
@@ -209,12 +203,11 @@ def legendre_integrals(s: NDArray[np.float64], length: float, terms: int) -> NDA
     return integrals
 
 
-def legendre_roughness(length: float, terms: int) -> NDArray[np.float64]:
+def legendre_roughness(length: float, terms: int) -> Array:
     """Return the matrix R (terms, terms) for which c^T R c is the integral of f''(s)^2 along the body, where f = sum_j
     c_j P_j in Legendre polynomials P_j.
     """
     x, w = np.polynomial.legendre.leggauss(terms)
     second = np.polynomial.legendre.legder(np.eye(terms), 2, axis=0) if terms > 2 else np.zeros((1, terms))
     values = np.polynomial.legendre.legval(x, second).T * (2.0 / length) ** 2
-    roughness: NDArray[np.float64] = values.T @ (values * (w * length / 2)[:, None])
-    return roughness
+    return values.T @ (values * (w * length / 2)[:, None])

@@ -40,8 +40,7 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
         first, last = at["time"][[0, -1]]
         raise InputError(
             f"{len(kept['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: choose "
-            "a longer interval; the "
-            f"recording runs from {first:.6g} to {last:.6g} s"
+            f"a longer interval; the recording runs from {first:.6g} to {last:.6g} s"
         )
     line = f"cut to {start:g} to {end:g} s: {len(kept['time'])} of {len(at['time'])} frames"
     return check_recording(append_history(recording.isel(kept), line))

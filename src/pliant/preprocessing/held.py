@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.preprocessing.detectors import noise_level
+from pliant.preprocessing.detectors import noise_level, repeated_frames
 from pliant.recording import append_history
 from pliant.recording.inputs import recorded_inputs
 
@@ -41,7 +41,7 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
     flat = position if quaternion is None else np.concatenate([position, quaternion], axis=-1)
     marked = np.zeros(position.shape[:2], dtype=bool)
     marked[stopped(position, flat)] = True
-    candidates = {s: runs(_repeats(flat[:, s])) for s in range(position.shape[1])}
+    candidates = {s: runs(repeated_frames(flat[:, s])) for s in range(position.shape[1])}
     candidates = {s: spans for s, spans in candidates.items() if spans}
     if not candidates:
         return marked
@@ -71,7 +71,7 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
     than its log.
     """
     found = np.zeros(len(position), dtype=bool)
-    again = _repeats(flat.reshape(len(flat), -1))
+    again = repeated_frames(flat)
     usual = np.median(np.diff(np.flatnonzero(~again))) if (~again).sum() > 1 else np.inf
     spans = [(a, b) for a, b in runs(again) if b - a >= LEAST_REPEATS * usual]
     if not spans:
@@ -86,20 +86,12 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
     return found
 
 
-def runs(flags: NDArray) -> list[tuple[int, int]]:
-    """Return (first index, last index + 1) of each run of at least `LEAST_REPEATS` successive True values in a mask
-    `flags` (T,).
+def runs(flags: NDArray, least: int = LEAST_REPEATS) -> list[tuple[int, int]]:
+    """Return (first index, last index + 1) of each run of at least `least` successive True values in a mask `flags`
+    (T,).
     """
     edge = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edge[::2], edge[1::2], strict=True) if b - a >= LEAST_REPEATS]
-
-
-def _repeats(values: NDArray) -> NDArray:
-    """Return a mask (T,) of frames that equal the previous frame in every number that was seen."""
-    now, before = values[1:], values[:-1]
-    lost = np.isnan(now)
-    same = ((now == before) | (lost & np.isnan(before))).all(axis=1) & ~lost.all(axis=1)
-    return np.concatenate([[False], same])
+    return [(int(a), int(b)) for a, b in zip(edge[::2], edge[1::2], strict=True) if b - a >= least]
 
 
 def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, tuple[Span, ...]]:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.errors import InputError
 from pliant.preprocessing import detectors
-from pliant.recording import append_history, check_recording
+from pliant.recording.schema import append_history, check_holds
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,9 +80,7 @@ def exclude_swaps(recording: xr.Dataset) -> xr.Dataset:
 
 
 def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
-    check_recording(recording)
-    if "position" not in recording:
-        raise InputError("detecting exchanged labels needs positions, but the recording holds none: leave swaps out")
+    check_holds(recording, "position", "detecting exchanged labels", "leave swaps out")
     names = [str(n) for n in recording["station"].values]
     order = label_order(recording["position"].values, recording["time"].values)
     listed = ", ".join(

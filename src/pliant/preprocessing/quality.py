@@ -277,15 +277,11 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
         found["orientation_spikes"] = _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), steady))
     if len(names) >= DENSE_STATIONS:
         pairs = [f"{a}-{b}" for a, b in pairwise(names)]
-        found["stretched"] = _counts(pairs, by_blocks(_stretched, fresh, overlap=1))
+        frames = by_blocks(lambda part: detectors.stretched(part, STRETCH_SHARE).sum(0), fresh, overlap=1)
+        found["stretched"] = _counts(pairs, frames)
     if position.shape[2] == 3 and by_blocks(lambda part: np.isfinite(part).all(2).sum(0), position).sum() > 3:
         found["out_of_plane_share"] = detectors.out_of_plane_share(fresh)
     return found
-
-
-def _stretched(part: np.ndarray) -> np.ndarray:
-    """Return the number of frames in which the spacing of each pair of neighbours differs from its median."""
-    return np.asarray(detectors.stretched(part, STRETCH_SHARE).sum(0))
 
 
 def _counts(names: list[str], numbers: np.ndarray) -> dict[str, int]:
@@ -299,11 +295,9 @@ def _standing(names: list[str], deviation: np.ndarray, noise: np.ndarray) -> tup
 
 
 def _pressure_range(recording: xr.Dataset) -> dict[str, tuple[float, float]]:
-    values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1) / 1e3
-    names = [str(c) for c in recording["chamber"].values] if "chamber" in recording.coords else ["p"]
-    seen = {n: v[np.isfinite(v)] for n, v in zip(names, values.T, strict=True)}
-    nan = float("nan")
-    return {n: (float(v.min()), float(v.max())) if v.size else (nan, nan) for n, v in seen.items()}
+    seen = {one.name or "p": one.values[np.isfinite(one.values)] / 1e3
+            for one in recorded_inputs(recording) if one.kind == "pressure"}  # fmt: skip
+    return {n: (float(v.min()), float(v.max())) if v.size else (np.nan, np.nan) for n, v in seen.items()}
 
 
 SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(np.rad2deg(1.0)), "degrees")}

@@ -8,8 +8,9 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
+from pliant.preprocessing.resample import in_time
 from pliant.preprocessing.rotations import continuous, from_matrix, mean_rotation, to_matrix
-from pliant.recording import append_history, check_recording
+from pliant.recording.schema import append_history, check_holds
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,27 +33,17 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     xarray.Dataset
         The recording with filled positions; orientation and angle are not filled.
     """
-    check_recording(recording)
-    if "position" not in recording:
-        raise InputError("fill_gaps needs positions, but the recording holds none: leave this step out")
+    check_holds(recording, "position", "fill_gaps")
     if not longest_s > 0:
         raise InputError(f"fill_gaps needs a positive longest_s in seconds, not {longest_s!r}")
-    time, position = recording["time"].values, recording["position"].values.copy()
-    filled = 0
-    for s in range(position.shape[1]):
-        seen = np.isfinite(position[:, s]).all(1)
-        if seen.all() or seen.sum() < 2:
-            continue
-        rows = np.flatnonzero(seen)
-        after = np.searchsorted(rows, np.arange(len(time)))
-        inside = (~seen) & (after > 0) & (after < len(rows))
-        left, right = rows[np.clip(after - 1, 0, None)], rows[np.clip(after, None, len(rows) - 1)]
-        short = inside & (time[right] - time[left] <= longest_s)
-        for axis in range(position.shape[2]):
-            position[short, s, axis] = np.interp(time[short], time[seen], position[seen, s, axis])
-        filled += int(short.sum())
-    left_over = int(np.isnan(position).any(-1).sum())
-    line = f"filled {filled} drop-out(s) of at most {longest_s:g} s by linear interpolation, {left_over} are left"
+    time, position = recording["time"].values, recording["position"].values
+    lost, bridged = ~np.isfinite(position).all(axis=2), np.full_like(position, np.nan)
+    if (some := lost.any(axis=0)).any():
+        bridged[:, some] = in_time(time, position[:, some], time, longest_s)
+    filled = lost & np.isfinite(bridged).all(axis=2)
+    position = np.where(filled[..., None], bridged, position)
+    line = (f"filled {int(filled.sum())} drop-out(s) of at most {longest_s:g} s by linear interpolation, "
+            f"{int(np.isnan(position).any(-1).sum())} are left")  # fmt: skip
     return append_history(recording.assign(position=recording["position"].copy(data=position)), line)
 
 
@@ -61,9 +52,7 @@ def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
 
     Such frames occur when a log runs faster than its tracker. The pressure, which has its own times, keeps all samples.
     """
-    check_recording(recording)
-    if "position" not in recording:
-        raise InputError("drop_repeated_frames needs positions, but the recording holds none: leave this step out")
+    check_holds(recording, "position", "drop_repeated_frames")
     quaternion = recording["quaternion"].values if "quaternion" in recording else None
     repeated = detectors.repeated_frames(recording["position"].values, quaternion)
     line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
@@ -83,9 +72,7 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     InputError
         When a jump remains that no symmetry explains.
     """
-    check_recording(recording)
-    if "quaternion" not in recording:
-        raise InputError("undo_orientation_jumps needs orientations, but the recording holds none: leave this step out")
+    check_holds(recording, "quaternion", "undo_orientation_jumps")
     quaternion = recording["quaternion"].values.copy()
     changed = {}
     for s, name in enumerate(recording["station"].values):

@@ -10,7 +10,7 @@ from pliant.errors import InputError
 from pliant.preprocessing.arc_length import station_arc_length
 from pliant.preprocessing.rotations import continuous
 from pliant.recording import append_history, check_recording, make_recording
-from pliant.recording.schema import VARIABLES, refuse_loss
+from pliant.recording.schema import VARIABLES, check_holds, refuse_loss
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,9 +40,7 @@ def resample_time(
     longest_gap_s : float
         Longest time between two measured samples to interpolate over; new samples in longer gaps are NaN.
     """
-    check_recording(recording)
-    if "position" not in recording:
-        raise InputError("resample_time needs positions, but the recording holds none: leave this step out")
+    check_holds(recording, "position", "resample_time")
     if (rate_hz is None) == (time is None):
         raise InputError("resample_time needs exactly one of rate_hz and time: set one of them")
     if not longest_gap_s > 0:
@@ -58,7 +56,7 @@ def resample_time(
     arrays = {n: recording[n].values for n in VARIABLES if n in recording and recording[n].dims[:2] == OF_STATIONS}
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
-    resampled = {n: _in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
+    resampled = {n: in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
     if "quaternion" in resampled:
         norm = np.linalg.norm(resampled["quaternion"], axis=-1, keepdims=True)
         resampled["quaternion"] = resampled["quaternion"] / np.where(norm > 0.1, norm, np.nan)
@@ -130,13 +128,8 @@ def resample_arc_length(
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
     gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
     place = _along(arc, position, new, gap)
-    result = _with(
-        recording.drop_dims("station"),
-        recording,
-        {"position": place},
-        station=[f"s{i:03d}" for i in range(len(new))],
-        arc_length=new,
-    )
+    names = [f"s{i:03d}" for i in range(len(new))]
+    result = _with(recording.drop_dims("station"), recording, {"position": place}, station=names, arc_length=new)
     refuse_loss(recording, result, "resample_arc_length", ("quaternion", "angle", "strain"))
     empty = int(np.isnan(place).any(-1).sum())
     line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({findings[0]}), "
@@ -144,8 +137,12 @@ def resample_arc_length(
     return append_history(result, line)
 
 
-def _in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDArray:
-    """Interpolate values (T, S, ...) linearly in time, for each station over the frames in which it was seen."""
+def in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDArray:
+    """Interpolate values (T, S, ...) of S stations at T times `old` [s] linearly to the times `new` (U,) [s], and
+    return them (U, S, ...), for each station over the frames in which it was seen.
+
+    The result is NaN where the seen frames before and after are more than `longest` [s] apart.
+    """
     flat = values.reshape(*values.shape[:2], -1)
     result = np.full((len(new), *flat.shape[1:]), np.nan)
     for s in range(flat.shape[1]):

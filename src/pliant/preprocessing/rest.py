@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
+from pliant.preprocessing.held import runs
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording
 
@@ -47,12 +48,13 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
     quiet = before_inputs(recording)
     if quiet is not None and still_within(position, time, quiet):
         return quiet
-    runs = [run for run in _runs(_still(position, time)) if time[run[1]] - time[run[0]] >= LEAST_REST_S]
-    if not runs:
+    rests = [(start, stop - 1) for start, stop in runs(_still(position, time), 1)]
+    rests = [rest for rest in rests if time[rest[1]] - time[rest[0]] >= LEAST_REST_S]
+    if not rests:
         raise InputError("the body is never at rest for 0.1 s: set the rest window by rest = [start, end] in seconds")
-    first = runs[0]
+    first = rests[0]
     early = _precedes_motion(position, first)
-    chosen = first if early else max(runs, key=lambda run: time[run[1]] - time[run[0]])
+    chosen = first if early else max(rests, key=lambda rest: time[rest[1]] - time[rest[0]])
     return float(time[chosen[0]]), float(time[chosen[1]])
 
 
@@ -149,9 +151,3 @@ def _width(position: NDArray, reach: int) -> NDArray:
     low = minimum_filter1d(np.where(seen, position, np.inf), 2 * reach + 1, axis=0, mode="nearest")
     with np.errstate(invalid="ignore"):
         return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=-1)
-
-
-def _runs(flags: NDArray) -> list[tuple[int, int]]:
-    """Return the first and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

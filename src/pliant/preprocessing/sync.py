@@ -10,7 +10,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.preprocessing.lag_model import Fitted, TimeSeries, body_course, fit_lag, holes, pressure_course
-from pliant.recording import append_history, check_recording
+from pliant.recording.schema import append_history, check_holds, check_recording
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -224,9 +224,7 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
 
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
     """Return the recording with the pressure's sample times t [s] replaced by ``t * (1 + drift) + delay_s``."""
-    check_recording(recording)
-    if "pressure" not in recording:
-        raise InputError("shift_pressure needs a pressure, but the recording holds none: leave this step out")
+    check_holds(recording, "pressure", "shift_pressure")
     if not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError(f"delay_s (in seconds) and drift must be finite, not {delay_s!r} and {drift!r}")
     clock = recording["pressure_time"].copy(data=recording["pressure_time"].values * (1.0 + drift) + delay_s)

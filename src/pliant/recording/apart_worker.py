@@ -105,9 +105,14 @@ def write_answer(out: BinaryIO, arrays: dict[str, np.ndarray], facts: dict[str, 
     The header lists the name, type and shape of each array.
     """
     listed = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
-    header = json.dumps({"facts": facts, "arrays": listed}, default=_unknown).encode()
-    out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
+    write_header(out, {"facts": facts, "arrays": listed})
     out.writelines(array.tobytes() for array in arrays.values())
+
+
+def write_header(out: BinaryIO, content: dict[str, Any]) -> None:
+    """Write the start of an answer to the binary stream `out`, with a dict as JSON."""
+    header = json.dumps(content, default=_unknown).encode()
+    out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
 
 
 def _unknown(value: Any) -> str:
@@ -134,12 +139,6 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
     return arrays, header["facts"]
 
 
-def reason_of(error: BaseException) -> dict[str, Any]:
-    """Return a dict that reports a failed read: the error in one line, and whether pliant refused the content."""
-    lines = str(error).split("\n")
-    return {"reason": (lines[0] or type(error).__name__)[:200], "refused": isinstance(error, Refused)}
-
-
 def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
     """Read a file under limits on time [s] and memory [bytes], and write its arrays, or the reason of a failure, to the
     binary stream `out`.
@@ -149,8 +148,8 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
     try:
         arrays, facts = read(path)
     except BaseException as error:  # noqa: BLE001  whatever a library raises is one reason
-        header = json.dumps(reason_of(error)).encode()
-        out.write(MAGIC + len(header).to_bytes(LENGTH_BYTES, "little") + header)
+        reason = str(error).split("\n")[0] or type(error).__name__
+        write_header(out, {"reason": reason[:200], "refused": isinstance(error, Refused)})
     else:
         write_answer(out, arrays, facts)
 

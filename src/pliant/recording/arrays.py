@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
-from pliant.errors import InputError
+from pliant.errors import InputError, inside
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.schema import make_recording
 from pliant.units import PASCAL, metre_per, pascal_per
@@ -96,18 +96,16 @@ def recording_from_arrays(
     if position is None and found["strain"] is None and pressure is None:
         raise InputError(f"{file} holds no position, strain or pressure under a usual name: name them in the "
                          f"mapping. Its arrays are: {_listing(arrays)}")
-    time = _clock(found, position, options, file)
+    time, log_time = _clock(found, position, options, file), found["pressure_time"]
     shapeless = position is None and found["strain"] is None
-    try:
+    with inside(file):
         return make_recording(
             None if shapeless else time, position, quaternion=found["quaternion"],
             station=options.station if position is not None else None,
-            pressure=pressure, pressure_time=_vector(found["pressure_time"], time) if pressure is not None else None,
+            pressure=pressure, pressure_time=time if log_time is None else np.ravel(log_time),
             strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale), nominal_pressure=level,
             arc_length=_scaled(found["arc_length"], scale), history=history,
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
 
 
 def _one_trial(
@@ -158,15 +156,20 @@ def _find(arrays: Mapping[str, Any], role: str, name: str | None, file: str) -> 
     if len(present) > 1:
         raise InputError(f"{file} has {' and '.join(present)}, which are both usual names of {role}: set {role} in "
                          "the mapping to one of them")
-    return _numbers(arrays[present[0]], present[0], file) if present else None
+    return numbers(arrays[present[0]], f"the array {present[0]} of {file}") if present else None
 
 
-def _numbers(value: Any, name: str, file: str) -> NDArray:
+def numbers(value: Any, name: str, remedy: str = "store it as floats") -> NDArray:
+    """Return an array as float64; raise InputError, which ends in `remedy`, where it holds other than real numbers."""
     array = np.asarray(value)
     if array.dtype.kind not in "iufb":
-        raise InputError(f"the array {name} of {file} must hold real numbers, but has the type {array.dtype}: store "
-                         "it as floats")
+        raise InputError(f"{name} must hold real numbers, but has the type {array.dtype}: {remedy}")
     return array.astype(np.float64)
+
+
+def texts(values: NDArray) -> list[str]:
+    """Return the texts in an array of str or bytes, such as the names of points in an HDF5 file."""
+    return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 
 def _pressure(
@@ -188,7 +191,7 @@ def _pressure(
         if not present:
             return None, None
         name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
-    values = np.squeeze(_numbers(arrays[name], name, file))
+    values = np.squeeze(numbers(arrays[name], f"the array {name} of {file}"))
     return name, np.atleast_1d(values) * pascal_per(unit)
 
 
@@ -213,10 +216,6 @@ def _clock(found: Mapping[str, Any], position: Any, options: ArrayMapping, file:
         raise InputError(f"{file} has no array of times under a usual name: set time (the name of the array) or "
                          "rate_hz in the mapping")
     return np.arange(len(first)) / options.rate_hz
-
-
-def _vector(value: NDArray | None, default: NDArray | None) -> NDArray | None:
-    return default if value is None else np.ravel(value)
 
 
 def _scaled(value: NDArray | None, scale: float) -> NDArray | None:

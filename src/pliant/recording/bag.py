@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.errors import InputError, clipped
+from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.clock import without_repeats
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
 from pliant.units import metre_per, pascal_per
 
@@ -85,13 +85,11 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
     arrays_of, findings = frames_of(stations, origin, metre_per(options.length_unit), path.name)
-    try:
+    with inside(path.name):
         return make_recording(
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
             history=[*history, *(f"{text}; it is left out" for text in unread), *findings],
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
 
 
 def chosen(
@@ -173,16 +171,8 @@ def pressures_of(
         clock = own[keep] if clock is None else clock
         scale = 1.0 if topic.kind == FLUID else pascal_per(str(unit))
         values.append(np.interp(clock, own[keep], scale * topic.rows[keep, 0, 0]))
-    single = len(pressures) == 1
-    return {"pressure_time": clock, "pressure": values[0] if single else np.stack(values, axis=1),
-            "chamber": None if single else list(pressures)}  # fmt: skip
+    chamber = list(pressures) if len(pressures) > 1 else None
+    return {"pressure_time": clock, "pressure": np.stack(values, axis=1), "chamber": chamber}
 
 
-def recognises(head: bytes) -> bool:
-    """Return whether the first bytes of a file, `head`, are those of an MCAP file or an SQLite database, as in ROS 2
-    bags.
-    """
-    return head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0"))
-
-
-READER = Reader("bag", ENDINGS["bag"], read_bag, recognises)
+READER = Reader("bag", ENDINGS["bag"], read_bag, begins_with(b"\x89MCAP0\r\n", b"SQLite format 3\0"))

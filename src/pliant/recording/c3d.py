@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.c3d_facts import (
     MOST_FRAMES,
@@ -88,13 +88,11 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     names, renamed = _names(content, position.shape[1])
     if renamed:
         history.append(f"{renamed} point(s) had no name or a repeated one and got a number")
-    try:
+    with inside(path.name):
         return make_recording(
             np.arange(len(position)) / content.rate, position, station=names, history=history,
             **_analog_pressure(content, options, path.name),
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
 
 
 def _content(path: Path) -> C3dContent:
@@ -178,10 +176,8 @@ def _analog_pressure(content: C3dContent, options: C3dMapping, name: str) -> dic
     channels = [labels.index(c) for c in options.pressure.channels]
     values = content.analog[:, channels] * pascal_per(options.pressure.unit)
     clock = np.arange(len(values)) / content.analog_rate
-    if len(channels) == 1:
-        return {"pressure": values[:, 0], "pressure_time": clock}
     chamber = options.pressure.chamber or options.pressure.channels
-    return {"pressure": values, "pressure_time": clock, "chamber": chamber}
+    return {"pressure": values, "pressure_time": clock, "chamber": chamber if len(channels) > 1 else None}
 
 
 READER = Reader("c3d", ENDINGS["c3d"], read_c3d)

@@ -168,9 +168,12 @@ def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]
     """Convert points (T, S, 2) [pixels] of S stations over T frames to positions (T, S, 3) [m] in the plane z = 0. Also
     return a line for the history that states the scale.
     """
-    place = camera.metres(position[..., :2], folder)
-    flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
-    return np.concatenate([place, flat], axis=2), camera.description(folder)
+    return with_z(camera.metres(position[..., :2], folder)), camera.description(folder)
+
+
+def with_z(place: Array) -> Array:
+    """Return positions (T, S, 2) with a third coordinate, 0 where the point was seen."""
+    return np.concatenate([place, np.where(np.isfinite(place[..., :1]), 0.0, np.nan)], axis=2)
 
 
 def opencv(what: str) -> Any:
@@ -182,6 +185,16 @@ def opencv(what: str) -> Any:
     except ImportError:
         raise InputError(f"{what} needs OpenCV: pip install 'pliant[camera]'") from None
     return cv2
+
+
+def marker_finders(cv2: Any, *dictionaries: str) -> list[Any]:
+    """Return a detector of OpenCV for each dictionary of markers, such as "4X4_250", with corners to a fraction of a
+    pixel.
+    """
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    books = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}")) for name in dictionaries]
+    return [cv2.aruco.ArucoDetector(book, settings) for book in books]
 
 
 def projective(pixels: Array, places: Array) -> Array:
@@ -250,12 +263,9 @@ def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
         if corners[0].sum() > corners[-1].sum():  # a board looks alike turned by half a turn: begin at the upper left
             corners = corners[::-1]
         return corners, board.side_mm * np.column_stack([column, -row]).astype(float)
-    name = cv2.aruco.DICT_ARUCO_ORIGINAL if board.kind == "aruco" else cv2.aruco.DICT_APRILTAG_36h11
-    names = [cv2.aruco.DICT_4X4_250, cv2.aruco.DICT_5X5_250, cv2.aruco.DICT_6X6_250, name]
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    for each in names if board.kind == "aruco" else [name]:
-        seen = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(each), settings).detectMarkers(picture)[0]
+    names = ("4X4_250", "5X5_250", "6X6_250", "ARUCO_ORIGINAL") if board.kind == "aruco" else ("APRILTAG_36h11",)
+    for finder in marker_finders(cv2, *names):
+        seen = finder.detectMarkers(picture)[0]
         if len(seen) == 1:
             corners = np.asarray(seen[0], dtype=float).reshape(4, 2)
             return corners, board.side_mm * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.0, -1.0]])

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError, clipped
+from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
@@ -80,21 +80,21 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     table, kept = _rows(table, header, options)
     time, wrapped = _time(table, header, options)
     history += [*kept, *wrapped]
-    if options.angles:
-        return _turning(time, table, header, options, history)
-    if not options.stations and options.points is None:
-        return _log(time, _pressure(table, header, options), _inputs(table, header, options), history, path.name)
-    arrays, more = _stations(table, header, options)
-    if options.camera is not None:
-        arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
-        more.append(how)
-    try:
+    if options.stations or options.points is not None:
+        arrays, more = _stations(table, header, options)
+        if options.camera is not None:
+            arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
+            more.append(how)
+    else:
+        keep, more = without_repeats(time, path.name)
+        time, table = time[keep], table[keep]
+        arrays, turns = _turning(table, header, options) if options.angles else ({}, [])
+        more += turns
+    with inside(path.name):
         return make_recording(
-            time, **arrays, **_pressure(table, header, options), **_inputs(table, header, options),
-            arc_length=options.arc_length, history=[*history, *more],
+            time if arrays else None, pressure_time=time, input_time=time, history=[*history, *more],
+            **arrays, **_pressure(table, header, options), **_inputs(table, header, options),
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
 
 
 def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, list[str]]:
@@ -182,37 +182,12 @@ def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
     return unwrapped(table[:, header.index(options.time)], options.time_unit, header.file)
 
 
-def _log(
-    time: NDArray, pressure: dict[str, Any], inputs: dict[str, Any], history: list[str], file: str
-) -> xr.Dataset:
-    """Return a recording of pressure or other inputs without a shape."""
-    keep, repeats = without_repeats(time, file)
-    driven = {**pressure, **inputs}
-    for name, clock in (("pressure", "pressure_time"), ("actuation", "input_time")):
-        if name in driven:
-            driven |= {name: driven[name][keep], clock: time[keep]}
-    try:
-        return make_recording(history=[*history, *repeats], **driven)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
-
-
-def _turning(
-    time: NDArray, table: NDArray, header: ColumnHeader, options: ColumnMapping, history: list[str]
-) -> xr.Dataset:
-    """Return a recording of stations of which only the angles were measured."""
-    angles, file = options.angles or {}, header.file
-    keep, repeats = without_repeats(time, file)
+def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
+    """Return the arguments of `make_recording` for stations of which only the angles were measured."""
+    angles = options.angles or {}
     columns = [header.index(column) for column in angles.values()]
-    angle, turns = whole_turns(table[keep][:, columns] * radian_per(options.angle_unit or "rad"))
-    driven = {**_pressure(table[keep], header, options), **_inputs(table[keep], header, options)}
-    try:
-        return make_recording(
-            time[keep], angle=angle, station=list(angles), frame="planar", arc_length=options.arc_length,
-            history=[*history, *repeats, *turns], **driven,
-        )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+    angle, turns = whole_turns(table[:, columns] * radian_per(options.angle_unit or "rad"))
+    return {"angle": angle, "station": list(angles), "frame": "planar", "arc_length": options.arc_length}, turns
 
 
 ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more; one that reads more does not wrap
@@ -265,7 +240,7 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
                 history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
     if any(len(c.position) == 2 for c in stations.values()):
         history.append("stations with two coordinates got z = 0")
-    arrays: dict[str, Any] = {"position": position, "station": list(stations)}
+    arrays: dict[str, Any] = {"position": position, "station": list(stations), "arc_length": options.arc_length}
     if np.isfinite(quaternion).any():
         arrays["quaternion"] = quaternion
     return arrays, history
@@ -290,10 +265,8 @@ def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> d
         return {}
     indices = [header.index(c) for c in options.pressure.columns]
     values = table[:, indices] * pascal_per(options.pressure.unit)
-    if len(indices) == 1 and options.pressure.chamber is None:
-        return {"pressure": values[:, 0]}
-    chamber = options.pressure.chamber or [str(c) for c in options.pressure.columns]
-    return {"pressure": values, "chamber": chamber}
+    chamber = [str(c) for c in options.pressure.columns] if len(indices) > 1 else None
+    return {"pressure": values, "chamber": options.pressure.chamber or chamber}
 
 
 INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pliant.errors import InputError, clipped
+from pliant.errors import InputError, clipped, inside
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.recording.clock import SECONDS, unwrapped
 from pliant.recording.column_names import is_time, parted, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import find_delimiter, judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.tables import find_delimiter, read_rows, read_text, split_cells
 from pliant.recording.wide_csv import pressure_unit, pressures_of
 from pliant.units import metre_per, radian_per
 
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 ARC = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(mm|cm|m)?\s*(?:[\[(][^\[\]()]*[\])])?", re.IGNORECASE)
 PER_METRE = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
@@ -71,21 +73,18 @@ class CurvatureMapping(FileMapping):
 def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a table of curvature along a fibre, integrate it to a shape and return the shape as a recording."""
     options = CurvatureMapping.load(mapping, path.name)
-    lines = read_text(path).split("\n")[options.skip_lines :]
-    if not lines or not lines[0].strip():
+    lines, first_line = read_text(path).split("\n"), options.skip_lines
+    if len(lines) <= first_line or not lines[first_line].strip():
         raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s): "
                          "reduce skip_lines in its mapping")
-    delimiter = find_delimiter(lines[0], path.name)
-    names = split_cells(lines[0], delimiter)
-    rows, history = judge_end(lines[1:], delimiter, path.name)
-    table = parse_numbers(rows, name=path.name, first_line=options.skip_lines + 2, delimiter=delimiter,
-                          columns=len(names))  # fmt: skip
+    delimiter = find_delimiter(lines[first_line], path.name)
+    names = split_cells(lines[first_line], delimiter)
+    table, history = read_rows(lines, first_line + 1, delimiter, path.name, len(names))
     first, second = options.components or (options.curvature, options.direction)
     columns = arcs_of(names, first, options.arc_unit, path.name)
     if len(columns) < 2:
         raise InputError(f"{path.name} has {len(columns)} columns of curvature, named {first}<arc length>, "
-                         f"but needs two or more: set curvature in its mapping. Its columns are "
-                         f"{shorten(names, 8)}")  # fmt: skip
+                         f"but needs two or more: set curvature in its mapping. Its columns are {shorten(names, 8)}")
     arc = np.array(sorted(columns))
     kappa = table[:, [columns[s] for s in arc.tolist()]] * PER_METRE[options.curvature_unit]
     turning = arcs_of(names, second, options.arc_unit, path.name)
@@ -103,18 +102,14 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     left = [n for n, own in zip(other_names.values(), standard, strict=True) if own not in kept]
     history += [f"{len(left)} column(s) of {path.name} were left out: {shorten(left)}"] if left else []
     history.append(f"integrated curvature at {len(arc)} stations, {1e3 * (arc[-1] - arc[0]):.1f} mm, to a shape")
-    try:
+    with inside(path.name):
         return make_recording(
             time, position, arc_length=arc - arc[0], history=[*history, *wrapped], pressure=pressure,
             pressure_time=None if pressure is None else time, chamber=chamber,
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
 
 
-def integrated(
-    kappa: NDArray[np.float64], other: NDArray[np.float64] | None, arc: NDArray[np.float64], options: CurvatureMapping
-) -> NDArray[np.float64]:
+def integrated(kappa: Array, other: Array | None, arc: Array, options: CurvatureMapping) -> Array:
     """Integrate the curvature (T, S) [1/m] at S arc lengths `arc` [m] over T frames, and return the positions (T, S, 3)
     [m] of the curve.
 
@@ -148,9 +143,7 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
     return found
 
 
-def time_of(
-    table: NDArray[np.float64], names: list[str], options: CurvatureMapping, file: str
-) -> tuple[NDArray[np.float64], list[str]]:
+def time_of(table: Array, names: list[str], options: CurvatureMapping, file: str) -> tuple[Array, list[str]]:
     """Return the times (T,) [s] of the T rows of a curvature table, and lines for the history. The times are those of
     its time column or, if it has none, follow from the frame rate.
     """

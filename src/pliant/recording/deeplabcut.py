@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.recording.apart import read_apart
 from pliant.recording.pandas_layout import read_frame
 from pliant.recording.registry import ENDINGS, Reader
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.tables import read_rows, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, tracked
 
 if TYPE_CHECKING:
@@ -67,8 +67,7 @@ def from_csv(path: Path) -> tuple[list[tuple[str, ...]], NDArray, NDArray, list[
     first, width = len(rows), len(rows["coords"])
     if any(len(row) != width for row in rows.values()):
         raise InputError(f"the header rows of {path.name} differ in length: the file is damaged, so export it again")
-    body, findings = judge_end(lines[first:], ",", path.name)
-    table = parse_numbers(body, name=path.name, first_line=first + 1, delimiter=",", columns=width)
+    table, findings = read_rows(lines, first, ",", path.name, width)
     columns = [tuple(rows[level][k] if level in rows else "" for level in LEVELS) for k in range(1, width)]
     return columns, table[:, 0], table[:, 1:], findings
 

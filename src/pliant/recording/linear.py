@@ -77,16 +77,13 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
     if name in CHANNELS and name in recording:
         return name, {}
     for variable, (dimension, _) in CHANNELS.items():
-        if (
-            variable in recording
-            and dimension in recording[variable].dims
-            and name in [str(n) for n in recording[dimension].values]
-        ):
-            return variable, {dimension: [str(n) for n in recording[dimension].values].index(name)}
+        divided = variable in recording and dimension in recording[variable].dims
+        names = [str(n) for n in recording[dimension].values] if divided else []
+        if name in names:
+            return variable, {dimension: names.index(name)}
     held = ", ".join(v for v in CHANNELS if v in recording)
     raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel: correct "
-                     "the name; its "
-                     f"variables are {held}")
+                     f"the name; its variables are {held}")
 
 
 def factor(variable: str, line: LinearScale, name: str, file: str) -> float:

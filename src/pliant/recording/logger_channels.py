@@ -1,21 +1,34 @@
-"""Build a recording of pressure from the channels of a data logger, chosen by name or by unit."""
+"""Build a recording of pressure from the channels of a data logger, chosen by name or by unit, and read LabVIEW TDMS
+files.
+
+nptdms (extra ``tdms``) reads a TDMS file in a separate process. Times come from the waveform properties of a channel
+(``wf_start_offset``, ``wf_increment``), or from a time channel, such as ``Time``.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.errors import InputError, clipped
+from pliant.errors import InputError, clipped, inside
+from pliant.recording.apart import read_apart
 from pliant.recording.clock import without_repeats
 from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
 from pliant.units import PASCAL, pascal_per
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import xarray as xr
     from numpy.typing import NDArray
+
+CLOCK = re.compile(r"(.*/)?(x_value|t|time)([ _(\[]*s[)\]]?)?", re.IGNORECASE)
 
 
 class Channel(NamedTuple):
@@ -81,10 +94,35 @@ def pressure_log(
     read = set(names)
     left = [n for n in channels if n not in read]
     findings = [f"{len(left)} channel(s) of {file} hold no pressure and were left out: {shorten(left)}"] if left else []
-    try:
+    with inside(file):
         return make_recording(
-            pressure=values[:, 0] if single else values, pressure_time=time[keep],
+            pressure=values, pressure_time=time[keep],
             chamber=None if single else options.chamber or names, history=[*history, *findings, *repeats],
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+
+
+def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+    """Read the pressures in a LabVIEW TDMS file and return them as a recording without shape."""
+    if find_spec("nptdms") is None:
+        raise InputError(f"{path.name}: TDMS files need nptdms, which is not installed: pip install 'pliant[tdms]'")
+    arrays, facts = read_apart("tdms", path, "TDMS")
+    clocks = [c["key"] for c in facts["channels"] if CLOCK.fullmatch(c["name"])]
+    channels: dict[str, Channel] = {}
+    for entry in facts["channels"]:
+        values = arrays[entry["key"]]
+        if entry["key"] in clocks:
+            continue
+        if entry["step"]:
+            time = entry["start"] + entry["step"] * np.arange(len(values))
+        elif len(clocks) == 1 and len(arrays[clocks[0]]) == len(values):
+            time = arrays[clocks[0]]
+        else:
+            raise InputError(f"{path.name} has no times for channel {entry['name'][:60]}: export it with waveform "
+                             "properties (wf_increment) or with one time channel of the same length")  # fmt: skip
+        channels[entry["name"]] = Channel(time, values, entry["unit"])
+    others = facts["others"]
+    findings = [f"{len(others)} channel(s) of {path.name} hold no numbers: {shorten(others)}"] if others else []
+    return pressure_log(channels, mapping, path.name, findings)
+
+
+TDMS = Reader("tdms", ENDINGS["tdms"], read_tdms, begins_with(b"TDSm"))

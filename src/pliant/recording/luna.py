@@ -46,27 +46,22 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     scale = _strain_scale(header, path.name)
     gauges, first = _gauges(lines, at, path.name)
     body, findings = judge_end(lines[first:], "\t", path.name)
-    rows = [(i, line) for i, line in enumerate(body, first) if line.strip()]
+    rows = [(i, line.split("\t", LABEL_CELLS)) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
         raise InputError(f"{path.name} holds no measurement after its x-axis row: export it again")
-    kept, dropped = [], 0
-    for number, line in rows:
-        if len(line.split("\t", LABEL_CELLS)) <= LABEL_CELLS:
-            raise InputError(f"line {number + 1} of {path.name} holds no values: the file may be truncated, so copy "
-                             "or export it again")
-        if _label(line, 2) not in ("strain", ""):
-            dropped += 1
-            continue
-        kept.append((number, line))
+    if short := [number for number, cells in rows if len(cells) <= LABEL_CELLS]:
+        raise InputError(f"line {short[0] + 1} of {path.name} holds no values: the file may be truncated, so copy or "
+                         "export it again")
+    kept = [(number, cells) for number, cells in rows if cells[2].strip().lower() in ("strain", "")]
     if not kept:
         raise InputError(f"none of the {len(rows)} rows of {path.name} holds strain: export strain from the Luna "
                          "software")
-    stamps = [_time_stamp(line.split("\t", 1)[0], number, path.name) for number, line in kept]
-    values = [line.split("\t", LABEL_CELLS)[LABEL_CELLS] for _, line in kept]
+    stamps = [_time_stamp(cells[0], number, path.name) for number, cells in kept]
+    values = [cells[LABEL_CELLS] for _, cells in kept]
     findings += _pitch(header, gauges)
     strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
-    if dropped:
-        findings.append(f"{dropped} row(s) hold another quantity than strain and were left out")
+    if len(kept) < len(rows):
+        findings.append(f"{len(rows) - len(kept)} row(s) hold another quantity than strain and were left out")
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     return make_recording(
         time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=findings,
@@ -106,11 +101,6 @@ def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:
     return append_history(joined, f"joined {len(names)} cores: {', '.join(names)}")
 
 
-def _label(line: str, index: int) -> str:
-    cells = line.split("\t", LABEL_CELLS)
-    return cells[index].strip().lower() if len(cells) > index else ""
-
-
 def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
     header: dict[str, str] = {}
     for i, line in enumerate(lines[:500]):
@@ -133,7 +123,7 @@ def _strain_scale(header: Mapping[str, str], name: str) -> float:
 
 def _gauges(lines: list[str], at: int, name: str) -> tuple[np.ndarray, int]:
     for i in range(at, min(at + 20, len(lines))):
-        if _label(lines[i], 0) == "x-axis":
+        if lines[i].partition("\t")[0].strip().lower() == "x-axis":
             text = lines[i].rstrip().split("\t")[LABEL_CELLS:]
             if not text:
                 break

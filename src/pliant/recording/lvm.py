@@ -14,7 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.logger_channels import Channel, pressure_log
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.tables import judge_end, parse_numbers, read_text
 
 if TYPE_CHECKING:
@@ -114,9 +114,4 @@ def channels_of(
     return channels
 
 
-def recognises(head: bytes) -> bool:
-    """Return whether the first bytes of a file, `head`, are those of a LabVIEW measurement file."""
-    return head.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
-
-
-READER = Reader("lvm", ENDINGS["lvm"], read_lvm, recognises)
+READER = Reader("lvm", ENDINGS["lvm"], read_lvm, begins_with(b"LabVIEW Measurement"))

@@ -15,9 +15,9 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.recording.columns import unit_quaternions
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells, whole_number
+from pliant.recording.tables import read_rows, read_text, split_cells, whole_number
 from pliant.units import metre_per
 
 if TYPE_CHECKING:
@@ -96,8 +96,7 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         raise InputError(f"{path.name} is not a Motive export: it does not begin with Format Version; export it from "
                          "Motive as CSV")
     header = _Header(lines, options, path.name)
-    rows, findings = judge_end(lines[header.first :], ",", path.name)
-    table = parse_numbers(rows, name=path.name, first_line=header.first + 1, delimiter=",", columns=header.width)
+    table, findings = read_rows(lines, header.first, ",", path.name, header.width)
     scale = _scale(header, options, path.name)
     names = [n for n, c in header.columns.items() if all(("Position", a) in c for a in "XYZ")]
     if not names:
@@ -168,8 +167,4 @@ def _rotations(table: NDArray, header: _Header, names: list[str]) -> tuple[NDArr
     return (quaternion if np.isfinite(quaternion).any() else None), history
 
 
-def _recognises(head: bytes) -> bool:
-    return head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version"))
-
-
-READER = Reader("motive", ENDINGS["motive"], read_motive, _recognises)
+READER = Reader("motive", ENDINGS["motive"], read_motive, begins_with(b"Format Version"))

@@ -14,7 +14,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
 
 if TYPE_CHECKING:
@@ -134,20 +134,11 @@ def _in_memory(recording: xr.Dataset) -> xr.Dataset:
             recording = recording.assign_coords({name: recording[name].astype(str)})
     for name in (*VARIABLES, *COORDINATES):
         if name in recording.variables and recording[name].dtype.kind in "iuf" and recording[name].dtype != np.float64:
-            converted = recording[name].astype(np.float64)
-            recording = (
-                recording.assign_coords({name: converted})
-                if name in recording.coords
-                else recording.assign({name: converted})
-            )
+            recording[name] = recording[name].astype(np.float64)  # it is ours since drop_encoding
     attrs = {key: value.item() if isinstance(value, np.generic) else value for key, value in recording.attrs.items()}
     attrs.pop("Conventions", None)
-    recording.attrs = attrs  # it is ours since drop_encoding
+    recording.attrs = attrs
     return recording
 
 
-def _recognises(head: bytes) -> bool:
-    return head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF"))
-
-
-READER = Reader("netcdf", ENDINGS["netcdf"], read_netcdf, _recognises)
+READER = Reader("netcdf", ENDINGS["netcdf"], read_netcdf, begins_with(b"\x89HDF\r\n\x1a\n", b"CDF"))

@@ -16,7 +16,7 @@ import numpy as np
 from pliant.errors import InputError, clipped
 from pliant.recording.apart_worker import content_bound
 from pliant.recording.arrays import recording_from_arrays
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, begins_with
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -91,4 +91,4 @@ def announced_entries(stream: BinaryIO) -> int:
     return int.from_bytes(tail[at + 10 : at + 12], "little")
 
 
-READER = Reader("npz", ENDINGS["npz"], read_npz, lambda head: head.startswith(b"PK"))
+READER = Reader("npz", ENDINGS["npz"], read_npz, begins_with(b"PK"))

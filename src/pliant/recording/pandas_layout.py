@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError, clipped
+from pliant.recording.arrays import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -76,11 +77,9 @@ def _table(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
         names += _columns(plain_value(rows[f"{block}_kind"]), len(levels))
         parts.append(_numbers(arrays[f"{at}/table:{block}"]))
     columns = _columns(order, len(levels))
-    place = {name: k for k, name in enumerate(names)}
-    if set(place) != set(columns) or not len(names) == len(place) == len(columns):
+    if set(names) != set(columns) or not len(names) == len(set(names)) == len(columns):
         raise ValueError("its column names differ between its two lists, or repeat")
-    values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-    return StoredFrame(levels, columns, _numbers(arrays[f"{at}/table:index"]), values[:, [place[c] for c in columns]])
+    return _joined(levels, columns, arrays[f"{at}/table:index"], names, parts)
 
 
 def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str) -> StoredFrame:
@@ -91,11 +90,19 @@ def _fixed(arrays: Mapping[str, NDArray], attributes: Mapping[str, Any], at: str
     for k in range(int(attributes[at]["nblocks"])):
         names += _axis(arrays, attributes, at, f"block{k}_items")[1]
         parts.append(_numbers(arrays[f"{at}/block{k}_values"]))
+    return _joined(levels, columns, arrays[f"{at}/axis1"], names, parts)
+
+
+def _joined(
+    levels: tuple[str, ...], columns: list[tuple[str, ...]], rows: NDArray, names: list[tuple[str, ...]],
+    parts: list[NDArray],
+) -> StoredFrame:
+    """Return the table whose columns `names` are stored in `parts`, in the order of `columns`."""
+    values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
     place = {name: k for k, name in enumerate(names)}
-    values = np.concatenate(parts, axis=1)
-    if len(place) != len(names) or values.shape[1] != len(names):
+    if not len(place) == len(names) == values.shape[1]:
         raise ValueError(f"{len(names)} names for {values.shape[1]} columns, or names that repeat")
-    return StoredFrame(levels, columns, _numbers(arrays[f"{at}/axis1"]), values[:, [place[c] for c in columns]])
+    return StoredFrame(levels, columns, _numbers(rows), values[:, [place[c] for c in columns]])
 
 
 def _axis(
@@ -105,12 +112,12 @@ def _axis(
     count = int(attributes[at][f"{axis}_nlevels"])
     if not 0 < count < 10:
         raise ValueError(f"its columns have {count} levels")
-    texts = [[_text(v) for v in arrays[f"{at}/{axis}_level{k}"].ravel()] for k in range(count)]
+    names = [texts(arrays[f"{at}/{axis}_level{k}"]) for k in range(count)]
     codes = [arrays[f"{at}/{axis}_label{k}"].ravel() for k in range(count)]
     if any(c.dtype.kind not in "iu" or c.min(initial=0) < 0 or c.max(initial=-1) >= len(t)
-           for c, t in zip(codes, texts, strict=True)):  # fmt: skip
+           for c, t in zip(codes, names, strict=True)):  # fmt: skip
         raise ValueError("a column has no name")
-    entries = [tuple(t[int(c)] for c, t in zip(row, texts, strict=True)) for row in zip(*codes, strict=True)]
+    entries = [tuple(t[int(c)] for c, t in zip(row, names, strict=True)) for row in zip(*codes, strict=True)]
     if len(entries) > LARGEST_TABLE:
         raise ValueError(f"{len(entries)} columns")
     return tuple(str(attributes[f"{at}/{axis}_level{k}"].get("name", "")) for k in range(count)), entries
@@ -128,10 +135,6 @@ def _numbers(values: NDArray) -> NDArray:
     if values.dtype.kind not in "iuf":
         raise TypeError(f"numbers are {values.dtype}")
     return values.astype(np.float64)
-
-
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def plain_value(text: str) -> Any:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.registry import ENDINGS, Reader
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.registry import ENDINGS, Reader, begins_with
+from pliant.recording.tables import judge_end, parse_numbers, read_rows, read_text, split_cells
 from pliant.recording.trackers import TrackerMapping, seconds, tracked
 
 if TYPE_CHECKING:
@@ -52,8 +52,7 @@ def one_track(path: Path) -> tuple[str, Track, list[str]]:
         raise InputError(f"{path.name} is not a data table of Tracker: a row t, x, y is missing in its header; "
                          "export the track again with t, x and y")
     delimiter, cells = header_of(lines[at]) or ("", [])
-    rows, findings = judge_end(lines[at + 1 :], delimiter, path.name)
-    table = parse_numbers(rows, name=path.name, first_line=at + 2, delimiter=delimiter, columns=len(cells))
+    table, findings = read_rows(lines, at + 1, delimiter, path.name, len(cells))
     name = split_cells(lines[0], delimiter)[0] if at else path.stem
     return name or path.stem, (table[:, cells.index("t")], table[:, [cells.index("x"), cells.index("y")]]), findings
 
@@ -119,6 +118,4 @@ def is_tracker(head: bytes) -> bool:
 
 
 TRACKER = Reader("tracker", ENDINGS["tracker"], read_tracker, is_tracker)
-KINOVEA = Reader(
-    "kinovea", ENDINGS["kinovea"], read_kinovea, lambda head: head.lstrip(b"\xef\xbb\xbf").startswith(b"#Kinovea")
-)
+KINOVEA = Reader("kinovea", ENDINGS["kinovea"], read_kinovea, begins_with(b"#Kinovea"))

@@ -36,7 +36,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
     "mat": ("pliant.recording.mat:READER", (".mat",)),
     "curvature": ("pliant.recording.curvature:READER", (".csv", ".tsv", ".txt")),
     "lvm": ("pliant.recording.lvm:READER", (".lvm",)),
-    "tdms": ("pliant.recording.tdms:READER", (".tdms",)),
+    "tdms": ("pliant.recording.logger_channels:TDMS", (".tdms",)),
     "bag": ("pliant.recording.bag:READER", (".mcap", ".db3")),
     "luna": ("pliant.recording.luna:READER", (".tsv", ".txt")),
     "motive": ("pliant.recording.motive:READER", (".csv",)),
@@ -79,6 +79,11 @@ class Reader:
     read: Callable[[Path, Mapping[str, Any] | None], xr.Dataset]
     recognises: Callable[[bytes], bool] = lambda _head: True
     needs_mapping: bool = False
+
+
+def begins_with(*starts: bytes) -> Callable[[bytes], bool]:
+    """Return a function that says whether the first bytes of a file, behind a byte-order mark, are one of `starts`."""
+    return lambda head: head.removeprefix(b"\xef\xbb\xbf").startswith(starts)
 
 
 def readers() -> dict[str, Reader]:

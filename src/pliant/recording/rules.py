@@ -175,9 +175,12 @@ def _check_inputs(recording: xr.Dataset) -> None:
     if strange := [str(k) for k in recording["kind"].values if str(k) not in INPUT_UNITS]:
         kinds = ", ".join(INPUT_UNITS)
         raise InputError(f"the kind of an input must be one of {kinds}, not {clipped(repr(strange[0]), 60)}")
-    names = [str(n) for n in recording["input"].values]
+    _check_repeats("input", [str(n) for n in recording["input"].values])
+
+
+def _check_repeats(kind: str, names: list[str]) -> None:
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise InputError(f"input names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
+        raise InputError(f"{kind} names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
 
 
 def _check_stations(recording: xr.Dataset) -> None:
@@ -187,9 +190,7 @@ def _check_stations(recording: xr.Dataset) -> None:
     names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
     if not names or len(names) != recording.sizes["station"]:
         raise InputError(f"{shown} needs at least one station and a name for each")
-    repeated = sorted(name for name, count in Counter(names).items() if count > 1)
-    if repeated:
-        raise InputError(f"station names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
+    _check_repeats("station", names)
     if shown == "angle":
         return
     axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []

@@ -154,6 +154,18 @@ def make_recording(
     return check_recording(recording)
 
 
+NEEDED = {"position": "positions", "quaternion": "orientations", "pressure": "a pressure", "strain": "strain"}
+
+
+def check_holds(recording: xr.Dataset, variable: str, step: str, remedy: str = "leave this step out") -> None:
+    """Check a recording, and raise InputError if it lacks the variable that a processing `step` needs. The message ends
+    in `remedy`.
+    """
+    check_recording(recording)
+    if variable not in recording:
+        raise InputError(f"{step} needs {NEEDED[variable]}, but the recording holds none: {remedy}")
+
+
 def refuse_loss(before: xr.Dataset, after: xr.Dataset, step: str, dropped: Sequence[str] = ()) -> None:
     """Raise InputError if a processing `step` lost a variable of a recording that it does not drop on purpose, because
     the step does not know how to transform it.
@@ -199,6 +211,14 @@ def _axes(count: int) -> list[str]:
     return list("xyz"[:count])
 
 
+def _add_clock(coords: dict, clock: Any, variable: str, name: str) -> None:
+    """Add the sample times of the inputs as the coordinate `name`: `clock`, or the times of the shape."""
+    clock = coords.get("time") if clock is None else clock
+    if clock is None:
+        raise InputError(f"{variable} has no times: pass {name} [s], one time per sample")
+    coords[name] = _floats(name, clock, 1)
+
+
 def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, chamber: Any) -> None:
     if pressure is None:
         return
@@ -206,11 +226,7 @@ def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, cham
     array = _floats("pressure", pressure, min(max(array.ndim, 1), 2))
     if array.ndim == 2 and array.shape[1] == 1 and chamber is None:
         array = array[:, 0]  # a lone pressure needs no name
-    if clock is None:
-        clock = coords.get("time")
-    if clock is None:
-        raise InputError("pressure has no times: pass pressure_time [s], one time per sample")
-    coords["pressure_time"] = _floats("pressure_time", clock, 1)
+    _add_clock(coords, clock, "pressure", "pressure_time")
     dims: tuple[str, ...] = ("pressure_time",)
     if array.ndim == 2:
         dims = ("pressure_time", "chamber")
@@ -222,11 +238,7 @@ def _add_inputs(variables: dict, coords: dict, actuation: Any, clock: Any, names
     if actuation is None:
         return
     array = _floats("actuation", actuation, 2)
-    if clock is None:
-        clock = coords.get("time")
-    if clock is None:
-        raise InputError("actuation has no times: pass input_time [s], one time per sample")
-    coords["input_time"] = _floats("input_time", clock, 1)
+    _add_clock(coords, clock, "actuation", "input_time")
     coords["input"] = _names(names, array.shape[1], "input", "u")
     coords["kind"] = ("input", _names([kind] * array.shape[1] if isinstance(kind, str) else kind, array.shape[1],
                                       "kind of an input", ""))  # fmt: skip

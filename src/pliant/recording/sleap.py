@@ -12,6 +12,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.apart import read_apart
+from pliant.recording.arrays import numbers, texts
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.trackers import TrackerMapping, tracked
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import xarray as xr
-    from numpy.typing import NDArray
 
 
 def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -35,12 +35,15 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
     if lacking:
         raise InputError(f"{path.name} is not a SLEAP analysis file: it has no data set {lacking[0]}; export the "
                          "analysis file again from SLEAP")
-    tracks, names = _numbers(arrays["tracks"], "tracks", path), texts(arrays["node_names"])
+    again, names = "export it again from SLEAP", texts(arrays["node_names"])
+    tracks = numbers(arrays["tracks"], f"tracks of {path.name}", again)
     if tracks.ndim != 4:
         raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame), not {tracks.shape}: "
                          "export the analysis file again from SLEAP")
     labels = texts(arrays["track_names"]) or [f"track_{k}" for k in range(len(tracks))]
-    scores = _numbers(arrays["point_scores"], "point_scores", path) if "point_scores" in arrays else None
+    scores = None
+    if "point_scores" in arrays:
+        scores = numbers(arrays["point_scores"], f"point_scores of {path.name}", again)
     if tracks.shape[:3] != (len(labels), 2, len(names)):
         wanted_shape = f"({len(labels)}, 2, {len(names)}, ...)"
         raise InputError(f"tracks of {path.name} must have the shape (track, 2, node, frame) = {wanted_shape}, not "
@@ -56,18 +59,6 @@ def read_sleap(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datas
     likelihood = None if scores is None else np.nan_to_num(scores[k].T)
     return tracked(path, options, names, tracks[k].transpose(2, 1, 0), likelihood=likelihood,
                    history=[f"track {wanted} of {len(labels)}"] if len(labels) > 1 else [])  # fmt: skip
-
-
-def _numbers(values: NDArray, name: str, path: Path) -> NDArray:
-    if values.dtype.kind not in "iufb":
-        raise InputError(f"{name} of {path.name} must hold real numbers, but has the type {values.dtype}: export it "
-                         "again from SLEAP")
-    return values.astype(np.float64)
-
-
-def texts(values: NDArray) -> list[str]:
-    """Return the texts in an HDF5 data set, such as point names, as a list of str."""
-    return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.ravel(values)]
 
 
 READER = Reader("sleap", ENDINGS["sleap"], read_sleap, lambda head: b"track_occupancy" in head)

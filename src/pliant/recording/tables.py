@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
@@ -115,9 +117,7 @@ def holds_number(cell: str) -> bool:
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
-def parse_numbers(
-    lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int
-) -> NDArray[np.float64]:
+def parse_numbers(lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int) -> Array:
     """Parse lines of text as an array (rows, columns); empty cells and markers of missing values become NaN.
 
     Parameters
@@ -171,6 +171,14 @@ def parse_numbers(
     return np.ascontiguousarray(values)
 
 
+def read_rows(lines: list[str], start: int, delimiter: str | None, name: str, columns: int) -> tuple[Array, list[str]]:
+    """Parse the rows of a text table from ``lines[start]`` on: return their numbers (rows, columns), and the sentences
+    of `judge_end` about the last row.
+    """
+    rows, findings = judge_end(lines[start:], delimiter, name)
+    return parse_numbers(rows, name=name, first_line=start + 1, delimiter=delimiter, columns=columns), findings
+
+
 def _wrong_count(name: str, number: int, count: int, columns: int, delimiter: str | None) -> str:
     hint = ""
     if delimiter == "," and count > columns:
@@ -180,9 +188,7 @@ def _wrong_count(name: str, number: int, count: int, columns: int, delimiter: st
     return f"line {number} of {name} has {count} cell(s) instead of {columns}{hint}"
 
 
-def _parse_slowly(
-    rows: Sequence[tuple[int, str]], name: str, delimiter: str | None, decimal: str
-) -> NDArray[np.float64]:
+def _parse_slowly(rows: Sequence[tuple[int, str]], name: str, delimiter: str | None, decimal: str) -> Array:
     """Parse cell by cell, and raise InputError with the line and cell that is not a number."""
     values = []
     for number, line in rows:

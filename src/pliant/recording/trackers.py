@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from pliant.errors import InputError
-from pliant.recording.camera import Camera, in_plane
+from pliant.errors import InputError, inside
+from pliant.recording.camera import Camera, in_plane, with_z
 from pliant.recording.clock import SECONDS
 from pliant.recording.mapping import FileMapping
 from pliant.recording.schema import make_recording
@@ -78,11 +78,9 @@ def tracked(
         history.append(f"{lost} and are gaps{f': {by_station}' if by_station else ''}")
     names, points = chosen(names, points, options, path.name)
     position, how = in_metres(points, options, path)
-    try:
+    with inside(path.name):
         return make_recording(frames(len(points), options, path.name) if time is None else time, position,
                               station=list(names), history=[*history, how])  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
 
 
 def chosen(
@@ -114,9 +112,8 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
         )
     if options.camera is not None:
         return in_plane(points, options.camera, path.parent)
-    place = points * metre_per(str(options.length_unit))
-    flat = np.where(np.isfinite(place[..., :1]), 0.0, np.nan)
-    return np.concatenate([place, flat], axis=2), f"lengths in {options.length_unit}, y upward, as calibrated"
+    place = with_z(points * metre_per(str(options.length_unit)))
+    return place, f"lengths in {options.length_unit}, y upward, as calibrated"
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ConfigDict
 
-from pliant.errors import InputError, clipped, shown
+from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import standard_names
@@ -29,8 +29,7 @@ from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.tables import (
     find_delimiter,
-    judge_end,
-    parse_numbers,
+    read_rows,
     read_text,
     repeated_names,
     split_cells,
@@ -79,16 +78,14 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
-    header = lines[start]
-    delimiter = find_delimiter(header, path.name)
-    names, unit, renamed = standard_names(split_cells(header, delimiter), path.name)
+    delimiter = find_delimiter(lines[start], path.name)
+    names, unit, renamed = standard_names(split_cells(lines[start], delimiter), path.name)
     _check_names(names, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
-    rows, findings = judge_end(lines[start + 1 :], delimiter, path.name)
+    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names))
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
-    table = parse_numbers(rows, name=path.name, first_line=start + 2, delimiter=delimiter, columns=len(names))
     if "rows" in metadata and metadata["rows"] != len(table):
         raise InputError(
             f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be "
@@ -206,13 +203,11 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     if not labels:
         keep, repeats = without_repeats(time, file)
         time, pressure, history = time[keep], np.asarray(pressure)[keep], [*history, *repeats]
-    try:
+    with inside(file):
         return make_recording(
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
-            chamber=chamber, history=[*_lines(metadata), *history], **arrays, **_kept(metadata),
+            chamber=chamber, history=[metadata.get("history", ""), *history], **arrays, **_kept(metadata),
         )  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
 
 
 def _station_labels(columns: dict[str, NDArray]) -> list[str]:
@@ -283,10 +278,6 @@ def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str]
     if len(found) == 1 and next(iter(found)).count("_") <= 1:
         return values[0], None
     return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in found]
-
-
-def _lines(metadata: dict[str, Any]) -> list[str]:
-    return [line for line in metadata.get("history", "").split("\n") if line]
 
 
 def _kept(metadata: dict[str, Any]) -> dict[str, Any]:

@@ -8,11 +8,5 @@ from pliant.reduction.order_result import OrderResult
 from pliant.reduction.reconstruct import curvature_profile, curvature_shape, spline_shape
 
 __all__ = [
-    "LinkPlacement",
-    "OrderResult",
-    "curvature_profile",
-    "curvature_shape",
-    "links_of",
-    "select_order",
-    "spline_shape",
-]
+    "LinkPlacement", "OrderResult", "curvature_profile", "curvature_shape", "links_of", "select_order", "spline_shape",
+]  # fmt: skip

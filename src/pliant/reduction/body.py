@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 TANGENT_SHARE = 0.1  # of the length: part at the base that is fitted for the tangent
 
 
@@ -39,10 +41,10 @@ class BodyShape:
         Assumptions and remarks, one sentence each.
     """
 
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    arc_length: NDArray[np.float64]
-    tangent: NDArray[np.float64]
+    time: Array
+    position: Array
+    arc_length: Array
+    tangent: Array
     dropped: int
     notes: tuple[str, ...]
 
@@ -84,19 +86,16 @@ def body_of(recording: xr.Dataset, *, fewest_stations: int = 4) -> BodyShape:
     return BodyShape(time, position, arc_length, tangent, dropped, tuple(notes))
 
 
-def _base_stretch(chords: NDArray[np.float64], arc_length: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _base_stretch(chords: Array, arc_length: Array) -> Array | None:
     """Return the ratio (T,) of the first tenth's length to its arc length; None where the length hardly changes."""
     total = chords.sum(axis=1)
     if np.ptp(total) <= STRETCH_WORTH_TELLING * total.mean():
         return None
     last = max(1, int(np.searchsorted(arc_length, TANGENT_SHARE * arc_length[-1])))
-    stretch: NDArray[np.float64] = chords[:, :last].sum(axis=1) / arc_length[last]
-    return stretch
+    return chords[:, :last].sum(axis=1) / arc_length[last]
 
 
-def _measured_tangent(
-    position: NDArray[np.float64], arc_length: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], int]:
+def _measured_tangent(position: Array, arc_length: Array) -> tuple[Array, int]:
     count = max(3, int(np.searchsorted(arc_length, TANGENT_SHARE * arc_length[-1], side="right")))
     weights = polynomial_slope_weights(arc_length[:count], 2)
     slope = np.einsum("s,tsd->td", weights, position[:, :count])

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from pliant.reduction.body import BodyShape
 
+    Array = NDArray[np.float64]
+
 CHUNK_VALUES = 1 << 16  # working set of about 0.5 MB an array: stays in cache
 GRID = 200  # least number of search points along the spline
 NEWTON_STEPS = 4
@@ -44,14 +46,14 @@ class SplineMap:
         Factor of the base tangent in the spline at the stations.
     """
 
-    knots: NDArray[np.float64]
+    knots: Array
     boundary: str
-    nodes: NDArray[np.float64]
-    spline: NDArray[np.float64]
-    slope: NDArray[np.float64]
+    nodes: Array
+    spline: Array
+    slope: Array
 
 
-def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boundary: str) -> SplineMap:
+def spline_map(arc_length: Array, knots: Array, boundary: str) -> SplineMap:
     """Return the matrices from the stations to nodes at the arc lengths `knots` [m], and from the nodes to the cubic
     spline through them.
     """
@@ -59,9 +61,7 @@ def spline_map(arc_length: NDArray[np.float64], knots: NDArray[np.float64], boun
     return SplineMap(knots, boundary, local_cubic_matrix(arc_length, knots), spline, slope)
 
 
-def frame_errors(
-    body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def frame_errors(body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc") -> tuple[Array, Array]:
     """Compute the largest and the mean distance (K, T) [m] over the stations between the body and a spline through a
     few nodes on it, for K choices of nodes and T frames.
 
@@ -86,14 +86,14 @@ def frame_errors(
     return largest, mean
 
 
-def node_positions(one: SplineMap, position: NDArray[np.float64]) -> NDArray[np.float64]:
+def node_positions(one: SplineMap, position: Array) -> Array:
     """Return the positions (T, n + 1, d) [m] of n + 1 nodes on the body, interpolated between the positions (T, S, d)
     [m] of S stations, over T frames in d dimensions.
     """
     return np.matmul(one.nodes, position)
 
 
-def _chunks(position: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+def _chunks(position: Array) -> Iterator[tuple[slice, Array]]:
     """Yield slices of frames and their points as (d, rows, S), so that the stations are the contiguous axis."""
     frames, stations, axes = position.shape
     step = max(1, CHUNK_VALUES // (stations * axes))
@@ -102,13 +102,7 @@ def _chunks(position: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.f
         yield rows, np.ascontiguousarray(position[rows].transpose(2, 0, 1))
 
 
-def _distances(
-    one: SplineMap,
-    points: NDArray[np.float64],
-    tangent: NDArray[np.float64],
-    arc_length: NDArray[np.float64],
-    metric: str,
-) -> NDArray[np.float64]:
+def _distances(one: SplineMap, points: Array, tangent: Array, arc_length: Array, metric: str) -> Array:
     """Return the distances (rows, S) [m] of the points from the spline."""
     axes, rows, stations = points.shape
     nodes = points.reshape(-1, stations) @ one.nodes.T
@@ -128,14 +122,8 @@ def _distances(
 
 
 def closest_distances(
-    points: NDArray[np.float64],
-    nodes: NDArray[np.float64],
-    tangent: NDArray[np.float64],
-    arc_length: NDArray[np.float64],
-    knots: NDArray[np.float64],
-    boundary: str,
-    distance: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    points: Array, nodes: Array, tangent: Array, arc_length: Array, knots: Array, boundary: str, distance: Array
+) -> Array:
     """Return the distance (T, S) [m] from each of S stations to the closest point of a spline, in T frames. It is at
     most `distance` (T, S) [m], the distance to the spline's point of equal arc length.
 
@@ -169,25 +157,13 @@ def closest_distances(
     return np.minimum(distance, refined)
 
 
-def _evaluate(
-    knots: NDArray[np.float64],
-    boundary: str,
-    nodes: NDArray[np.float64],
-    tangent: NDArray[np.float64],
-    grid: NDArray[np.float64],
-    order: int,
-) -> NDArray[np.float64]:
+def _evaluate(knots: Array, boundary: str, nodes: Array, tangent: Array, grid: Array, order: int) -> Array:
     matrix, slope = spline_matrix(knots, grid, boundary, order)
     return np.asarray(nodes @ matrix.T + tangent.T[:, :, None] * slope)
 
 
 def _nearest_on_grid(
-    points: NDArray[np.float64],
-    curve: NDArray[np.float64],
-    arc_length: NDArray[np.float64],
-    grid: NDArray[np.float64],
-    fold: int,
-    reach: float,
+    points: Array, curve: Array, arc_length: Array, grid: Array, fold: int, reach: float
 ) -> NDArray[np.intp]:
     """Return the index (T, S) of the nearest grid point among those within `reach` along the arc."""
     home = np.arange(arc_length.size) * fold
@@ -203,12 +179,7 @@ def _nearest_on_grid(
     return index
 
 
-def _newton(
-    points: NDArray[np.float64],
-    taken: list[NDArray[np.float64]],
-    grid: NDArray[np.float64],
-    nearest: NDArray[np.intp],
-) -> NDArray[np.float64]:
+def _newton(points: Array, taken: list[Array], grid: Array, nearest: NDArray[np.intp]) -> Array:
     """Return the distance after Newton steps along the cubic r + u r' + u^2/2 r'' + u^3/6 r''' of each point."""
     r, r1, r2, r3 = taken
     low = grid[np.maximum(nearest - 1, 0)] - grid[nearest]
@@ -223,5 +194,4 @@ def _newton(
         hessian = np.square(first).sum(axis=0) + (gap * (r2 + u * r3)).sum(axis=0)
         slow = np.square(first).sum(axis=0) / 2  # far from the curve the full Hessian may lose its sign
         u = np.clip(u - gradient / np.maximum(hessian, np.maximum(slow, 1e-300)), low, high)
-    found: NDArray[np.float64] = np.minimum(np.linalg.norm(gap, axis=0), np.linalg.norm(r - points, axis=0))
-    return found
+    return np.minimum(np.linalg.norm(gap, axis=0), np.linalg.norm(r - points, axis=0))

@@ -14,6 +14,8 @@ from pliant.numerics.joint_rotations import link_frames, swing_matrices, swings_
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 
 class LinkPoint(NamedTuple):
     """A point attached to a link of a spatial chain: the link's index, and the point's coordinates [m] in the link's
@@ -26,9 +28,7 @@ class LinkPoint(NamedTuple):
     aside: float
 
 
-def joints_in_plane(
-    nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64], start: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def joints_in_plane(nodes: Array, rest_nodes: Array, link_length: Array, start: int) -> tuple[Array, Array, Array]:
     """Return the rest angles (n,) [rad] of a planar chain of n links, its joint angles (T, n) [rad] over T frames, and
     its link tips (T, n, 2) [m]. The chain starts at the origin.
     """
@@ -37,9 +37,7 @@ def joints_in_plane(
     return rest_angle, turns - rest_angle, forward_tips(turns, link_length)
 
 
-def joints_in_space(
-    nodes: NDArray[np.float64], rest_nodes: NDArray[np.float64], link_length: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def joints_in_space(nodes: Array, rest_nodes: Array, link_length: Array) -> tuple[Array, Array, Array]:
     """Return the joint angles of a spatial chain of n links, two swing angles per joint: (2 n,) [rad] at rest, and (T,
     2 n) [rad] relative to rest over T frames. Also return the link tips (T, n, 3) [m].
     """
@@ -50,9 +48,7 @@ def joints_in_space(
     return rest_swing.ravel(), swing.reshape(len(nodes), -1), np.cumsum(ahead * link_length[:, None], axis=1)
 
 
-def beside_links(
-    place: NDArray[np.float64], before: float, link_length: NDArray[np.float64], rest: NDArray[np.float64]
-) -> list[LinkPoint]:
+def beside_links(place: Array, before: float, link_length: Array, rest: Array) -> list[LinkPoint]:
     """Attach each of P points (P, 3) [m] on the body at rest to the nearest link of a spatial chain, and return them as
     `LinkPoint`s.
 
@@ -76,7 +72,7 @@ def beside_links(
     return [LinkPoint(int(k) - 1, float(z), float(-y), float(x)) for k, (x, y, z) in zip(nearest, found, strict=True)]
 
 
-def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def chain_of(nodes: Array) -> tuple[Array, Array]:
     """Return the lengths (T, n) [m] of n planar links between successive nodes (T, n + 1, 2) [m] over T frames, and the
     angle (T, n) [rad] of each link to the previous one, in (-pi, pi].
     """
@@ -85,7 +81,7 @@ def chain_of(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     return np.hypot(chord[:, :, 0], chord[:, :, 1]), wrap(np.diff(alpha, axis=1, prepend=0.0))
 
 
-def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -> NDArray[np.float64]:
+def forward_tips(turns: Array, link_length: Array) -> Array:
     """Return the tips (T, n, 2) [m] of the n links of planar chains that start at the origin, over T frames. `turns`
     (T, n) [rad] is the angle of each link to the previous one: joint angle q plus rest angle theta_0.
 
@@ -98,12 +94,12 @@ def forward_tips(turns: NDArray[np.float64], link_length: NDArray[np.float64]) -
     return np.cumsum(tangents(np.cumsum(turns, axis=1)) * link_length[..., None], axis=1)
 
 
-def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrap(angle: Array) -> Array:
     """Return angles [rad] wrapped to the interval (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
-def _unwrapped_from(relative: NDArray[np.float64], rest: NDArray[np.float64], start: int) -> NDArray[np.float64]:
+def _unwrapped_from(relative: Array, rest: Array, start: int) -> Array:
     """Return relative angles that are continuous over time and within half a turn of `rest` at frame `start`."""
-    turns: NDArray[np.float64] = np.unwrap(relative, axis=0)
+    turns: Array = np.unwrap(relative, axis=0)
     return turns - 2 * np.pi * np.round((turns[start] - rest) / (2 * np.pi))

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from pliant.reduction.body import BodyShape
 
+    Array = NDArray[np.float64]
+
 REST_DURATION = 0.1
 PRESSURE_AT_REST = 0.05  # of the range of the pressure
 
@@ -57,15 +59,15 @@ class LinkPlacement:
         Assumptions and remarks, one sentence each.
     """
 
-    time: NDArray[np.float64]
-    link_length: NDArray[np.float64]
-    rest_angle: NDArray[np.float64]
-    joint_angle: NDArray[np.float64]
-    node_arc_length: NDArray[np.float64]
-    base: NDArray[np.float64]
-    tips: NDArray[np.float64]
-    length_variation: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    time: Array
+    link_length: Array
+    rest_angle: Array
+    joint_angle: Array
+    node_arc_length: Array
+    base: Array
+    tips: Array
+    length_variation: Array
+    residual: Array
     notes: tuple[str, ...]
 
     @property
@@ -74,12 +76,12 @@ class LinkPlacement:
         return len(self.link_length)
 
     @property
-    def rest_rotation(self) -> NDArray[np.float64]:
+    def rest_rotation(self) -> Array:
         """Rotation matrix (n, 3, 3) of each link of a spatial chain relative to the previous link at rest."""
         return swing_matrices(self.rest_angle.reshape(self.n, 2))
 
     @property
-    def rest_bend(self) -> NDArray[np.float64]:
+    def rest_bend(self) -> Array:
         """Angle (n,) [rad] between each of n links and the previous one at rest; unsigned for a spatial chain."""
         if len(self.base) == 2:
             return self.rest_angle
@@ -121,13 +123,8 @@ class LinkPlacement:
 
 
 def links_of(
-    recording: xr.Dataset,
-    n: int | None = None,
-    *,
-    node_arc_length: ArrayLike | None = None,
-    stations: Sequence[str] | None = None,
-    length: str = "rest",
-    rest: tuple[float, float] | None = None,
+    recording: xr.Dataset, n: int | None = None, *, node_arc_length: ArrayLike | None = None,
+    stations: Sequence[str] | None = None, length: str = "rest", rest: tuple[float, float] | None = None,
 ) -> LinkPlacement:
     """Fit a chain of rigid links, planar or spatial, to the recorded shape of a body and return its link lengths and
     joint angles over time.
@@ -177,29 +174,16 @@ def links_of(
         rest_angle, joint_angle, chain = joints_in_plane(nodes, rest_nodes, link_length, int(np.argmax(still)))
     else:
         rest_angle, joint_angle, chain = joints_in_space(nodes, rest_nodes, link_length)
-    base = nodes[:, 0].mean(axis=0)
-    tips = nodes[:, 1:]
-    return LinkPlacement(
-        time=body.time,
-        link_length=link_length,
-        rest_angle=rest_angle,
-        joint_angle=joint_angle,
-        node_arc_length=knots,
-        base=base,
-        tips=tips,
-        length_variation=np.ptp(lengths, axis=0) / link_length,
-        residual=np.linalg.norm(chain + base - tips, axis=2),
-        notes=(*body.notes, *notes),
-    )
+    base, tips = nodes[:, 0].mean(axis=0), nodes[:, 1:]
+    variation, residual = np.ptp(lengths, axis=0) / link_length, np.linalg.norm(chain + base - tips, axis=2)
+    return LinkPlacement(body.time, link_length, rest_angle, joint_angle, knots, base, tips, variation, residual,
+                         notes=(*body.notes, *notes))  # fmt: skip
 
 
 def _chosen_nodes(
-    recording: xr.Dataset,
-    body: BodyShape,
-    n: int | None,
-    node_arc_length: ArrayLike | None,
+    recording: xr.Dataset, body: BodyShape, n: int | None, node_arc_length: ArrayLike | None,
     stations: Sequence[str] | None,
-) -> NDArray[np.float64]:
+) -> Array:
     if sum(option is not None for option in (n, node_arc_length, stations)) != 1:
         raise InputError("links_of needs exactly one of n, node_arc_length and stations: set one of them and leave the "
                          "others out")
@@ -225,7 +209,7 @@ def _chosen_nodes(
     return knots
 
 
-def _node_matrix(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:
+def _node_matrix(s: Array, knots: Array) -> Array:
     nearest = np.abs(s[None, :] - knots[:, None]).argmin(axis=1)
     if np.allclose(s[nearest], knots, rtol=0, atol=1e-9 * s[-1]):
         return np.eye(s.size)[nearest]
@@ -235,7 +219,7 @@ def _node_matrix(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[
 
 
 def _rest_frames(
-    recording: xr.Dataset, time: NDArray[np.float64], rest: tuple[float, float] | None
+    recording: xr.Dataset, time: Array, rest: tuple[float, float] | None
 ) -> tuple[NDArray[np.bool_], list[str]]:
     start, stop = (time[0], time[0] + REST_DURATION) if rest is None else rest
     still = (time >= start) & (time <= stop)

@@ -16,13 +16,15 @@ from pliant.reduction.error import frame_errors, spline_map
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 DENSE_STATIONS = 65  # eight stations in each of eight segments
 ACTIVE_FRAMES = 96  # frames in the search; the worst of the others are added each round
 ROUNDS = 8
 START_SEGMENTS = 16
 
 
-def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") -> NDArray[np.float64]:
+def equal_nodes(arc_length: Array, n: int, nodes: str = "auto") -> Array:
     """Return the arc lengths (n + 1,) [m] of the nodes of n segments of equal length along the body, base and tip
     included.
 
@@ -37,7 +39,7 @@ def equal_nodes(arc_length: NDArray[np.float64], n: int, nodes: str = "auto") ->
     return arc_length[nearest]
 
 
-def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64]) -> NDArray[np.float64]:
+def best_nodes(body: BodyShape, n: int, boundary: str, start: Array) -> Array:
     """Search for nodes for which the spline through them is closest to the body. Return their arc lengths (n + 1,) [m],
     for n segments. The largest error of the spline is not above the one with the nodes `start`.
 
@@ -75,7 +77,7 @@ def best_nodes(body: BodyShape, n: int, boundary: str, start: NDArray[np.float64
     return best
 
 
-def stations_between(arc_length: NDArray[np.float64], knots: NDArray[np.float64]) -> int:
+def stations_between(arc_length: Array, knots: Array) -> int:
     """Return the smallest number of stations strictly between two neighbouring nodes. The error of the spline can only
     be measured at such stations.
     """
@@ -84,7 +86,7 @@ def stations_between(arc_length: NDArray[np.float64], knots: NDArray[np.float64]
     return int(min(inside))
 
 
-def _largest(body: BodyShape, knots: NDArray[np.float64], boundary: str) -> NDArray[np.float64]:
+def _largest(body: BodyShape, knots: Array, boundary: str) -> Array:
     return frame_errors(body, [spline_map(body.arc_length, knots, boundary)])[0][0]
 
 
@@ -134,7 +136,7 @@ class _Search:
         return index, float(np.sqrt(cost))
 
 
-def _to_indices(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.intp]:
+def _to_indices(s: Array, knots: Array) -> NDArray[np.intp]:
     """Return the stations nearest to the knots, at least two apart, with the first and last kept."""
     index = np.abs(s[None, :] - knots[:, None]).argmin(axis=1)
     index[0], index[-1] = 0, s.size - 1
@@ -145,7 +147,7 @@ def _to_indices(s: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[n
     return index
 
 
-def _equidistributed(body: BodyShape, n: int) -> NDArray[np.float64]:
+def _equidistributed(body: BodyShape, n: int) -> Array:
     """Return nodes that divide int |x''''|^(1/4) ds equally, with x'''' from jumps of a spline's third derivative."""
     s = body.arc_length
     segments = max(2, min(START_SEGMENTS, (s.size - 1) // 2))

@@ -16,6 +16,8 @@ from pliant.numerics.spline import BOUNDARIES, CLAMPED, spline_matrix
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    Array = NDArray[np.float64]
+
 GAUSS_POINTS = 4
 PIECES = 4  # least number of quadrature intervals per segment
 
@@ -28,7 +30,7 @@ def spline_shape(
     boundary: str = CLAMPED,
     base: ArrayLike = (0.0, 0.0),
     base_tangent: ArrayLike = (0.0, 1.0),
-) -> NDArray[np.float64]:
+) -> Array:
     """Reconstruct a continuous shape from a chain of links: return P points (T, P, d) [m] on the cubic spline through
     the base and the link tips, in T frames and d dimensions.
 
@@ -73,7 +75,7 @@ def spline_shape(
     return np.matmul(matrix, np.concatenate((first, tip), axis=1)) + slope[:, None] * tangent[:, None, :]
 
 
-def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> NDArray[np.float64]:
+def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike) -> Array:
     """Return the curvature (T, P) [1/m] at P arc lengths of a continuous curve that follows a planar chain of n links
     over T frames. `turns` (T, n) [rad] is the angle of each link to the previous one: joint angle q plus rest angle
     theta_0.
@@ -87,7 +89,7 @@ def curvature_profile(turns: ArrayLike, node_arc_length: ArrayLike, arc_length: 
 
 def curvature_shape(
     turns: ArrayLike, node_arc_length: ArrayLike, arc_length: ArrayLike, *, base: ArrayLike = (0.0, 0.0)
-) -> NDArray[np.float64]:
+) -> Array:
     """Reconstruct a continuous planar shape from a chain of links: return P points (T, P, 2) [m] over T frames of a
     curve with continuous curvature that leaves the base along +y.
 
@@ -118,9 +120,7 @@ def curvature_shape(
     return points[:, np.searchsorted(grid, at)] + np.asarray(base, dtype=np.float64)
 
 
-def _angle_spline(
-    turns: ArrayLike, node_arc_length: ArrayLike, at: NDArray[np.float64], derivative: int
-) -> NDArray[np.float64]:
+def _angle_spline(turns: ArrayLike, node_arc_length: ArrayLike, at: Array, derivative: int) -> Array:
     turn = np.asarray(turns, dtype=np.float64)
     knots = np.asarray(node_arc_length, dtype=np.float64)
     if turn.ndim != 2 or knots.shape != (turn.shape[1] + 1,):

@@ -6,13 +6,6 @@ from pliant.sensing.recording import point_covariance, shape_from_strain, tip_si
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
 
 __all__ = [
-    "CoreLayout",
-    "FibreState",
-    "curvature_from_strain",
-    "planar_curve",
-    "point_covariance",
-    "read_shape",
-    "shape_from_strain",
-    "spatial_curve",
-    "tip_sigma",
-]
+    "CoreLayout", "FibreState", "curvature_from_strain", "planar_curve", "point_covariance", "read_shape",
+    "shape_from_strain", "spatial_curve", "tip_sigma",
+]  # fmt: skip

@@ -11,19 +11,17 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.numerics.curve import spatial_curve
 from pliant.recording.inputs import input_arguments
-from pliant.recording.schema import check_recording, history_of, make_recording
+from pliant.recording.schema import check_holds, history_of, make_recording
 from pliant.sensing.strain import CoreLayout, curvature_from_strain
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
+    Array = NDArray[np.float64]
+
 def shape_from_strain(
-    recording: xr.Dataset,
-    layout: CoreLayout,
-    *,
-    common_mode: str = "least-squares",
-    bridge: int = 0,
+    recording: xr.Dataset, layout: CoreLayout, *, common_mode: str = "least-squares", bridge: int = 0,
     sigma_strain: float | None = None,
 ) -> xr.Dataset:
     """Compute the shape of a multicore fibre from a recording of its strain, and return a recording of positions in
@@ -56,10 +54,7 @@ def shape_from_strain(
     InputError
         When there is no strain, or the layout does not match the cores.
     """
-    check_recording(recording)
-    if "strain" not in recording:
-        raise InputError("shape_from_strain needs strain, but the recording holds none: read a file with the strain "
-                         "of the cores")
+    check_holds(recording, "strain", "shape_from_strain", "read a file with the strain of the cores")
     if bridge < 0:
         raise InputError(f"bridge must be 0 or a positive number of gauges, not {bridge}")
     s = recording["gauge_position"].values
@@ -85,9 +80,7 @@ def shape_from_strain(
     )  # fmt: skip
 
 
-def _bridged(
-    strain: NDArray[np.float64], s: NDArray[np.float64], bridge: int
-) -> tuple[NDArray[np.float64], int, int]:
+def _bridged(strain: Array, s: Array, bridge: int) -> tuple[Array, int, int]:
     """Return the strain with short gaps interpolated, the number of filled values, and of frames that keep a gap."""
     missing = np.isnan(strain)
     if not missing.any():
@@ -104,7 +97,7 @@ def _bridged(
     return strain, filled, int(np.isnan(strain).any(axis=(1, 2)).sum())
 
 
-def _estimated_noise(residual: NDArray[np.float64], layout: CoreLayout, sees_twist: bool) -> float | None:
+def _estimated_noise(residual: Array, layout: CoreLayout, sees_twist: bool) -> float | None:
     spare = layout.radius.size - (4 if sees_twist else 3)
     if spare < 1:
         return None
@@ -128,12 +121,8 @@ def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
 
 
 def point_covariance(
-    points: ArrayLike,
-    sigma_curvature: float,
-    *,
-    sigma_base_angle: float = 0.0,
-    sigma_bias: float = 0.0,
-) -> NDArray[np.float64]:
+    points: ArrayLike, sigma_curvature: float, *, sigma_base_angle: float = 0.0, sigma_bias: float = 0.0
+) -> Array:
     """Return the covariance matrix (S, 2, 2) [m^2] of the position of each of S points on a planar curve, from the
     errors of its measured curvature. It is accurate to first order.
 

@@ -17,6 +17,8 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    Array = NDArray[np.float64]
+
 WELL_POSED = 1e-9  # least ratio of singular values of the scaled columns
 COMMON_MODES = ("centre", "least-squares")
 
@@ -35,8 +37,8 @@ class CoreLayout:
         Length of one turn of a spun fibre, positive for a right-handed helix; None for straight cores.
     """
 
-    radius: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    radius: Array
+    angle: Array
     pitch: float | None = None
 
     def __post_init__(self) -> None:
@@ -61,13 +63,12 @@ class CoreLayout:
         return cls(np.array([*lead, *([radius] * outer)]), np.array([*lead, *angle]), pitch)
 
     @property
-    def twist_gain(self) -> NDArray[np.float64]:
+    def twist_gain(self) -> Array:
         """Return the axial strain (C,) of each of C cores per rad/m of fibre twist; 0 for straight cores."""
         if self.pitch is None:
             return np.zeros_like(self.radius)
         turn = 2 * np.pi / self.pitch
-        gain: NDArray[np.float64] = turn * self.radius**2 / (1 + (turn * self.radius) ** 2)
-        return gain
+        return turn * self.radius**2 / (1 + (turn * self.radius) ** 2)
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,10 @@ class FibreState:
         Whether the layout measures twist.
     """
 
-    curvature: NDArray[np.float64]
-    twist: NDArray[np.float64]
-    common: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    curvature: Array
+    twist: Array
+    common: Array
+    residual: Array
     curvature_gain: float
     sees_twist: bool
 
@@ -149,14 +150,14 @@ def curvature_from_strain(
     return FibreState(curvature, twist, unknowns[0], np.sqrt(np.square(left).mean(axis=1)), gain, sees_twist)
 
 
-def _design(layout: CoreLayout, *, sees_twist: bool) -> NDArray[np.float64]:
+def _design(layout: CoreLayout, *, sees_twist: bool) -> Array:
     """Return the strain (C, 3 or 4) of the cores per unit of eps_0, k1, k2 and, where measured, twist."""
     r, theta = layout.radius, layout.angle
     columns = [np.ones_like(r), -r * np.cos(theta), -r * np.sin(theta)]
     return np.stack([*columns, layout.twist_gain] if sees_twist else columns, axis=1)
 
 
-def _solver(layout: CoreLayout, common_mode: str) -> tuple[NDArray[np.float64], bool]:
+def _solver(layout: CoreLayout, common_mode: str) -> tuple[Array, bool]:
     """Return the matrix (3 or 4, C) from strains to unknowns, and whether twist is among the unknowns."""
     centre = np.flatnonzero(layout.radius == 0)
     if common_mode == "centre" and centre.size == 0:
@@ -181,13 +182,13 @@ def _solver(layout: CoreLayout, common_mode: str) -> tuple[NDArray[np.float64], 
     )
 
 
-def _pseudo_inverse(design: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pseudo_inverse(design: Array) -> Array:
     scale = np.abs(design).max(axis=0)
     inverse = np.linalg.pinv(design / scale) / scale[:, None]
     return np.asarray(inverse, dtype=np.float64)
 
 
-def _is_well_posed(design: NDArray[np.float64], *, sees_twist: bool) -> bool:
+def _is_well_posed(design: Array, *, sees_twist: bool) -> bool:
     scale = np.abs(design).max(axis=0)
     bending = slice(design.shape[1] - 3, design.shape[1] - 1) if sees_twist else slice(-2, None)
     scale[bending] = scale[bending].max()  # one scale for both directions, or cores on a line would pass
@@ -197,7 +198,7 @@ def _is_well_posed(design: NDArray[np.float64], *, sees_twist: bool) -> bool:
     return bool(singular[-1] > WELL_POSED * singular[0])
 
 
-def _accumulated(rate: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _accumulated(rate: Array, s: Array) -> Array:
     total = np.zeros_like(rate)
     np.cumsum((rate[:, 1:] + rate[:, :-1]) / 2 * np.diff(s), axis=1, out=total[:, 1:])
     return total

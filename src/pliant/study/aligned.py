@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from pliant.errors import InputError
+from pliant.errors import InputError, inside
 from pliant.preprocessing.align import alignment_of
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history
@@ -98,9 +98,7 @@ def on_one_clock(
     if not isinstance(wanted, str):
         finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
         return shift_pressure(recording, wanted), None, (finding,)
-    try:
+    with inside(f"recording {name}"):
         offset = sync(recording, drift=True)
-    except InputError as error:
-        raise InputError(f"recording {name}: {error}") from None
     moved = shift_pressure(recording, offset.delay_s, offset.drift)
     return moved, Clocks.of(recording, offset), (offset.summary(),)

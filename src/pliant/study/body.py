@@ -200,16 +200,6 @@ def checked_radius(taper: TaperTable, length: float) -> None:
         )
 
 
-def tapered_springs(taper: TaperTable, length: float, joints: int) -> Array:
-    """Return the stiffness (joints,) [N m/rad] of the joints of a tapered body: 1 / integral of 1 / (E I) over each of
-    the equal segments.
-    """
-    checked_radius(taper, length)
-    s, thin = slices(length, joints)
-    bending = taper.modulus * np.pi / 4 * np.interp(s, taper.at, taper.radius) ** 4
-    return np.asarray(1.0 / np.sum(thin / bending, axis=1))
-
-
 def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Array:
     """Return the masses (n,) [kg] of the n links of a tapered body. The part before the first joint is left out, since
     it does not move.
@@ -218,22 +208,6 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
     s, thin = slices(length, link_length.size)
     section = taper.density * np.pi * np.interp(s, taper.at, taper.radius).ravel() ** 2
     return np.histogram(s.ravel(), ends, weights=thin * section)[0]
-
-
-def tapered_extensions(
-    taper: TaperTable, length: float, segments: Sequence[Extension], joints: int,
-) -> tuple[Extension, ...]:
-    """Return the extensible segments of a tapered body with their axial stiffness [N]: segment length / integral of 1 /
-    (E A).
-    """
-    s, thin = slices(length, joints)
-    axial = taper.modulus * np.pi * np.interp(s, taper.at, taper.radius) ** 2
-    tapered = []
-    for e in segments:
-        inside = (s > e.start) & (s < e.end(length))
-        soft = float(np.sum(thin / axial[inside]))
-        tapered.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
-    return tuple(tapered)
 
 
 def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
@@ -263,16 +237,24 @@ def stations_of(entries: Sequence[StationTable], length: float, link_length: Arr
 def tapered(actuator: ActuatorEntry, segments: Sequence[Extension]) -> dict[str, Any]:
     """Return the stiffness, mass and extensible segments of an actuator whose radius changes along it.
 
-    The masses of the single links are set later, by `with_masses_and_stations`.
+    The stiffness of a joint [N m/rad] is 1 / integral of 1 / (E I) over its equal segment. The axial stiffness of an
+    extensible segment [N] is its length / integral of 1 / (E A). The masses of the single links are set later, by
+    `with_masses_and_stations`.
     """
     taper, length, links = actuator.taper, actuator.length, actuator.links
     if taper is None or length is None or links is None or actuator.stiffness or actuator.mass:
         raise InputError("[actuator.taper] needs length and links in [actuator], and replaces stiffness and mass: "
                          "state length and links, and remove stiffness and mass")
-    springs = tapered_springs(taper, length, links)
+    checked_radius(taper, length)
+    s, thin = slices(length, links)
+    radius = np.interp(s, taper.at, taper.radius)
+    bending, axial = taper.modulus * np.pi / 4 * radius**4, taper.modulus * np.pi * radius**2
+    stretched = []
+    for e in segments:
+        soft = float(np.sum(thin / axial[(s > e.start) & (s < e.end(length))]))
+        stretched.append(replace(e, stiffness=(e.end(length) - e.start) / soft))
     mass = float(tapered_masses(taper, length, np.full(links, length / links)).sum())
-    return {"stiffness": springs, "mass": mass,
-            "extensions": tapered_extensions(taper, length, segments, links)}  # fmt: skip
+    return {"stiffness": 1.0 / np.sum(thin / bending, axis=1), "mass": mass, "extensions": tuple(stretched)}
 
 
 def with_masses_and_stations(model: Model, actuator: ActuatorEntry) -> Model:

@@ -39,6 +39,12 @@ from pliant.study.trial import (
     moved,
 )
 
+OTHER_FITS: tuple[tuple[str, str, str, dict[str, int]], ...] = (  # of logs of angles: name, reason, title, entries
+    ("midsegment", "with few links, stiffness depends on where joints are assumed: compare errors with the first fit's",
+     "Joints in the middle of their segments", {}),
+    ("three_links", "one angle determines one link; more links assume a body that bends evenly", "Three links",
+     {"links": 3}),
+)  # fmt: skip
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 
 
@@ -373,18 +379,11 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
     out.say('"free": the start value is estimated from the recordings')
     for name, meaning in free_parameters(trials, held):
         out.put(name, "free", meaning)
-    if held and trials[0].angles_only:
-        out.table("fits.midsegment")
-        out.say("with few links, stiffness depends on where joints are assumed: compare errors with the first fit's")
-        out.put("title", "Joints in the middle of their segments")
-        out.put("like", "first")
-        out.put("joint_placement", "midsegment")
-        out.table("fits.three_links")
-        out.say("one angle determines one link; more links assume a body that bends evenly")
-        out.put("title", "Three links")
-        out.put("like", "first")
-        out.put("links", 3)
-        out.put("joint_placement", "midsegment")
+    for name, why, title, changes in OTHER_FITS if held and trials[0].angles_only else ():
+        out.table(f"fits.{name}")
+        out.say(why)
+        for entry, value in {"title": title, "like": "first", **changes, "joint_placement": "midsegment"}.items():
+            out.put(entry, value)
 
 
 def selection(out: Lines, trials: Sequence[Trial]) -> None:

@@ -40,9 +40,9 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
     Each chamber is judged by the recording in which its pressure varies most, compared with the other pressures.
     """
     for name in driven(trials):
-        trial = max((one for one in trials if name in one.chambers), key=lambda one: relative_range(one, name))
-        out.text += ["", "[[actuator.chambers]]"]
-        out.put("name", name)
+        trial = max((one for one in trials if name in one.chambers),
+                    key=lambda one: one.pressure_ranges[name] / sum(one.pressure_ranges.values()))  # fmt: skip
+        out.item("actuator.chambers", name)
         if trial.aligned is None or trial.angles_only:
             out.say("joints = [1, 2]  (the joints that it bends; default: all)",
                     "gain = -1.0  (for a chamber on the other side)")
@@ -58,19 +58,13 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
             out.put("gain", -1.0, f"it bends the body to the other side, {evidence}")
 
 
-def relative_range(trial: Trial, name: str) -> float:
-    """Return the range of one pressure divided by the sum of all pressure ranges; 1 if no other pressure varies."""
-    return trial.pressure_ranges[name] / sum(trial.pressure_ranges.values())
-
-
 def chambers(out: Lines, trial: Trial) -> None:
     """Write the chambers of a body in space, each with the azimuth that the recording shows."""
     if not trial.chambers:
         return
     degrees = [] if trial.aligned is None else azimuths(trial.aligned)
     for k, name in enumerate(trial.chambers):  # pressures come before other inputs
-        out.text += ["", "[[actuator.chambers]]"]
-        out.put("name", name)
+        out.item("actuator.chambers", name)
         out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
         azimuth_of(out, round(degrees[k]) if degrees else None, "as the last station moves")
 
@@ -81,8 +75,7 @@ def tendons(out: Lines, trial: Trial) -> None:
         return
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
-        out.text += ["", "[[actuator.tendons]]"]
-        out.put("name", one.name)
+        out.item("actuator.tendons", one.name)
         out.put("driven_by", one.kind, "as the mapping states")
         azimuth_of(out, round(ends[k][0]) if ends else None, "as the stations move")
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:

@@ -49,11 +49,8 @@ def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def several(recording: xr.Dataset) -> list[str]:
     """Return the names of the chambers if a recording has more than one, else an empty list."""
-    return (
-        [str(c) for c in recording["chamber"].values]
-        if "chamber" in recording.dims and recording.sizes["chamber"] > 1
-        else []
-    )
+    names = [str(c) for c in recording["chamber"].values] if "chamber" in recording.dims else []
+    return names if len(names) > 1 else []
 
 
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")

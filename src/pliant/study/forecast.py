@@ -73,7 +73,8 @@ def run_forecast(
     result, template = results[entry.fit], experiments[entry.like]
     driven = {c: p * pascal_per(entry.pressure_unit) for c, p in entry.pressures.items()}
     case = case_of(name, entry, template, driven)
-    own = edge_values(case.own_parameters, template)
+    recorded = edges(template)  # times at which the pressure rises and falls, from the recorded motion
+    own = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
     seen: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
@@ -148,11 +149,3 @@ def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Exper
         return replace(template, pressure=driven(float(lead.pressure[0]), chamber))
     first = {**dict.fromkeys(highest, 0.0), **{c: float(t.pressure[0]) for c, t in drives.items()}}
     return replace(template, drives={c: driven(p, c) for c, p in first.items()})
-
-
-def edge_values(names: Sequence[str], template: Experiment) -> dict[str, float]:
-    """Return the times [s] at which the pressure of a forecast rises and falls, estimated from the motion of the
-    recording `template`.
-    """
-    recorded = edges(template)
-    return {name: recorded[name.rpartition(".")[2]] for name in names}

@@ -42,7 +42,8 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     """Read one recording of the study, with its pressure log and its nominal pressure if the study states them."""
     entry = study.recordings[name]
     path = path_of(study, entry.file)
-    mapping = {**camera_mapping(study, entry.file), **study.mapping, **(entry.mapping or {})}
+    in_metres = study.camera is None or entry.file.endswith((".nc", ".nc4"))  # pliant's own files are
+    mapping = {**({} if in_metres else {"camera": study.camera}), **study.mapping, **(entry.mapping or {})}
     recording = read_shape(path, mapping or None, format=entry.format)
     if entry.pressure_file is not None:
         log = read(path_of(study, entry.pressure_file), mapping=entry.pressure_mapping)
@@ -52,13 +53,6 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     if not entry.allow_low_pressure:
         check_pressure_unit(name, recording)
     return recording
-
-
-def camera_mapping(study: Study, file: str) -> dict[str, Any]:
-    """Return the mapping entry with the study's camera, for reading a file in pixels; empty for pliant's own files,
-    which are in metres.
-    """
-    return {} if study.camera is None or file.endswith((".nc", ".nc4")) else {"camera": study.camera}
 
 
 def path_of(study: Study, file: str) -> Path:

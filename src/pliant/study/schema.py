@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from pliant.errors import InputError, explain_validation
+from pliant.errors import InputError, explain_validation, inside
 from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
@@ -335,104 +335,97 @@ def load_study(path: str | Path) -> Study:
     ['pulse_119', 'pulse_180', 'pulse_60', 'step_240']
     """
     path = Path(path)
+    content = read_entries(path, "study")
+    refuse_open(content, path)
+    refuse_mapping(content, path)
     try:
-        content = read_entries(path, "study")
-        refuse_open(content, path)
-        refuse_mapping(content, path)
-        study = Study.model_validate(expanded(content, path))
+        with inside(f"study {path}"):
+            study = Study.model_validate(expanded(content))
     except ValidationError as error:
         raise explain_validation(error, f"study {path}", Study) from None
-    check_names(study, path)
-    return study.model_copy(update={"folder": str((path.parent / study.folder).resolve())})
-
-
-def check_names(study: Study, path: Path) -> None:
-    """Check that each recording of a fit is listed, and that no fit trains on a recording that it holds out.
-
-    Raises InputError otherwise.
-    """
     if not study.recordings or not (study.fits or study.model_selection):
         raise InputError(
             f"study {path} needs at least one entry under [recordings] and one under [fits], or [model_selection]"
         )
-    listed = ", ".join(study.recordings)
+    with inside(f"study {path}"):
+        check_names(study)
+    check_parameters(study, path)
+    return study.model_copy(update={"folder": str((path.parent / study.folder).resolve())})
+
+
+def check_listed(name: str, known: Collection[str], use: str, remedy: str) -> None:
+    """Raise InputError if `name` is not one of the names `known`. The message begins with `use`, a sentence that ends
+    before the name, and ends in `remedy`.
+    """
+    if name not in known:
+        raise InputError(f"{use} {name!r}, which is not one of {', '.join(known)}: {remedy}")
+
+
+def check_names(study: Study) -> None:
+    """Check that each recording of a fit is listed, and that no fit trains on a recording that it holds out.
+
+    Raises InputError otherwise.
+    """
     learning: dict[str, Fit | SelectionEntry] = dict(study.fits)
     if study.model_selection:
         learning["[model_selection]"] = study.model_selection
     for name, fit in learning.items():
         for record in [*fit.train, *fit.held_out]:
-            if record not in study.recordings:
-                raise InputError(f"study {path}: fit {name} uses recording {record!r}, which is not one of "
-                                 f"{listed}: correct its `train` or `held_out`")
+            check_listed(record, study.recordings, f"fit {name} uses recording", "correct its `train` or `held_out`")
         both = set(fit.train) & set(fit.held_out)
         if both or not fit.train:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
-            raise InputError(f"study {path}: fit {name} {problem}: correct its train or held_out")
-    check_reduction(study, path)
-    check_forecast_names(study, path)
-    if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
-        raise InputError(f"study {path}: the name of a recording or forecast must not have a dot, got {bad[0]!r}")
-    check_chambers(study, path)
-    check_parameters(study, path)
-
-
-def check_forecast_names(study: Study, path: Path) -> None:
-    """Check that every forecast names a listed recording and a listed fit."""
+            raise InputError(f"fit {name} {problem}: correct its train or held_out")
+    check_reduction(study)
     for name, entry in study.forecasts.items():
-        if entry.like not in study.recordings:
-            listed = ", ".join(study.recordings)
-            raise InputError(f"study {path}: `like` of forecast {name} names recording {entry.like!r}, which is not "
-                             f"one of {listed}: correct it")
-        if entry.fit and entry.fit not in study.fits:
-            fits = ", ".join(study.fits)
-            raise InputError(f"study {path}: forecast {name} uses fit {entry.fit!r}, which is not one of {fits}: "
-                             "correct its `fit`")
+        check_listed(entry.like, study.recordings, f"`like` of forecast {name} names recording", "correct it")
+        if entry.fit:
+            check_listed(entry.fit, study.fits, f"forecast {name} uses fit", "correct its `fit`")
+    if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
+        raise InputError(f"the name of a recording or forecast must not have a dot, got {bad[0]!r}")
+    check_chambers(study)
 
 
-def check_reduction(study: Study, path: Path) -> None:
+def check_reduction(study: Study) -> None:
     """Check that [reduction] names a listed recording, and that no fit also states links or joint placement."""
     if study.reduction is None:
         return
-    if study.reduction.recording not in (None, *study.recordings):
-        listed = ", ".join(study.recordings)
-        raise InputError(f"study {path}: [reduction] uses recording {study.reduction.recording!r}, which is not "
-                         f"one of {listed}: correct its `recording`")
+    if study.reduction.recording is not None:
+        check_listed(study.reduction.recording, study.recordings, "[reduction] uses recording",
+                     "correct its `recording`")  # fmt: skip
     if placed := [n for n, f in study.fits.items() if f.joint_placement or f.links]:
         entry = "joint_placement" if study.fits[placed[0]].joint_placement else "links"
-        raise InputError(f"study {path}: fit {placed[0]} states {entry}, but [reduction] places the joints: state it "
-                         "in [reduction]")  # fmt: skip
+        raise InputError(f"fit {placed[0]} states {entry}, but [reduction] places the joints: state it in [reduction]")
 
 
-def check_chambers(study: Study, path: Path) -> None:
+def check_chambers(study: Study) -> None:
     """Check the chambers and tendons of the actuator, and that recordings, forecasts and wirings drive no others.
 
     Chambers and tendons act on numbered joints, so that a fit cannot change the number of links.
     """
     jointed = study.actuator.chambers or study.actuator.tendons
     if jointed and (other := [n for n, f in study.fits.items() if f.links]):
-        raise InputError(f"study {path}: fit {other[0]} states links, but {jointed[0].name} acts on numbered joints of "
-                         "[actuator]: state links in [actuator], in a separate study for each number")  # fmt: skip
+        raise InputError(f"fit {other[0]} states links, but {jointed[0].name} acts on numbered joints of [actuator]: "
+                         "state links in [actuator], in a separate study for each number")  # fmt: skip
     inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
     names = inputs or ["chamber"]
     if inputs and study.actuator.torque is not None:
-        raise InputError(f"study {path}: state either torque in [actuator], for one chamber, or [[actuator.chambers]]")
+        raise InputError("state either torque in [actuator], for one chamber, or [[actuator.chambers]]")
     if study.actuator.tendons and not study.actuator.space:
-        raise InputError(f"study {path}: [[actuator.tendons]] needs a body in space: set space = true in [actuator]")
+        raise InputError("[[actuator.tendons]] needs a body in space: set space = true in [actuator]")
     driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
     driven |= {f"recording {n}": r.drive for n, r in study.recordings.items()}
     if study.wiring:
         driven |= {f"wiring {n}": drive for n, drive in study.wiring.drives.items()}
         if study.reduction is not None:
-            raise InputError(f"study {path}: [wiring] cannot be used with [reduction]: remove one of them")
+            raise InputError("[wiring] cannot be used with [reduction]: remove one of them")
         if not study.fits or study.wiring.fit not in ("", *study.fits):
             listed = f": use one of {', '.join(study.fits)}" if study.fits else ": add one under [fits]"
-            raise InputError(f"study {path}: [wiring] uses unknown fit {study.wiring.fit or '(the first)'!r}{listed}")
+            raise InputError(f"[wiring] uses unknown fit {study.wiring.fit or '(the first)'!r}{listed}")
     for where, chambers in driven.items():
         if strange := [c for c in chambers if c not in names]:
-            raise InputError(
-                f"study {path}: {where} drives the chamber {strange[0]!r}, but the actuator has {', '.join(names)}: "
-                "use these names"
-            )
+            raise InputError(f"{where} drives the chamber {strange[0]!r}, but the actuator has {', '.join(names)}: use "
+                             "these names")  # fmt: skip
 
 
 def check_parameters(study: Study, path: Path) -> None:
@@ -442,7 +435,5 @@ def check_parameters(study: Study, path: Path) -> None:
     tables |= {f"fit {n}": f.parameters for n, f in study.fits.items()}
     tables |= {"[model_selection]": study.model_selection.common} if study.model_selection else {}
     for where, entries in tables.items():
-        try:
+        with inside(f"study {path}, {where}"):
             parameters_from(entries)
-        except InputError as error:
-            raise InputError(f"study {path}, {where}: {error}") from None

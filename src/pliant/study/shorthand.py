@@ -17,8 +17,8 @@ DEFAULTS = "defaults"
 OPEN = "?"
 
 
-def expanded(content: Any, path: Path) -> Any:
-    """Return the content of the study file `path` with all abbreviations expanded.
+def expanded(content: Any) -> Any:
+    """Return the content of a study file with all abbreviations expanded.
 
     Raises
     ------
@@ -31,9 +31,9 @@ def expanded(content: Any, path: Path) -> Any:
     content = dict(content)
     groups: dict[str, list[str]] = {}
     if tables(content.get("recordings")):
-        content["recordings"], groups = all_recordings(content["recordings"], path)
+        content["recordings"], groups = all_recordings(content["recordings"])
     if tables(fits := content.get("fits")):
-        content["fits"] = {name: ungrouped(fit_of(name, fits, (), path), groups) for name in fits}
+        content["fits"] = {name: ungrouped(fit_of(name, fits, ()), groups) for name in fits}
     if isinstance(content.get("model_selection"), Mapping):
         content["model_selection"] = ungrouped(content["model_selection"], groups)
     return content
@@ -55,14 +55,14 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
     return both
 
 
-def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, Table], dict[str, list[str]]]:
+def all_recordings(listed: Mapping[str, Table]) -> tuple[dict[str, Table], dict[str, list[str]]]:
     """Return every recording; entries that it lacks are taken from the defaults. A recording that selects several
     trials from a file is replaced by one recording for each trial; the names of the trials are returned too.
     """
     shared = listed.get(DEFAULTS, {})
     if "select" in shared:
-        raise InputError(f"study {path}: [recordings.{DEFAULTS}] has select: state it in a single recording instead")
-    groups = {name: trials(name, entry["select"], path) for name, entry in listed.items() if "select" in entry}
+        raise InputError(f"[recordings.{DEFAULTS}] has select: state it in a single recording instead")
+    groups = {name: trials(name, entry["select"]) for name, entry in listed.items() if "select" in entry}
     selected = {trial for names in groups.values() for trial in names}
     expanded_entries: dict[str, Table] = {}
     for name, entry in listed.items():
@@ -79,20 +79,18 @@ def all_recordings(listed: Mapping[str, Table], path: Path) -> tuple[dict[str, T
     return expanded_entries, groups
 
 
-def trials(name: str, select: Any, path: Path) -> list[str]:
+def trials(name: str, select: Any) -> list[str]:
     """Return the names of the trials that the recording `name` selects from its file, such as "name_3" for the
     trial 3.
     """
     form = 'select = { column = "ID", values = [0, 3, 4] }'
     if not isinstance(select, Mapping) or set(select) != {"column", "values"}:
-        raise InputError(f"study {path}: recording {name} needs {form}, got select = {select!r:.80}")
+        raise InputError(f"recording {name} needs {form}, got select = {select!r:.80}")
     values = select["values"]
     if not isinstance(values, list) or not values or not all(type(v) is int for v in values):
-        raise InputError(f"study {path}: recording {name}: values of select must be integers, as in {form}, got "
-                         f"{values!r:.80}")
+        raise InputError(f"recording {name}: values of select must be integers, as in {form}, got {values!r:.80}")
     if len(set(values)) < len(values):
-        raise InputError(f"study {path}: recording {name} selects a trial twice, got values {values!r:.80}: list each "
-                         "trial once")
+        raise InputError(f"recording {name} selects a trial twice, got values {values!r:.80}: list each trial once")
     return [f"{name}_{value}" for value in values]
 
 
@@ -107,7 +105,7 @@ def ungrouped(fit: Mapping[str, Any], groups: Mapping[str, list[str]]) -> Table:
     }}
 
 
-def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: Path) -> Table:
+def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...]) -> Table:
     """Return the fit `name`. Entries that it lacks are taken from the fit that its entry `like` names, and the
     parameters that its entry `without` lists are removed.
     """
@@ -116,21 +114,19 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...], path: P
     if like is not None:
         if not isinstance(like, str) or like not in fits:
             listed = ", ".join(n for n in fits if n != name)
-            raise InputError(f"study {path}: `like` of fit {name} names fit {like!r:.60}, which is not one of "
+            raise InputError(f"`like` of fit {name} names fit {like!r:.60}, which is not one of "
                              f"{listed or 'the fits'}: correct it")
         if like in (*above, name):
-            raise InputError(f"study {path}: fit {like} refers to itself by `like`, "
-                             f"{' -> '.join((*above, name, like))}: remove one `like`")
-        shared = fit_of(like, fits, (*above, name), path)
+            raise InputError(f"fit {like} refers to itself by `like`, {' -> '.join((*above, name, like))}: remove one "
+                             "`like`")
+        shared = fit_of(like, fits, (*above, name))
         shared.pop("title", None)  # each fit has a title of its own
         own = merged(shared, own)
     parameters = own.get("parameters", {})
     known = parameters if isinstance(parameters, Mapping) else {}
     if not isinstance(without, list) or [p for p in without if not isinstance(p, str) or p not in known]:
-        raise InputError(
-            f"study {path}: fit {name} has without = {shown(without)}, which must be a list of some of its parameters: "
-            f"{', '.join(known) or 'none'}"
-        )
+        raise InputError(f"fit {name} has without = {shown(without)}, which must be a list of some of its parameters: "
+                         f"{', '.join(known) or 'none'}")
     if without:
         own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
     return own

@@ -60,6 +60,11 @@ class Lines:
         """Add an empty line and the head of a table."""
         self.text += ["", f"[{name}]"]
 
+    def item(self, table: str, name: str) -> None:
+        """Add an empty line, the head of a table in a list of tables, and the name of this table."""
+        self.text += ["", f"[[{table}]]"]
+        self.put("name", name)
+
     def put(self, name: str, value: Any, comment: str = "") -> None:
         """Add a line ``name = value``, with an optional comment."""
         self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))

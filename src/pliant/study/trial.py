@@ -211,13 +211,16 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
         return replace(trial, aligned=recording)
     trial = replace(trial, stations=rigid_clusters(recording))
     trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
-    if trial.capped:
-        return trial
+    return trial if trial.capped else with_alignment(trial)
+
+
+def with_alignment(trial: Trial, *, space: bool = False) -> Trial:
+    """Return the trial with its recording aligned in the plane or in space, or with the reason why it cannot be."""
     try:
-        with unit_warning_first(assessed.doubts):
-            return replace(trial, aligned=align(trial.grouped, **trial.options))
+        with unit_warning_first(trial.quality.doubts):
+            return replace(trial, aligned=align(trial.grouped, **trial.options, space=space), problem="")
     except InputError as error:
-        return replace(trial, problem=str(error))
+        return replace(trial, aligned=None, problem=str(error))
 
 
 def in_space(trial: Trial) -> Trial:
@@ -232,13 +235,7 @@ def in_space(trial: Trial) -> Trial:
         content = "angles alone" if trial.angles_only else "a planar recording"
         raise InputError(f"{trial.path.name} holds {content}: a study in space needs the three-dimensional positions "
                          "of the tracker")
-    if trial.recording.attrs["frame"] == "spatial" or trial.capped:
-        return trial
-    try:
-        with unit_warning_first(trial.quality.doubts):
-            return replace(trial, aligned=align(trial.grouped, **trial.options, space=True), problem="")
-    except InputError as error:
-        return replace(trial, aligned=None, problem=str(error))
+    return trial if trial.recording.attrs["frame"] == "spatial" or trial.capped else with_alignment(trial, space=True)
 
 
 def from_one_side(trials: Sequence[Trial]) -> list[Trial]:

@@ -123,8 +123,5 @@ def frames_in(exp: Experiment, seconds: float) -> int:
 
 def multi_start(task: SweepTask, first: int, last: int) -> Arrays:
     """Fit the recordings from random start values, once per sample, to see whether all reach the same optimum."""
-    rows = []
-    for sample in range(first, last):
-        rng = generator(task.sweep.seed, sample)
-        rows.append(refitted(task, sample, task.experiments, scattered_start(task.parameters, rng)))
-    return stacked(rows)
+    starts = {s: scattered_start(task.parameters, generator(task.sweep.seed, s)) for s in range(first, last)}
+    return stacked([refitted(task, sample, task.experiments, start) for sample, start in starts.items()])

@@ -21,17 +21,11 @@ __all__ = [
     "generate_set",
 ]
 
-_HOME = {
-    "BUNDLED": "bundle",
-    "bundled_recording": "bundle",
-    "SCENARIOS": "scenarios",
-    "Member": "family",
-    "family_member": "family",
-    "Laboratory": "laboratory",
-    "generate": "laboratory",
-    "generate_file": "laboratory",
-    "generate_set": "laboratory",
+_PAGE = {
+    "bundle": ("BUNDLED", "bundled_recording"), "scenarios": ("SCENARIOS",), "family": ("Member", "family_member"),
+    "laboratory": ("Laboratory", "generate", "generate_file", "generate_set"),
 }
+_HOME = {name: module for module, names in _PAGE.items() for name in names}
 
 
 def __getattr__(name: str) -> object:

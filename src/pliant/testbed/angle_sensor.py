@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.testbed.fibre import body_angle
+from pliant.testbed.rod import RodParameters
+from pliant.testbed.stepping import RodMotion
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pliant.testbed.rod import RodParameters
-    from pliant.testbed.stepping import RodMotion
-
+Array = np.ndarray
 FINE = 1e-3  # s, on which the sensor's lag is taken
 
 
@@ -54,9 +50,9 @@ IMU = AngleSensor(
 
 
 def observe_angle(
-    motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: NDArray[np.float64],
-    specimen: np.random.Generator, rng: np.random.Generator,
-) -> NDArray[np.float64]:
+    motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: Array, specimen: np.random.Generator,
+    rng: np.random.Generator,
+) -> Array:
     """Return the sensor's readings (T,) [rad] at the times `at` (T,) [s]."""
     time = np.arange(0.0, at[-1] + FINE, FINE)
     s, theta = body_angle(motion, p, time)

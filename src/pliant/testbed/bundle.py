@@ -35,12 +35,17 @@ def bundled_recording(name: str = "pulse_119") -> xr.Dataset:
 
 def bundle_recording(name: str) -> xr.Dataset:
     """Generate one bundled recording, with positions rounded for storage."""
-    from pliant.recording import append_history
     from pliant.testbed.laboratory import generate
 
-    recording = generate(name, "a", 1).recording
-    rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
-    return append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
+    return rounded(generate(name, "a", 1).recording)
+
+
+def rounded(recording: xr.Dataset) -> xr.Dataset:
+    """Return the recording with positions rounded for storage."""
+    from pliant.recording import append_history
+
+    position = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
+    return append_history(recording.assign(position=position), f"positions rounded to {QUANTUM * 1e6:.1f} um")
 
 
 def bundled_log(name: str = "pulse_119") -> Path:
@@ -75,13 +80,6 @@ def angle_log(name: str, seed: int = 1) -> str:
     return "".join(f"{line}\r" for line in ("time;angle;pressure;set_point", *rows)).replace(".", ",")
 
 
-def write_logs(folder: Path = FOLDER) -> None:
-    """Write all bundled logs of angle and pressure to `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in LOGGED:
-        (folder / f"angle_{name}.txt").write_bytes(angle_log(name).encode())
-
-
 def main(folder: Path = FOLDER) -> None:
     """Write all bundled recordings and logs to `folder`."""
     from pliant.recording.netcdf import write_netcdf
@@ -89,7 +87,8 @@ def main(folder: Path = FOLDER) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in BUNDLED:
         write_netcdf(bundle_recording(name), folder / f"{name}.nc", float32=True, compress=True)
-    write_logs(folder)
+    for name in LOGGED:
+        (folder / f"angle_{name}.txt").write_bytes(angle_log(name).encode())
 
 
 if __name__ == "__main__":

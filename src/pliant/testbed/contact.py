@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
+Array = np.ndarray
 RIGID = 4.0e3  # N/m per 5 mm of touching body: the silicone yields before the post
 SLIP_SPEED = 1.0e-3  # m/s, below which friction is viscous
 
@@ -50,7 +46,7 @@ class Wall:
         return [1.0, *self.normal, self.offset, self.stiffness, self.friction, SLIP_SPEED]
 
 
-def obstacle_rows(obstacles: Sequence[Circle | Wall]) -> NDArray[np.float64]:
+def obstacle_rows(obstacles: Sequence[Circle | Wall]) -> Array:
     """Return an (O, 7) array of O obstacles. A row holds kind, geometry (3 numbers), stiffness, friction coefficient
     and slip speed.
 

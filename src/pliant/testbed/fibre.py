@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.testbed.rod import RodParameters
+from pliant.testbed.stepping import RodMotion
 from pliant.testbed.truth import node_positions
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pliant.testbed.rod import RodParameters
-    from pliant.testbed.stepping import RodMotion
-
+Array = np.ndarray
 FINE = 850  # intervals of the body on which the angle is integrated
 CORE_ANGLE = (0.0, 0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
 
@@ -66,15 +62,13 @@ class FibreSensor:
                 )
 
 
-def station_position(p: RodParameters, sensor: FibreSensor) -> NDArray[np.float64]:
+def station_position(p: RodParameters, sensor: FibreSensor) -> Array:
     """Return the arc lengths (G,) [m] of the fibre's G sample points, measured from the actuator's base."""
     count = round((sensor.lead_in + p.length + p.cap_length + sensor.tail) / sensor.spacing)
     return np.asarray(-sensor.lead_in + sensor.spacing * np.arange(count + 1))
 
 
-def body_angle(
-    motion: RodMotion, p: RodParameters, at: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def body_angle(motion: RodMotion, p: RodParameters, at: Array) -> tuple[Array, Array]:
     """Return the arc lengths (F,) [m] of F points along the body, and the tangent angles (T, F) [rad] at these points
     and at T times `at` [s].
     """
@@ -91,7 +85,7 @@ def body_angle(
     return s, np.concatenate([np.zeros((at.size, 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
-def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def stretched(motion: RodMotion, p: RodParameters, at: Array) -> Array:
     """Return the arc lengths (T, F) [m] of F points along the stretched body at T times `at` [s]."""
     s = np.linspace(0.0, p.length, FINE + 1)
     if not any(c.push for c in p.chambers):
@@ -101,9 +95,7 @@ def stretched(motion: RodMotion, p: RodParameters, at: NDArray[np.float64]) -> N
     return np.stack([np.interp(s, motion.arc_length[: p.elements + 1], row) for row in grown])
 
 
-def gauge_curvature(
-    motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def gauge_curvature(motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: Array) -> Array:
     """Return the true in-plane curvature (T, G) [1/m] of the fibre at T times, averaged over the length of each of G
     gauges.
 
@@ -126,9 +118,7 @@ def gauge_curvature(
     return out
 
 
-def wandering_bias(
-    sensor: FibreSensor, station: NDArray[np.float64], at: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def wandering_bias(sensor: FibreSensor, station: Array, at: Array, rng: np.random.Generator) -> Array:
     """Return a random error (T, G) [1/m] for the curvatures that G gauges read at T times. It is smooth along the fibre
     and an Ornstein-Uhlenbeck process in time.
     """
@@ -148,13 +138,9 @@ def wandering_bias(
 
 
 def sensed_curvature(
-    motion: RodMotion,
-    p: RodParameters,
-    sensor: FibreSensor,
-    at: NDArray[np.float64],
-    specimen: np.random.Generator,
+    motion: RodMotion, p: RodParameters, sensor: FibreSensor, at: Array, specimen: np.random.Generator,
     rng: np.random.Generator,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the curvatures (2, T, G) [1/m] that G gauges read at T times, in the nominal bending plane and out of this
     plane.
     """
@@ -169,7 +155,7 @@ def sensed_curvature(
     return out
 
 
-def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+def integrate_shape(kappa: Array, spacing: float) -> Array:
     """Return the positions (T, G, 3) [m] of G points along the fibre at T times, by integration of its curvatures
     `kappa` (2, T, G) [1/m] in two planes. The fibre starts at the origin along +x.
 
@@ -191,7 +177,7 @@ def integrate_shape(kappa: NDArray[np.float64], spacing: float) -> NDArray[np.fl
     return out
 
 
-def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
+def core_strain(kappa: Array, sensor: FibreSensor, rng: np.random.Generator) -> Array:
     """Return the strains (T, 4, G) in the fibre's four cores (one at the centre, three around it) at T times and G
     gauges. `kappa` (2, T, G) [1/m] holds the fibre's curvatures in two planes.
     """
@@ -201,7 +187,7 @@ def core_strain(kappa: NDArray[np.float64], sensor: FibreSensor, rng: np.random.
     return np.asarray(np.stack(cores, axis=1) + drift[:, None, None])
 
 
-def place(position: NDArray[np.float64], sensor: FibreSensor, specimen: np.random.Generator) -> NDArray[np.float64]:
+def place(position: Array, sensor: FibreSensor, specimen: np.random.Generator) -> Array:
     """Rotate and shift positions (..., 3) [m] into the sensor's slightly misaligned frame."""
     from scipy.spatial.transform import Rotation
 
@@ -209,7 +195,7 @@ def place(position: NDArray[np.float64], sensor: FibreSensor, specimen: np.rando
     return np.asarray(position @ turn.T + sensor.displacement * specimen.standard_normal(3))
 
 
-def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.bool_]:
+def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> Array:
     """Return a mask (T,) of T frames that is True for lost ones. Frames are lost in bursts of geometrically distributed
     length.
     """
@@ -219,7 +205,7 @@ def drop_frames(frames: int, sensor: FibreSensor, rng: np.random.Generator) -> N
     return lost
 
 
-def time_stamps(at: NDArray[np.float64], sensor: FibreSensor, rng: np.random.Generator) -> NDArray[np.float64]:
+def time_stamps(at: Array, sensor: FibreSensor, rng: np.random.Generator) -> Array:
     """Return the recorded times (T,) [s] of T frames: the true times plus a latency and a random jitter of at most a
     third of the frame period.
     """

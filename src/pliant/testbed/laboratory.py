@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.recording import make_recording, read
@@ -24,15 +26,10 @@ from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.scenarios import Scenario, scenario
 from pliant.testbed.stepping import RodMotion, simulate
-from pliant.testbed.truth import make_truth, write_truth
+from pliant.testbed.truth import make_truth, read_truth, write_truth
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    import xarray as xr
-    from numpy.typing import NDArray
-
+Array = np.ndarray
 Output = Literal["position", "strain", "markers", "angle"]
 SUPPLY_STEP = 1.25e-5  # s, of the valve's equations
 RECORD = 1e-3  # s between two kept states
@@ -127,12 +124,8 @@ def resolved(
 
 
 def generate(
-    case: str | Scenario,
-    body: str | int | RodParameters | Member = "a",
-    seed: int = 1,
-    *,
-    lab: Laboratory | None = None,
-    progress: Callable[[float], None] | None = None,
+    case: str | Scenario, body: str | int | RodParameters | Member = "a", seed: int = 1, *,
+    lab: Laboratory | None = None, progress: Callable[[float], None] | None = None,
 ) -> LaboratoryExperiment:
     """Simulate a scenario and return its recording together with the true motion.
 
@@ -182,13 +175,7 @@ def generate(
 
 
 def record(
-    motion: RodMotion,
-    rod: RodParameters,
-    lab: Laboratory,
-    at: NDArray[np.float64],
-    *,
-    seed: int,
-    attrs: dict[str, Any],
+    motion: RodMotion, rod: RodParameters, lab: Laboratory, at: Array, *, seed: int, attrs: dict[str, Any],
 ) -> xr.Dataset:
     """Return the recording that the laboratory's instruments make of a rod's motion at the T times `at` (T,) [s]."""
     stream = zlib.crc32(str(attrs["scenario"]).encode())
@@ -224,25 +211,19 @@ def record(
     return make_recording(stamps, position, station=names, attrs=known, **common)
 
 
-def is_current(path: Path, key: str) -> bool:
-    """Return True if the file `path` already holds the recording whose content has the digest `key`."""
-    if not path.is_file():
-        return False
+def is_current(path: Path, key: str, reader: Callable[[Path], xr.Dataset] = read) -> bool:
+    """Return True if the file `path` already holds the recording, or what else `reader` reads, whose content has the
+    digest `key`.
+    """
     try:
-        return bool(read(path).attrs.get("content_key") == key)
+        return path.is_file() and bool(reader(path).attrs.get("content_key") == key)
     except PliantError:
         return False
 
 
 def generate_file(
-    case: str | Scenario,
-    path: str | Path,
-    *,
-    body: str | int | RodParameters | Member = "a",
-    seed: int = 1,
-    lab: Laboratory | None = None,
-    truth: str | Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    case: str | Scenario, path: str | Path, *, body: str | int | RodParameters | Member = "a", seed: int = 1,
+    lab: Laboratory | None = None, truth: str | Path | None = None, progress: Callable[[float], None] | None = None,
 ) -> bool:
     """Generate a recording as a netCDF file and, optionally, the true motion as another. Files that are up to date are
     kept.
@@ -259,7 +240,7 @@ def generate_file(
         raise InputError(f"recording and true motion need two different files, both are {path}")
     adapted, who, own = resolved(case, body, lab)
     key = content_key(adapted, who.body, seed, own)
-    if is_current(path, key) and (truth is None or _truth_is_current(Path(truth), key)):
+    if is_current(path, key) and (truth is None or is_current(Path(truth), key, read_truth)):
         return False
     experiment = generate(case, body, seed, lab=lab, progress=progress)
     if truth is not None:
@@ -268,20 +249,8 @@ def generate_file(
     return True
 
 
-def _truth_is_current(path: Path, key: str) -> bool:
-    from pliant.testbed.truth import read_truth
-
-    try:
-        return bool(read_truth(path).attrs.get("content_key") == key)
-    except PliantError:
-        return False
-
-
 def generate_set(
-    cases: Iterable[tuple[str, str, int]],
-    folder: str | Path,
-    *,
-    lab: Laboratory | None = None,
+    cases: Iterable[tuple[str, str, int]], folder: str | Path, *, lab: Laboratory | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
     """Generate the recording of each (scenario, actuator, seed) as a file in `folder`, and its true motion as a file in
@@ -292,12 +261,11 @@ def generate_set(
     """
     folder = Path(folder)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
-    todo = list(cases)
-    experiments = []
+    todo, paths = list(cases), []
     for done, (case, body, seed) in enumerate(todo):
         path = folder / f"{case}-{body}-{seed}.nc"
         if progress is not None:
             progress(done, len(todo), path.name)
         generate_file(case, path, body=body, seed=seed, lab=lab, truth=folder / "truth" / path.name)
-        experiments.append(path)
-    return experiments
+        paths.append(path)
+    return paths

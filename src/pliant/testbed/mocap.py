@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.testbed.fibre import body_angle, stretched
+from pliant.testbed.rod import RodParameters
+from pliant.testbed.stepping import RodMotion
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pliant.testbed.rod import RodParameters
-    from pliant.testbed.stepping import RodMotion
-
+Array = np.ndarray
 BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
 
 
@@ -34,9 +30,7 @@ def marker_names(mocap: MotionCapture) -> list[str]:
     return [f"base_{k + 1}" for k in range(len(BASE))] + [f"body_{k + 1}" for k in range(mocap.markers)]
 
 
-def marker_positions(
-    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def marker_positions(motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array) -> Array:
     """Return the true positions (T, M, 3) [m] of M markers in the actuator's frame at T times `at` (T,) [s]."""
     s, theta = body_angle(motion, p, at)
     half = 0.5 * (theta[:, 1:] + theta[:, :-1])
@@ -53,8 +47,8 @@ def marker_positions(
 
 
 def observe_markers(
-    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array, rng: np.random.Generator
+) -> Array:
     """Return noisy positions (T, M, 3) [m] of M markers at T times `at` (T,) [s], in a laboratory frame of random pose.
     Lost markers are NaN.
     """

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.testbed.contact import obstacle_rows
+from pliant.testbed.contact import Circle, Wall, obstacle_rows
 from pliant.testbed.family import Member, member
 from pliant.testbed.rod import RodParameters, build_body
 from pliant.testbed.stepping import Span, _clock, _out, _work, settle
-from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from pliant.testbed.contact import Circle, Wall
-    from pliant.testbed.fibre import FibreSensor
+from pliant.testbed.valve import Iso6358, SupplyRegulator
 
 Array = np.ndarray
 SUPPLY_STEP = 2.5e-5  # s, of the regulator's equations
@@ -33,14 +28,6 @@ class PlantFrame(NamedTuple):
     time: float  # s, when the shape was taken
     shape: Array  # (S, 2) m, points of the body in the base frame; NaN where the frame is lost
     pressure: float  # Pa gauge, read when the frame arrives
-
-
-@dataclass(frozen=True)
-class Sensing:
-    """The plant's sensors, which add errors to the true state."""
-
-    fibre: FibreSensor
-    transducer: PressureSensor
 
 
 class Plant:
@@ -110,7 +97,7 @@ class Plant:
         if perfect:
             fibre = replace(fibre, noise=0.0, bias=0.0, gain_error=0.0, jitter=0.0, drop_out=0.0, latency=0.0)
             transducer = replace(transducer, noise=0.0, bias=0.0, resolution=0.0)
-        self._sensing = Sensing(fibre, transducer)
+        self._fibre, self._transducer = fibre, transducer
         self._clock = _clock(self._body, time_step, static=False)
         self._work = _work(self._body)
         self._out = _out(2, self._body.rest_length.size + 1, self._body)
@@ -129,7 +116,7 @@ class Plant:
         self._commands = deque([0.0] * round(self._valve.dead_time / self._time_step))
         self._load = np.zeros(2)
         self._rng = np.random.default_rng([self._seed, 7])
-        waves = np.random.default_rng([self._seed, 8]).standard_normal(24) / self._sensing.fibre.bias_length
+        waves = np.random.default_rng([self._seed, 8]).standard_normal(24) / self._fibre.bias_length
         s = np.cumsum(self._body.weight)
         self._bias_shape = np.vstack([np.cos(np.outer(waves, s)), np.sin(np.outer(waves, s))])
         self._bias = self._rng.standard_normal(48)
@@ -162,8 +149,8 @@ class Plant:
             When the simulation does not converge.
         """
         from pliant.compiler.choose import twin
-        from pliant.testbed.plant_loops import regulate_on
         from pliant.testbed.stepping_loops import march
+        from pliant.testbed.valve_loops import regulate_on
 
         if np.size(command) != 1:
             raise InputError(
@@ -194,16 +181,15 @@ class Plant:
         return self._frame()
 
     def _frame(self) -> PlantFrame:
-        fibre = self._sensing.fibre
         self._late.append((self.time, self._sense()))
-        while len(self._late) > 1 and self._late[1][0] + fibre.latency <= self.time + 1e-9:
+        while len(self._late) > 1 and self._late[1][0] + self._fibre.latency <= self.time + 1e-9:
             self._late.popleft()
         taken, shape = self._late[0]
-        return PlantFrame(taken + fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
+        return PlantFrame(taken + self._fibre.jitter * float(self._rng.standard_normal()), shape, self._read())
 
     def _sense(self) -> Array:
         """Return the points (S, 2) [m] of the body that the fibre measures: the base and the end of every element."""
-        fibre, rng = self._sensing.fibre, self._rng
+        fibre, rng = self._fibre, self._rng
         keep = np.exp(-self.period / fibre.bias_time)
         self._bias = keep * self._bias + np.sqrt(1.0 - keep**2) * rng.standard_normal(self._bias.size)
         weight = self._body.weight
@@ -219,7 +205,7 @@ class Plant:
         return points if rng.random() >= fibre.drop_out else np.full_like(points, np.nan)
 
     def _read(self) -> float:
-        sensor = self._sensing.transducer
+        sensor = self._transducer
         value = self.pressure + sensor.bias * self._specimen[1] + sensor.noise * float(self._rng.standard_normal())
         return float(np.round(value / sensor.resolution) * sensor.resolution if sensor.resolution else value)
 

@@ -6,15 +6,19 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pliant.errors import InputError
 
+Array = np.ndarray
 CAP_EDGE = 0.01  # m, length of the edge that carries the rigid cap
 CAP_STIFFNESS = 2.0e4  # N, EA of that edge at least: the cap does not stretch with the body
 FEATURES = 64  # cosines of a random field
 CONTACT_LENGTH = 0.005  # m of body over which an obstacle's stiffness is spread
 ACTUATORS = {"a": 1, "b": 2, "c": 3}  # name -> seed of everything that differs between specimens
+SPREAD = {  # standard deviation of the logarithm of each parameter over specimens
+    "mass": 0.02, "bending_stiffness": 0.07, "rest_curvature": 0.15, "gain": 0.05, "loss_time": 0.1, "slip_share": 0.2,
+    "cap_mass": 0.1, "locking": 0.3,
+}
 
 
 @dataclass(frozen=True)
@@ -161,50 +165,43 @@ def actuator(name: str = "a") -> RodParameters:
     seed = ACTUATORS[name]
     draw = np.random.default_rng([seed, 2018]).standard_normal(8)
     base = RodParameters()
-    return replace(
-        base,
-        seed=seed,
-        mass=base.mass * float(np.exp(0.02 * draw[0])),
-        bending_stiffness=base.bending_stiffness * float(np.exp(0.07 * draw[1])),
-        rest_curvature=base.rest_curvature * float(np.exp(0.15 * draw[2])),
-        gain=base.gain * float(np.exp(0.05 * draw[3])),
-        loss_time=base.loss_time * float(np.exp(0.1 * draw[4])),
-        slip_share=base.slip_share * float(np.exp(0.2 * draw[5])),
-        cap_mass=base.cap_mass * float(np.exp(0.1 * draw[6])),
-        locking=base.locking * float(np.exp(0.3 * draw[7])),
-    )
+    drawn = {
+        name: getattr(base, name) * float(np.exp(spread * part))
+        for (name, spread), part in zip(SPREAD.items(), draw, strict=True)
+    }
+    return replace(base, seed=seed, **drawn)
 
 
 class RodBody(NamedTuple):
     """Properties of the E edges, B bending vertices and V = E + 1 nodes of a discrete rod, as arrays (SI units)."""
 
-    rest_length: NDArray[np.float64]  # (E,) m
-    axial: NDArray[np.float64]  # (E,) N
-    weight: NDArray[np.float64]  # (B,) m, length of body that belongs to a vertex
-    stiffness: NDArray[np.float64]  # (B,) N m2
-    rest_curvature: NDArray[np.float64]  # (B,) 1/m
-    gain: NDArray[np.float64]  # (C, B) N m/Pa, of each chamber
-    gain_slope: NDArray[np.float64]  # (C,) m
-    thrust: NDArray[np.float64]  # (C, E) m2, tension per pressure that each chamber takes off each edge
+    rest_length: Array  # (E,) m
+    axial: Array  # (E,) N
+    weight: Array  # (B,) m, length of body that belongs to a vertex
+    stiffness: Array  # (B,) N m2
+    rest_curvature: Array  # (B,) 1/m
+    gain: Array  # (C, B) N m/Pa, of each chamber
+    gain_slope: Array  # (C,) m
+    thrust: Array  # (C, E) m2, tension per pressure that each chamber takes off each edge
     loss_time: float  # s
-    fibre_height: NDArray[np.float64]  # (F,) m; empty: linear
-    fibre_share: NDArray[np.float64]  # (F,) 1/m2, so that the initial slope is 1
+    fibre_height: Array  # (F,) m; empty: linear
+    fibre_share: Array  # (F,) 1/m2, so that the initial slope is 1
     locking: float
-    prony_share: NDArray[np.float64]  # (P,)
-    prony_time: NDArray[np.float64]  # (P,) s
-    slip_stiffness: NDArray[np.float64]  # (B, J) N m2
-    slip_limit: NDArray[np.float64]  # (B, J) N m
-    mass: NDArray[np.float64]  # (V,) kg, without the cap
-    cap_mass: NDArray[np.float64]  # (4, 4) kg, on the last two nodes
-    cap_weight: NDArray[np.float64]  # (4,) N
-    gravity: NDArray[np.float64]  # (2,) m/s2
-    contact_share: NDArray[np.float64]  # (V,)
+    prony_share: Array  # (P,)
+    prony_time: Array  # (P,) s
+    slip_stiffness: Array  # (B, J) N m2
+    slip_limit: Array  # (B, J) N m
+    mass: Array  # (V,) kg, without the cap
+    cap_mass: Array  # (4, 4) kg, on the last two nodes
+    cap_weight: Array  # (4,) N
+    gravity: Array  # (2,) m/s2
+    contact_share: Array  # (V,)
     half_width: float  # m
     tube_resistance: float  # Pa s/m3
     pushed: int  # node that a load's force acts on
 
 
-def random_field(s: NDArray[np.float64], length: float, scale: float, seed: list[int]) -> NDArray[np.float64]:
+def random_field(s: Array, length: float, scale: float, seed: list[int]) -> Array:
     """Return a smooth random function at the arc lengths `s` [m], with zero mean and unit standard deviation.
 
     It is a sum of cosines and does not depend on the number of elements. `scale` is its correlation length [m].
@@ -218,7 +215,7 @@ def random_field(s: NDArray[np.float64], length: float, scale: float, seed: list
     return np.asarray((values - reference.mean()) / reference.std())
 
 
-def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def material_fields(p: RodParameters, s: Array) -> dict[str, Array]:
     """Return EI [N m2], moment per pressure [N m/Pa] and rest curvature [1/m] at the arc lengths `s` [m], in a dict."""
     ends = p.end_stiffening * (np.exp(-s / p.end_length) + np.exp(-(p.length - s) / p.end_length))
     noise = [random_field(s, p.length, p.correlation_length, [p.seed, k]) for k in range(3)]
@@ -229,7 +226,7 @@ def material_fields(p: RodParameters, s: NDArray[np.float64]) -> dict[str, NDArr
     }
 
 
-def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.float64]:
+def chamber_gains(p: RodParameters, gain: Array) -> Array:
     """Return the bending moment per pressure (C, B) [N m/Pa] of each of C chambers at each of B bending vertices.
 
     A vertex represents half an element on each side. A chamber that covers only part of this length acts with the
@@ -241,7 +238,7 @@ def chamber_gains(p: RodParameters, gain: NDArray[np.float64]) -> NDArray[np.flo
     return np.array([c.gain * covered(c, low, high)[: gain.size] * gain for c in p.chambers])
 
 
-def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
+def chamber_thrusts(p: RodParameters, edges: int) -> Array:
     """Return the axial force per pressure (C, E) [m2] of each of C chambers on each of E edges. It is scaled by the
     fraction of the edge's length that the chamber covers.
     """
@@ -251,9 +248,7 @@ def chamber_thrusts(p: RodParameters, edges: int) -> NDArray[np.float64]:
     return out
 
 
-def covered(
-    chamber: ChamberParameters, low: NDArray[np.float64], high: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def covered(chamber: ChamberParameters, low: Array, high: Array) -> Array:
     """Return the fraction of each interval from `low` to `high` that the chamber covers.
 
     The interval ends are fractions of the body's length.
@@ -262,7 +257,7 @@ def covered(
     return np.maximum(inside, 0.0) / (high - low)
 
 
-def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def section_fibres(p: RodParameters) -> tuple[Array, Array]:
     """Return heights [m] and weights of Gauss points over the cross-section's height. The weights are scaled so that
     the initial bending stiffness is 1.
     """
@@ -273,7 +268,7 @@ def section_fibres(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.fl
     return height, share / (4.0 * np.sum(share * height**2))
 
 
-def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def cap_terms(p: RodParameters) -> tuple[Array, Array]:
     """Return the mass matrix (4, 4) [kg] and the weight (4,) [N] of the rigid curved cap, for the coordinates x and y
     of the two nodes of its edge.
 
@@ -294,7 +289,7 @@ def cap_terms(p: RodParameters) -> tuple[NDArray[np.float64], NDArray[np.float64
     return mass, weight
 
 
-def node_position(p: RodParameters) -> NDArray[np.float64]:
+def node_position(p: RodParameters) -> Array:
     """Return the arc lengths (V,) [m] of the rod's V nodes at rest.
 
     If there is a cap, the last node is the far end of the cap's edge.
@@ -340,7 +335,7 @@ def build_body(p: RodParameters) -> RodBody:
     )  # fmt: skip
 
 
-def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def prony_decay(time: Array, dt: float) -> Array:
     """Return the coefficients (P, 3) for the exact update of P viscoelastic branches over a time step `dt` [s]. A
     branch with the input u and the state xi obeys ``xi' = (u - xi) / time``.
 
@@ -362,7 +357,7 @@ def prony_decay(time: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     return np.column_stack([keep, mean - keep, 1.0 - mean])
 
 
-def slip_thresholds(vertices: int, elements: int, *, scale: float, shape: float, seed: int) -> NDArray[np.float64]:
+def slip_thresholds(vertices: int, elements: int, *, scale: float, shape: float, seed: int) -> Array:
     """Return the curvature changes [1/m] at which the slip elements of each vertex yield, drawn at random from a
     Weibull distribution.
 

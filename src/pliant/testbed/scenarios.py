@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.testbed.contact import Circle, Wall
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Command:
     start: float = 1.0
     stop: float = 1.0
 
-    def __call__(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, time: Array) -> Array:
         """Return the commanded gauge pressure (T,) [Pa] at the times `time` (T,) [s]."""
         if self.wave in ("steps", "triangle"):
             times, level = np.array(self.points, dtype=float).T
@@ -56,12 +54,12 @@ class Command:
         return replace(self, points=tuple((t, p * share) for t, p in self.points), mean=self.mean * share,
                        amplitude=self.amplitude * share)  # fmt: skip
 
-    def _sweep(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _sweep(self, t: Array) -> Array:
         ratio = np.log(self.band[1] / self.band[0])
         span = self.stop - self.start
         return np.asarray(np.sin(2.0 * np.pi * self.band[0] * span / ratio * np.expm1(ratio * t / span)))
 
-    def _lines(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _lines(self, t: Array) -> Array:
         """Return a multisine with unit peak: equal amplitudes at odd multiples of the lowest frequency, Schroeder
         phases.
         """
@@ -69,7 +67,7 @@ class Command:
         k = np.arange(lines.size)
         phase = -np.pi * k * (k + 1) / lines.size
 
-        def total(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        def total(at: Array) -> Array:
             return np.asarray(sum(np.cos(2.0 * np.pi * f * at + p) for f, p in zip(lines, phase, strict=True)))
 
         return total(t) / float(np.abs(total(np.linspace(0.0, 1.0 / self.band[0], 4001))).max())

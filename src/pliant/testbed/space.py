@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.plugins import optional
 from pliant.recording import make_recording
 from pliant.testbed.space_body import BodyInSpace
 
@@ -92,10 +93,8 @@ def simulate_in_space(name: str, body: BodyInSpace | None = None) -> MotionInSpa
     body = body or BodyInSpace()
     if name not in COMMANDS:
         raise InputError(f"unknown command {name!r} for a body in space: use one of {', '.join(COMMANDS)}")
-    try:
-        from pliant.testbed import elastic_rod
-    except ImportError:
-        raise InputError("the virtual body in space needs PyElastica: pip install 'pliant[bench]'") from None
+    missing = "the virtual body in space needs PyElastica: pip install 'pliant[bench]'"
+    elastic_rod = optional("pliant.testbed.elastic_rod", missing)
     time = body.time_step * np.arange(round(DURATION / body.time_step) + 1)
     pressure = lagged(COMMANDS[name](time), body.time_step / body.lag)
     return MotionInSpace(*elastic_rod.integrate(body, pressure, every=round(1.0 / (RATE * body.time_step))))
@@ -148,16 +147,13 @@ def fibre_table(
 
 def main() -> None:
     """Write all bundled recordings of a body in space; takes about a minute."""
-    from pliant.recording import append_history
     from pliant.recording.netcdf import write_netcdf
-    from pliant.testbed.bundle import FOLDER, QUANTUM
+    from pliant.testbed.bundle import FOLDER, rounded
 
     for number, name in enumerate(COMMANDS):
         motion = simulate_in_space(name)
-        recording = marker_recording(motion, SEED + number, name=name)
-        rounded = recording["position"].copy(data=np.round(recording["position"].to_numpy() / QUANTUM) * QUANTUM)
-        kept = append_history(recording.assign(position=rounded), f"positions rounded to {QUANTUM * 1e6:.1f} um")
-        write_netcdf(kept, FOLDER / f"space_{name}.nc", float32=True, compress=True)
+        recording = rounded(marker_recording(motion, SEED + number, name=name))
+        write_netcdf(recording, FOLDER / f"space_{name}.nc", float32=True, compress=True)
         if name == FIBRE:
             half = motion._replace(**{field: getattr(motion, field)[::2] for field in motion._fields})
             (FOLDER / "space_fibre.csv").write_text(fibre_table(half, SEED), encoding="utf-8")

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pliant.errors import InputError, SimulationError
 from pliant.testbed.rod import RodBody, RodParameters, build_body, node_position, prony_decay
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
 
 Array = np.ndarray
 STATIC_STEP = 1e6  # s: a step so long that inertia, viscosity and relaxation have died out
@@ -97,15 +93,15 @@ class RodMotion:
     iterations : float, Newton iterations per step
     """
 
-    time: NDArray[np.float64]
-    arc_length: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    curvature: NDArray[np.float64]
-    force: NDArray[np.float64]
-    pressure: NDArray[np.float64]
-    volume: NDArray[np.float64]
-    energy: NDArray[np.float64]
+    time: Array
+    arc_length: Array
+    position: Array
+    velocity: Array
+    curvature: Array
+    force: Array
+    pressure: Array
+    volume: Array
+    energy: Array
     iterations: float
 
 
@@ -133,11 +129,8 @@ def _work(body: RodBody) -> Work:
 
 def _out(records: int, nodes: int, body: RodBody) -> Out:
     chambers, vertices = body.gain.shape
-    return Out(
-        np.zeros((records, nodes, 2)), np.zeros((records, nodes, 2)), np.zeros((records, vertices)),
-        np.zeros((records, nodes, 2)), np.zeros((records, chambers)), np.zeros((records, chambers)),
-        np.zeros((records, 5)),
-    )  # fmt: skip
+    shapes = (nodes, 2), (nodes, 2), (vertices,), (nodes, 2), (chambers,), (chambers,), (5,)
+    return Out(*(np.zeros((records, *shape)) for shape in shapes))
 
 
 def _clock(body: RodBody, time_step: float, *, static: bool) -> StepClock:
@@ -146,11 +139,7 @@ def _clock(body: RodBody, time_step: float, *, static: bool) -> StepClock:
 
 
 def settle(
-    p: RodParameters,
-    loads: ArrayLike | None = None,
-    *,
-    obstacles: ArrayLike | None = None,
-    increments: int = 40,
+    p: RodParameters, loads: ArrayLike | None = None, *, obstacles: ArrayLike | None = None, increments: int = 40,
 ) -> RodState:
     """Compute the static equilibrium of the rod under constant loads, with all viscoelastic (Prony) branches relaxed.
 
@@ -178,12 +167,11 @@ def settle(
     body = build_body(p)
     whole = _loads(p, np.zeros((1, len(p.chambers) + 3)) if loads is None else [loads])
     state = rest_state(body)
-    ramp = np.linspace(0.0, 1.0, increments + 1)[1:]
     work = _work(body)
     out = _out(1, state.x.shape[0], body)
     clock = _clock(body, STATIC_STEP, static=True)
     rows = _obstacles(obstacles)
-    for share in ramp:
+    for share in np.linspace(0.0, 1.0, increments + 1)[1:]:
         part = body._replace(gravity=body.gravity * share, cap_weight=body.cap_weight * share)
         _halt(state)
         status, _, update, _ = twin(march)(whole * share, Span(0, 1, 2), part, rows, state, clock, work, out)
@@ -202,7 +190,7 @@ def _halt(state: RodState) -> None:
     state.chamber[:, 1] = 0.0
 
 
-def _loads(p: RodParameters, loads: Any) -> NDArray[np.float64]:
+def _loads(p: RodParameters, loads: Any) -> Array:
     table = np.ascontiguousarray(loads, dtype=float)
     columns = len(p.chambers) + 3
     if table.ndim != 2 or table.shape[1] != columns:
@@ -215,7 +203,7 @@ def _loads(p: RodParameters, loads: Any) -> NDArray[np.float64]:
     return table
 
 
-def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
+def _obstacles(rows: ArrayLike | None) -> Array:
     table = np.zeros((0, 7)) if rows is None else np.atleast_2d(np.asarray(rows, dtype=float))
     if table.ndim != 2 or table.shape[1] != 7:
         raise InputError(f"obstacles must be rows of 7 numbers, as obstacle_rows returns them, got shape {table.shape}")
@@ -223,15 +211,8 @@ def _obstacles(rows: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def simulate(
-    p: RodParameters,
-    loads: ArrayLike,
-    time_step: float,
-    *,
-    stride: int = 4,
-    obstacles: ArrayLike | None = None,
-    start: RodState | None = None,
-    static: bool = False,
-    progress: Callable[[float], None] | None = None,
+    p: RodParameters, loads: ArrayLike, time_step: float, *, stride: int = 4, obstacles: ArrayLike | None = None,
+    start: RodState | None = None, static: bool = False, progress: Callable[[float], None] | None = None,
 ) -> RodMotion:
     """Simulate the motion of the rod under loads given at the end of every step.
 
@@ -258,7 +239,7 @@ def simulate(
         When a step does not converge or a value is no longer finite.
     """
     from pliant.compiler.choose import twin
-    from pliant.testbed.stepping_loops import march
+    from pliant.testbed.stepping_loops import energies, march
 
     table = _loads(p, loads)
     if not (time_step > 0 and stride >= 1):
@@ -272,7 +253,7 @@ def simulate(
     out.pressure[0] = table[0, :chambers] if steps else 0.0
     work = _work(body)
     clock = _clock(body, STATIC_STEP if static else time_step, static=static)
-    _first_energy(body, rows, state, out)
+    twin(energies)(body, rows, state, out.energy[0])
     total = 0
     for first in range(0, steps, CHUNK):
         span = Span(first, min(first + CHUNK, steps), stride)
@@ -295,10 +276,3 @@ def simulate(
         arc_length=node_position(p),
         **fields, iterations=total / max(steps, 1),
     )  # fmt: skip
-
-
-def _first_energy(body: RodBody, rows: NDArray[np.float64], state: RodState, out: Out) -> None:
-    from pliant.compiler.choose import twin
-    from pliant.testbed.stepping_loops import energies
-
-    twin(energies)(body, rows, state, out.energy[0])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,21 +13,15 @@ import xarray as xr
 from pliant.errors import InputError, shown
 from pliant.files import whole
 from pliant.recording.netcdf import read_groups
-from pliant.testbed.rod import build_body, material_fields
+from pliant.testbed.rod import RodParameters, build_body, material_fields
+from pliant.testbed.stepping import RodMotion
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from pliant.testbed.rod import RodParameters
-    from pliant.testbed.stepping import RodMotion
-
+Array = np.ndarray
 SCHEMA = "pliant-truth"
 ENERGY = ["kinetic", "elastic", "memory", "weight", "contact"]
 
 
-def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_rates(motion: RodMotion, nodes: Array, at: Array) -> Array:
     """Return the true joint rates (T, n) [rad/s] of a chain of n links along the rod, at T times `at` [s].
 
     The joints lie at the arc lengths `nodes` (n + 1,) [m]. The rates follow from the rod's velocities, without a finite
@@ -40,7 +35,7 @@ def joint_rates(motion: RodMotion, nodes: NDArray[np.float64], at: NDArray[np.fl
     return np.stack([np.interp(at, motion.time, row) for row in dq.T], axis=1)
 
 
-def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.float64]:
+def node_positions(motion: RodMotion, at: Array) -> Array:
     """Return the positions (T, V, 2) [m] of the rod's V nodes at T times `at` (T,) [s], by cubic Hermite
     interpolation.
     """
@@ -53,7 +48,7 @@ def node_positions(motion: RodMotion, at: NDArray[np.float64]) -> NDArray[np.flo
     return np.asarray(x0 + u * v0 + u**2 * (3 * change - 2 * v0 - v1) + u**3 * (v0 + v1 - 2 * change))
 
 
-def make_truth(motion: RodMotion, p: RodParameters, at: NDArray[np.float64], attrs: dict[str, Any]) -> xr.Dataset:
+def make_truth(motion: RodMotion, p: RodParameters, at: Array, attrs: dict[str, Any]) -> xr.Dataset:
     """Return a dataset of the rod's true states at the times `at` (T,) [s], at which the shape sensor takes its T
     frames.
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.testbed.valve_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,11 +77,7 @@ class PressureSensor:
     resolution: float = 3.0e5 / 4096  # Pa, 12 bits of 300 kPa
 
 
-def supply_pressure(
-    command: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    time: NDArray[np.float64],
-    valve: SupplyRegulator | Iso6358,
-) -> NDArray[np.float64]:
+def supply_pressure(command: Callable[[Array], Array], time: Array, valve: SupplyRegulator | Iso6358) -> Array:
     """Return the gauge pressure that the valve delivers for a command, on an evenly spaced time grid.
 
     Parameters
@@ -123,8 +116,8 @@ def supply_pressure(
 
 
 def read_pressure(
-    time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    time: Array, pressure: Array, sensor: PressureSensor, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Return the P times (P,) [s] at which the transducer samples the pressure, and its readings (P,) [Pa].
 
     The first sample falls at a random time within the first period. For several chambers (R, C) each has its own
@@ -137,10 +130,7 @@ def read_pressure(
     return clock, _readings(clock, time, pressure, sensor, rng)
 
 
-def _readings(
-    clock: NDArray[np.float64], time: NDArray[np.float64], pressure: NDArray[np.float64], sensor: PressureSensor,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
+def _readings(clock: Array, time: Array, pressure: Array, sensor: PressureSensor, rng: np.random.Generator) -> Array:
     value = np.interp(clock, time, pressure) + sensor.bias * float(rng.standard_normal())
     value = value + sensor.noise * rng.standard_normal(clock.size)
     if sensor.resolution > 0:

@@ -55,20 +55,43 @@ def regulate(command, dt, law, out):
     rate = 0.0
     out[0] = p
     for n in range(1, command.size):
-        middle = 0.5 * (command[n - 1] + command[n])
-        error = command[n - 1] - p
-        w = law.natural if error > 0.0 else law.natural / law.exhaust
-        pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * rate
-        half_rate = max(-law.slew_down, min(law.slew_up, rate + 0.5 * dt * pull))
-        half_p = p + 0.5 * dt * rate
-        error = middle - half_p
-        pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * half_rate
-        rate = max(-law.slew_down, min(law.slew_up, rate + dt * pull))
-        p += dt * half_rate
-        if p < 0.0:
-            p, rate = 0.0, 0.0
+        p, rate = regulator_step(p, rate, command[n - 1], 0.5 * (command[n - 1] + command[n]), dt, law)
         out[n] = p
     return p
+
+
+def regulate_on(commands, dt, sub, law, held, out):
+    """Simulate a pressure regulator over N steps, each with a constant command, and write its pressure [Pa] after each
+    step to `out` (N,). It continues from one call to the next.
+
+    The equation is that of `regulate`. Each of the `commands` (N,) [Pa] is held for a step of `dt` [s], which has `sub`
+    midpoint substeps. `held` (2,) is the pressure [Pa] and its rate [Pa/s]; it is updated in place.
+    """
+    p = held[0]
+    rate = held[1]
+    for n in range(commands.size):
+        for _ in range(sub):
+            p, rate = regulator_step(p, rate, commands[n], commands[n], dt / sub, law)
+        out[n] = p
+    held[0] = p
+    held[1] = rate
+
+
+def regulator_step(p, rate, command, middle, h, law):
+    """Return the pressure [Pa] of a regulator and its rate [Pa/s] after one midpoint step of `h` [s], from both at its
+    beginning. The set point is `command` [Pa] at the beginning of the step and `middle` [Pa] in its middle.
+    """
+    error = command - p
+    w = law.natural if error > 0.0 else law.natural / law.exhaust
+    pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * rate
+    half_rate = max(-law.slew_down, min(law.slew_up, rate + 0.5 * h * pull))
+    error = middle - (p + 0.5 * h * rate)
+    pull = w * w * np.sign(error) * max(abs(error) - law.dead_band, 0.0) - 2.0 * law.damping * w * half_rate
+    rate = max(-law.slew_down, min(law.slew_up, rate + h * pull))
+    p = p + h * half_rate
+    if p < 0.0:
+        return 0.0, 0.0
+    return p, rate
 
 
 def mass_flow(upstream, downstream, conductance, critical, temperature):

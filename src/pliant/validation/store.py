@@ -248,31 +248,22 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
 
 def experiment_of(recording: xr.Dataset) -> Experiment:
     """Return a recording stored in results.nc as the `Experiment` that the fits used."""
-    trace = None
-    drives = {}
-    if "driven" in recording:
-        times = recording["pressure_time"].values
-        drives = {
-            str(c): Trace(times, recording["pressure"].values[:, k]) for k, c in enumerate(recording["driven"].values)
-        }
-    elif "pressure" in recording:
-        trace = Trace(recording["pressure_time"].values, recording["pressure"].values)
-    stations = tuple(str(s) for s in recording["station"].values)
+    found = {str(name): variable.values for name, variable in recording.variables.items()}
+    trace, drives = None, {}
+    if "driven" in found:
+        columns = zip(found["driven"], found["pressure"].T, strict=True)
+        drives = {str(name): Trace(found["pressure_time"], samples) for name, samples in columns}
+    elif "pressure" in found:
+        trace = Trace(found["pressure_time"], found["pressure"])
+    stations = tuple(str(s) for s in found["station"])
     angles: dict[str, Any] = {}
-    if "angle" in recording:
-        angles = {
-            "angle": recording["angle"].values,
-            "angle_reference": recording["angle"].attrs["reference"],
-            "angles_alone": True,
-        }
-    position = (
-        recording["position"].values
-        if "position" in recording
-        else np.full((recording.sizes["time"], len(stations), 2), np.nan)
-    )
+    if "angle" in found:
+        reference = recording["angle"].attrs["reference"]
+        angles = {"angle": found["angle"], "angle_reference": reference, "angles_alone": True}
+    position = found.get("position", np.full((recording.sizes["time"], len(stations), 2), np.nan))
     return Experiment(
-        str(recording.attrs["name"]), recording["time"].values, position, stations, recording.attrs["excitation"],
-        trace, float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
+        str(recording.attrs["name"]), found["time"], position, stations, recording.attrs["excitation"], trace,
+        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
         poses=bool(recording.attrs["poses"]), **angles,
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.camera import opencv
+from pliant.recording.camera import marker_finders, opencv
 from pliant.video.reel import Reel
 
 Array = np.ndarray
@@ -225,13 +225,12 @@ def _first_dots(
 
 def _on_one_body(points: Array, count: int | None) -> Array:
     """Return a mask (M,) of the points on one body: a group of `count` close neighbours, else the largest group."""
+    from scipy.sparse.csgraph import connected_components
+
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     nearest = np.where(np.eye(len(points), dtype=bool), np.inf, apart).min(axis=1)
-    near = apart <= APART * np.median(nearest)
-    group = np.arange(len(points))
-    for _ in points:  # the smallest number spreads to all that hang together
-        group = np.where(near, group[None], len(points)).min(axis=1)
-    sizes = np.bincount(group, minlength=len(points))
+    group = connected_components(apart <= APART * np.median(nearest))[1]
+    sizes = np.bincount(group)
     chosen = int(np.argmax(sizes == count)) if count is not None and (sizes == count).any() else int(np.argmax(sizes))
     return np.asarray(group == chosen)
 
@@ -252,11 +251,7 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
     InputError
         When fewer than two markers are seen at once in the first frames.
     """
-    cv2 = opencv("tracking a video")
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    books = [cv2.aruco.DICT_4X4_250, cv2.aruco.DICT_5X5_250, cv2.aruco.DICT_6X6_250, cv2.aruco.DICT_APRILTAG_36h11]
-    finders = [cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(b), settings) for b in books]
+    finders = marker_finders(opencv("tracking a video"), "4X4_250", "5X5_250", "6X6_250", "APRILTAG_36h11")
     best: dict[int, Array] = {}
     finder = finders[0]
     for k, (_, picture) in enumerate(reel.frames()):

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
+from pliant.plugins import optional
 from pliant.simulation.state import typical_pressure
 from pliant.units import shown_in
 from pliant.view.live import Live, PageContent, PageRequest
@@ -21,6 +22,7 @@ from pliant.view.watched import WatchedLoop
 HOST = "127.0.0.1"
 RATE = 60.0  # frames in a second
 BARE_KPA = 200.0  # upper end of the sliders without recordings
+MISSING = "the live page needs the extra view: pip install 'pliant[view]'"
 LARGEST = 4096  # bytes of a request
 POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
           "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
@@ -85,12 +87,11 @@ def application(content: PageContent, token: str, host: str) -> Any:
     """Return an ASGI application that serves the page and its WebSocket. Any other address is answered with 404, not
     found.
     """
-    try:
-        from starlette.applications import Starlette
-        from starlette.responses import HTMLResponse, PlainTextResponse
-        from starlette.routing import Route, WebSocketRoute
-    except ImportError:
-        raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
+    optional("starlette", MISSING)
+    from starlette.applications import Starlette
+    from starlette.responses import HTMLResponse, PlainTextResponse
+    from starlette.routing import Route, WebSocketRoute
+
     live_page(content, running(content))  # raises an error now, before a browser connects
     one_build = asyncio.Lock()  # shared by all pages, so that one with many requests does not block the others
 
@@ -185,10 +186,7 @@ class Server:
     """
 
     def __init__(self, content: PageContent, port: int = 0) -> None:
-        try:
-            import uvicorn
-        except ImportError:
-            raise InputError("the live page needs the extra view: pip install 'pliant[view]'") from None
+        uvicorn = optional("uvicorn", MISSING)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

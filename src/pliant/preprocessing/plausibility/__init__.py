@@ -6,10 +6,10 @@ Each check is one function in a list, and `doubts` runs them. A check only warns
 
 from __future__ import annotations
 
-from pliant.preprocessing.plausibility import body, clock, fitted, pressure, shape
+from pliant.preprocessing.plausibility import body, pressure, shape
 from pliant.preprocessing.plausibility.contract import Case, Check, Subject
 
-CHECKS: tuple[Check, ...] = (*clock.CHECKS, *pressure.CHECKS, *shape.CHECKS, *body.CHECKS, *fitted.CHECKS)
+CHECKS: tuple[Check, ...] = (*pressure.CHECKS, *shape.CHECKS, *body.CHECKS)
 
 UNITS = tuple(check.name for check in CHECKS if check.name.startswith("unit of "))
 

@@ -1,5 +1,5 @@
 """Checks of the stated length, mass and gravity of a body against its recording and against values usual for soft
-bodies.
+bodies, and of the stiffness and torque of a fitted model.
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.model.section import bending_stiffness
 from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility.contract import Case, Check
 from pliant.preprocessing.plausibility.shape import LEAST_BODY, MOST_BODY
@@ -17,6 +18,11 @@ SILICONE = 1100.0  # kg/m3
 WIDEST = 0.6  # diameter of a solid silicone body relative to its length
 EARTH = (9.7, 9.9)  # m/s^2
 ACROSS = 0.1  # fraction of gravity across the plane beyond which the plane or gravity is doubtful
+STIFFEST = 5e3  # Pa, EI / L^4: a solid rod of 8 MPa, a third as wide as long
+MODULUS = (1e3, 1e9)  # Pa: hydrogel, and a hard plastic
+ROUND = np.pi / 64  # second moment of area of a solid round section, over the fourth power of its diameter
+LARGEST_ARM = np.pi / 8  # area of that section times its radius, over the third power of its diameter
+USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is stated
 
 
 def length(case: Case) -> str:
@@ -53,10 +59,11 @@ def mass(case: Case) -> str:
         density = case.mass / (0.25 * np.pi * case.diameter**2 * case.length)
         if DENSITY[0] <= density <= DENSITY[1]:
             return ""
-        return (f"mass = {case.mass:g} kg in {1e3 * case.length:.4g} mm of {1e3 * case.diameter:.3g} mm diameter is "
-                f"a density of {density:.3g} kg/m3, but soft bodies have {DENSITY[0]:g} to {DENSITY[1]:g}: state "
-                "mass in kg "
-                "and lengths in m; fitted stiffness, damping and torque are proportional to the mass")  # fmt: skip
+        return (
+            f"mass = {case.mass:g} kg in {1e3 * case.length:.4g} mm of {1e3 * case.diameter:.3g} mm diameter is "
+            f"a density of {density:.3g} kg/m3, but soft bodies have {DENSITY[0]:g} to {DENSITY[1]:g}: state "
+            "mass in kg and lengths in m; fitted stiffness, damping and torque are proportional to the mass"
+        )
     wide = float(np.sqrt(case.mass / (0.25 * np.pi * SILICONE * case.length)))
     if wide <= WIDEST * case.length:
         return ""
@@ -88,6 +95,43 @@ def gravity(case: Case) -> str:
             f"vertical another axis of the tracker? The body points along its {up} axis at the base")  # fmt: skip
 
 
+def stiffness(case: Case) -> str:
+    """Return a sentence where the fitted bending stiffness is implausible for the size of the body, else ""."""
+    if case.model is None:
+        return ""
+    section, length = float(np.max(bending_stiffness(case.model))), case.model.length
+    if case.diameter is not None:
+        modulus = section / (ROUND * case.diameter**4)
+        if MODULUS[0] <= modulus <= MODULUS[1]:
+            return ""
+        return (f"the fitted bending stiffness EI = {section:.3g} N m^2 needs a modulus of {modulus:.3g} Pa at "
+                f"{1e3 * case.diameter:.3g} mm diameter, but soft bodies have {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa: "
+                "check mass, length and diameter")  # fmt: skip
+    if section <= STIFFEST * length**4:
+        return ""
+    return (f"the fitted bending stiffness EI = {section:.3g} N m^2 is implausible for a soft body of "
+            f"{1e3 * length:.4g} mm: check mass (kg) and length (m), which scale it")  # fmt: skip
+
+
+def torque(case: Case) -> str:
+    """Return a sentence where the fitted torque per pascal is larger than a pressure chamber within the body could
+    produce, else an empty text.
+
+    The torque per pascal is an area times a lever arm.
+    """
+    if case.model is None:
+        return ""
+    inputs = [c for c in case.model.chambers if c.kind == "pressure"]  # a tendon's torque is for a newton or a metre
+    made = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
+    wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
+    most = LARGEST_ARM * wide**3
+    if made <= most:
+        return ""
+    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever arm of {made:.3g} m^3, but a section of "
+            f"{1e3 * wide:.3g} mm diameter has {most:.2g} at most: check mass (kg), length (m) and the "
+            "unit of pressure")  # fmt: skip
+
+
 CHECKS = (
     Check("length", "body", "stated length and the largest measured distance of a point from the base",
           f"the stated length is below {SHORTER:g} or above {LONGER:g} times the largest measured distance, or "
@@ -98,4 +142,10 @@ CHECKS = (
     Check("gravity", "body", "stated gravity and the plane of bending",
           f"more than {100 * ACROSS:g} % of gravity is across the plane (6 degrees, more than the error of a tracker's "
           f"axes), or its magnitude is not within {EARTH[0]:g} to {EARTH[1]:g} m/s^2", gravity),
+    Check("bending stiffness", "model", "fitted EI over the fourth power of the length; the modulus where a diameter "
+          "is stated", f"EI / L^4 is above {STIFFEST:g} Pa, the value of a solid rod of 8 MPa a third as wide as "
+          f"long, or the modulus is outside {MODULUS[0]:.0e} to {MODULUS[1]:.0e} Pa", stiffness),
+    Check("torque", "model", "fitted torque per pascal, which is a chamber's area times its lever arm",
+          "the torque per pascal is above the area of the whole section times its radius; where no diameter is stated, "
+          f"it is taken as {USUAL_WIDTH:g} of the length", torque),
 )  # fmt: skip

@@ -1,4 +1,6 @@
-"""Checks of a measured pressure: its unit, its zero, clipping, and raw counts of a converter."""
+"""Checks of the sample times of a recording (milliseconds that were read as seconds, and the reverse), and of a
+measured pressure: its unit, its zero, clipping, and raw counts of a converter.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,10 @@ from numpy.typing import NDArray
 
 from pliant.preprocessing.held import runs
 from pliant.preprocessing.plausibility.contract import Case, Check
+from pliant.recording.inputs import recorded_inputs
 from pliant.units import PASCAL
 
+SLOWEST, FASTEST = 1.0, 5e-5  # s from sample to sample
 LEAST_PRESSURE, MOST_PRESSURE = 1e3, 2e6  # Pa: usual pressures of soft actuators
 ATMOSPHERE = (7.9e4, 1.08e5)  # Pa: at 2000 m in low weather, and at sea level in high weather
 VENTED = 2e4  # Pa: the gauge pressure of a vented body falls below it
@@ -21,20 +25,27 @@ CLIPPED = 10  # consecutive samples exactly at the highest value, where others s
 SCATTER = 0.25  # of the steps between other readings that reverse direction: two of three in noise
 
 
+def time_unit(case: Case) -> str:
+    """Return a sentence where the times between samples are implausibly long or short for a soft body, which suggests a
+    wrong unit of time; else "".
+    """
+    for name, what in (("time", "frames"), ("pressure_time", "samples of pressure")):
+        if case.recording is None or name not in case.recording.coords or case.recording.sizes.get(name, 0) < 2:
+            continue
+        step = float(np.median(np.diff(case.recording[name].values)))
+        if step > SLOWEST:
+            return (f"the {what} are {step:.4g} s apart: were times in ms or us read as s? Name the column t_ms or "
+                    "t_us, or set time_unit in the mapping")  # fmt: skip
+        if step < FASTEST:
+            return f"the {what} are {step:.3g} s apart: were times in s read as ms or us? Check time_unit"
+    return ""
+
+
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
     """Yield the name and the P measured values (P,) [Pa], without NaN, of each recorded pressure."""
-    if case.recording is None or "pressure" not in case.recording:
-        return
-    recording = case.recording
-    columns = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
-    names = (
-        [f"the pressure {c}" for c in recording["chamber"].values]
-        if "chamber" in recording.coords
-        else ["the pressure"]
-    )
-    for name, values in zip(names, columns.T, strict=True):
-        if np.isfinite(values).any():
-            yield name, values[np.isfinite(values)]
+    for one in [] if case.recording is None else recorded_inputs(case.recording):
+        if one.kind == "pressure" and np.isfinite(one.values).any():
+            yield f"the pressure {one.name}".rstrip(), one.values[np.isfinite(one.values)]
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
@@ -96,9 +107,8 @@ def absolute(case: Case) -> str:
             counts = " (or raw counts of a converter: all values are whole numbers)" if whole_counts(values) else ""
             return (
                 f"{name} reads {at / 1e3:.4g} kPa without load and never comes near 0: is it absolute{counts}? The "
-                f"model needs gauge pressure: subtract the atmosphere by linear = {{ pressure = {{ "
-                f"offset = {-at / 1e3:.4g}, "
-                'unit = "kPa" } } in the mapping, if it is absolute'
+                "model needs gauge pressure: subtract the atmosphere by linear = { pressure = { "
+                f'offset = {-at / 1e3:.4g}, unit = "kPa" }} }} in the mapping, if it is absolute'
             )
     return ""
 
@@ -126,8 +136,8 @@ def offset(case: Case) -> str:
             return (
                 f"{name} starts at {start / 1e3:.3g} kPa and never falls below {low / 1e3:.3g} kPa, "
                 f"{100 * low / high:.0f} % of its highest value: correct an offset of the sensor by linear = {{ "
-                "pressure = "
-                '{ offset = ..., unit = "kPa" } } in the mapping; change nothing if the body was never vented'
+                'pressure = { offset = ..., unit = "kPa" } } in the mapping; change nothing if the body was never '
+                "vented"
             )
     return ""
 
@@ -150,6 +160,9 @@ def clipped(case: Case) -> str:
 
 
 CHECKS = (
+    Check("unit of time", "recording", "the median step of the times of shape and pressure",
+          f"the median step is above {SLOWEST:g} s, too slow for a motion, or below {1e6 * FASTEST:g} us, faster than "
+          "sensors of motion and pressure sample", time_unit),
     Check("unit of pressure", "recording", "the highest measured pressure",
           f"the highest pressure is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual "
           "range of soft actuators", unit),

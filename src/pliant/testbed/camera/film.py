@@ -7,9 +7,9 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pliant.errors import InputError
 from pliant.files import whole
@@ -23,12 +23,8 @@ from pliant.testbed.truth import make_truth, node_positions
 from pliant.testbed.valve import read_pressure
 from pliant.video.movie import movie
 
-if TYPE_CHECKING:
-    import xarray as xr
-    from numpy.typing import NDArray
-
-    Shape = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
+Array = np.ndarray
+Shape = Callable[[Array], Array]
 INSIDE = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"edts")  # boxes that hold boxes
 DURATION = {b"mvhd": 16, b"tkhd": 20, b"elst": 8, b"mdhd": 16}  # offset of the duration in a box (version 0)
 
@@ -48,11 +44,11 @@ class Filmed:
     """
 
     truth: xr.Dataset
-    pressure_time: NDArray[np.float64]
-    pressure: NDArray[np.float64]
+    pressure_time: Array
+    pressure: Array
     length: float
 
-    def centreline(self) -> NDArray[np.float64]:
+    def centreline(self) -> Array:
         """Return the body's true centrelines (T, N, 2) [m], with N points from base to tip at T times. The base is at
         the origin, its tangent along +y.
         """
@@ -61,14 +57,8 @@ class Filmed:
 
 
 def film(
-    case: str | Scenario,
-    path: str | Path,
-    *,
-    body: str | int | RodParameters = "a",
-    seed: int = 1,
-    view: View | None = None,
-    look: Look | None = None,
-    shutter: Shutter | None = None,
+    case: str | Scenario, path: str | Path, *, body: str | int | RodParameters = "a", seed: int = 1,
+    view: View | None = None, look: Look | None = None, shutter: Shutter | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Filmed:
     """Film a scenario of the virtual actuator as an MP4 file. Return the pressure log and the true motion.
@@ -96,7 +86,7 @@ def film(
     motion = run_rod(case, rod, lab)
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
 
-    def shape(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shape(at: Array) -> Array:
         return node_positions(motion, at)[:, : rod.elements + 1]
 
     at = film_motion(shape, case.duration, Path(path), Scene(view, look, shutter, rng), progress)
@@ -107,7 +97,7 @@ def film(
 
 def film_motion(
     shape: Shape, duration: float, path: Path, scene: Scene, progress: Callable[[float], None] | None = None
-) -> NDArray[np.float64]:
+) -> Array:
     """Film a moving centreline, given as a function of time, as an MP4 file. Return the times of its frames.
 
     Parameters

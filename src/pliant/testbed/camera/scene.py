@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from pliant.recording.camera import opencv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pliant.testbed.camera.view import View
+from pliant.testbed.camera.view import View
 
 Array = np.ndarray
 Colour = tuple[float, float, float]  # blue, green, red; 0 to 255
@@ -88,7 +84,7 @@ def lighting(view: View, look: Look) -> Array:
     return np.asarray(1.0 - look.light * (x - 0.35 * spot), np.float32)[..., None]
 
 
-def layers(view: View, look: Look, shape: NDArray[np.float64]) -> list[Layer]:
+def layers(view: View, look: Look, shape: Array) -> list[Layer]:
     """Return the filled outlines [pixels] of a body in the order in which they are drawn. `shape` (N, 2) [m] holds N
     points of its centreline, base first.
     """

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.recording.camera import opencv
-from pliant.testbed.camera.scene import board, bounds, hand, layers, lighting, painted
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pliant.testbed.camera.scene import Look
-    from pliant.testbed.camera.view import View
+from pliant.testbed.camera.scene import Look, board, bounds, hand, layers, lighting, painted
+from pliant.testbed.camera.view import View
 
 Array = np.ndarray
 BLUR_STEP, MOST_STEPS = 2.0, 12  # pixels of motion between two moments of an exposure, and the most moments
@@ -69,7 +63,7 @@ class Scene:
         cv2 = opencv("a virtual camera")
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.shutter.defocus))
 
-    def frame(self, shapes: NDArray[np.float64], time: float) -> Array:
+    def frame(self, shapes: Array, time: float) -> Array:
         """Return the picture (H, W, 3), uint8, of one exposure with H x W pixels.
 
         `shapes` (M, N, 2) [m] are the body's centrelines at M moments of the exposure, which begins at `time` [s].
@@ -106,7 +100,7 @@ def levels(picture: Array) -> Array:
     return np.asarray(np.clip(picture + 0.5, 0, 255).astype(np.uint8))
 
 
-def moments(view: View, ends: NDArray[np.float64]) -> int:
+def moments(view: View, ends: Array) -> int:
     """Return the number of moments of an exposure at which to draw the body. `ends` (2, N, 2) [m] holds N points of its
     centreline at the start and at the end of the exposure.
     """

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+Array = np.ndarray
 CORNERS_MM = ((-120.0, -20.0), (60.0, -20.0), (60.0, 180.0), (-120.0, 180.0))  # corners of a sheet behind the body
 
 
@@ -51,7 +49,7 @@ class View:
         size = (width, round(share * self.size[1] / 2) * 2)
         return replace(self, size=size, pixels_per_mm=share * self.pixels_per_mm)
 
-    def pixels(self, plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pixels(self, plane: Array) -> Array:
         """Return the pixel coordinates (x to the right, y down) of points `plane` (..., 2) [m] in the plane of
         bending.
         """
@@ -74,9 +72,7 @@ class View:
         return table
 
 
-def _bent(
-    x: NDArray[np.float64], y: NDArray[np.float64], coefficients: tuple[float, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bent(x: Array, y: Array, coefficients: tuple[float, ...]) -> tuple[Array, Array]:
     """Return normalised image coordinates distorted by OpenCV's lens model (k1, k2, p1, p2, k3)."""
     k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     r2 = x**2 + y**2
