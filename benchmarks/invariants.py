@@ -28,7 +28,8 @@ def hanging(stiffness: Array, hardening: Array) -> Chain:
     body = SpatialBody(length, mass, length[1:] / 2, mass * length[1:] ** 2 / 12, mass * 1e-4,
                        np.tile(np.eye(3), (2, 1, 1)), np.eye(3), 0.0, 0.0, 9.81, np.zeros((0, none.size)),
                        *np.zeros((4, 0)), np.zeros((none.size, 0)), np.zeros((3, 0)))  # fmt: skip
-    return Chain(body, SpatialJoints(0.0, none, stiffness, none, hardening, np.zeros(2), np.zeros((0, 3))))
+    linear = np.zeros(2), np.zeros((0, 3)), np.zeros((2, 0))
+    return Chain(body, SpatialJoints(0.0, none, stiffness, none, hardening, *linear))
 
 
 def bodies() -> dict[str, Chain]:

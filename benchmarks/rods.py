@@ -81,7 +81,8 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
     none = np.zeros(n)
     K = np.append(np.full(2 * n, bending), np.full(n, torsion)) * n / length
     joints = SpatialJoints(
-        0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n), np.zeros((0, 3))
+        0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n), np.zeros((0, 3)),
+        np.zeros((n, 0)),
     )
     tendons = np.zeros((0, 3 * n)), *np.zeros((4, 0)), np.zeros((3 * n, 0)), np.zeros((n + 1, 0))
     return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0, *tendons), joints)

@@ -2,10 +2,12 @@
 
 The body is an arm of 0.17 m and 69 g in five links, released from a bend in space under gravity across it. Each joint
 has the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; the difference
-between the tips of the two models is printed. Every method is compared with itself at a tiny step. Pinocchio runs
-semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of them taut and
-some slack, is compared with the step without tendons. The shortest processor time of many runs counts; `--seconds S`
-sets the duration.
+between the tips of the two models is printed. Every method is compared with itself at a tiny step. pliant's methods are
+the midpoint rule and its extrapolation, with and without the short first steps of `simulate(..., graded=True)`, which
+MuJoCo takes too where they help it.
+Pinocchio runs semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of
+them taut and some slack, is compared with the step without tendons. The shortest processor time of many runs counts;
+`--seconds S` sets the duration.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ import json
 import subprocess
 import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -40,6 +43,9 @@ TENDONS = 6
 TARGETS = (1.0, 0.1, 0.02)  # mm
 STEPS = [1e-2 / k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 64, 100, 160, 250, 400, 800)]  # s
 FINEST = 1e-2 / 4000
+FIRST = (1 / 32, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # parts of the first graded step; the second has two halves
+METHODS = {"midpoint": {}, "midpoint, graded": {"graded": True}, "extrapolated": {"extrapolated": True},
+           "extrapolated, graded": {"extrapolated": True, "graded": True}}  # fmt: skip
 CALLS = 20_000
 POINTER = ctypes.POINTER(ctypes.c_double)
 
@@ -130,14 +136,34 @@ def c_step_ns(turns: int, seconds: float) -> float:
     return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
 
 
-def pliant_tips(h: float, turns: int = 3) -> Array:
+def plan(h: float, *, graded: bool) -> list[list[tuple[float, int]]]:
+    """Return the lengths [s] and numbers of the steps between all LOOKS outputs."""
+    count = round(END / LOOKS / h)
+    steps = [[(h, count)] for _ in range(LOOKS)]
+    if graded:
+        steps[0] = [(part * h, 1) for part in FIRST] + [(h, count - 1)]
+        k = min(count - 1, 1)
+        steps[1 - k] = [*steps[1 - k][:-1], (0.5 * h, 2), (h, steps[1 - k][-1][1] - 1)]
+    return steps
+
+
+def coordinates(h: float, turns: int, parts: int, *, graded: bool) -> Array:
+    """Return coordinates (LOOKS, N) of the arm, by steps of h [s] that are each divided into `parts`."""
+    chain, x, seen = arm(turns), start(turns), np.zeros((LOOKS, turns * LINKS))
+    v, still, work, run = 0.0 * x, 0.0 * x, chain.workspace(), loop(turns)
+    for k, steps in enumerate(plan(h, graded=graded)):
+        for length, number in steps:
+            run(parts * number, 1, x, v, length / parts, still, chain.body, chain.joints, work, seen[k : k + 1])
+    return seen
+
+
+def pliant_tips(h: float, turns: int = 3, *, graded: bool = False, extrapolated: bool = False) -> Array:
     """Return tips (LOOKS, 3) of the arm, with twist if each joint has 3 turns."""
-    chain, count = arm(turns), round(END / LOOKS / h)
-    x, seen = start(turns), np.zeros((LOOKS, turns * LINKS))
-    still = np.zeros(x.size)
-    loop(turns)(count, LOOKS, x, 0.0 * x, h, still, chain.body, chain.joints, chain.workspace(), seen)
+    chain, rows = arm(turns), coordinates(h, turns, 1, graded=graded)
+    if extrapolated:
+        rows = (4 * coordinates(h, turns, 2, graded=graded) - rows) / 3
     tips, work = np.zeros((LOOKS, 3)), chain.workspace()
-    for row, tip in zip(seen, tips, strict=True):
+    for row, tip in zip(rows, tips, strict=True):
         spatial.pose_links(row, chain.body, work)
         tip[:] = work.r[-1] + chain.body.length[-1] * work.R[-1, :, 2]
     return tips
@@ -149,8 +175,9 @@ def quaternions() -> Array:
     return Rotation.from_rotvec(np.column_stack([x, np.zeros(LINKS)])).as_quat()
 
 
-def mujoco_runner(integrator: int) -> Callable[[float], Array]:
-    """Return a function from a step [s] to tips (LOOKS, 3), with ball joints."""
+def mujoco_runner(integrator: int) -> Callable[..., Array]:
+    """Return a function from a step [s], and whether the first steps are graded, to tips (LOOKS, 3), with ball joints.
+    """
     import mujoco
 
     mujoco.set_mju_user_warning(lambda _text: None)
@@ -167,14 +194,14 @@ def mujoco_runner(integrator: int) -> Callable[[float], Array]:
     model.opt.integrator = integrator
     data, first = mujoco.MjData(model), np.roll(quaternions(), 1, axis=1).ravel()
 
-    def solve(h: float) -> Array:
-        count = round(END / LOOKS / h)
-        model.opt.timestep = END / LOOKS / count
+    def solve(h: float, *, graded: bool = False) -> Array:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = first
         tips = np.zeros((LOOKS, 3))
-        for row in tips:
-            mujoco.mj_step(model, data, count)
+        for row, steps in zip(tips, plan(h, graded=graded), strict=True):
+            for length, number in steps:
+                model.opt.timestep = length
+                mujoco.mj_step(model, data, number)
             mujoco.mj_kinematics(model, data)
             row[:] = data.site_xpos[0]
         return tips
@@ -231,24 +258,26 @@ def to_target(solve: Callable[[float], Array], truth: Array, target: float, step
 def race(seconds: float) -> dict[str, dict[str, Any]]:
     """Return step, error and time of each method at each target."""
     found: dict[str, dict[str, Any]] = {}
-    truth = pliant_tips(FINEST)
-    for target in TARGETS:
-        h, error = to_target(pliant_tips, truth, target, STEPS)
-        ms = END / h * step_ns(3, seconds) / 1e6
-        found[f"pliant {target} mm"] = {"step_ms": 1e3 * h, "error_mm": error, "ms": ms}
+    truth, each = pliant_tips(FINEST), step_ns(3, seconds)
+    for name, settings in METHODS.items():
+        for target in TARGETS:
+            h, error = to_target(partial(pliant_tips, **settings), truth, target, STEPS)
+            steps = (END / h + len(FIRST) * ("graded" in settings)) * (3 if "extrapolated" in settings else 1)
+            row = {"step_ms": 1e3 * h, "error_mm": error, "ms": steps * each / 1e6}
+            found[f"pliant, {name} {target} mm"] = row
     try:
         numbers = {"implicitfast": 3, "implicit": 2, "Euler": 0, "RK4": 1}
         solvers = {f"MuJoCo {name}": mujoco_runner(number) for name, number in numbers.items()}
     except ImportError:
         solvers = {}
-    for name, solve in solvers.items():
-        own = solve(FINEST)
+    for (name, solve), graded in product(solvers.items(), (False, True)):
+        own, run = solve(FINEST), partial(solve, graded=graded)
         for target in TARGETS:
-            h, error = to_target(solve, own, target, STEPS)
+            h, error = to_target(run, own, target, STEPS)
             row = {"step_ms": 1e3 * h, "error_mm": error, "from_pliant_mm": 1e3 * np.abs(own - truth).max()}
             if np.isfinite(h):
-                row["ms"] = 1e3 * best(lambda solve=solve, h=h: solve(h), seconds=seconds, clock=process_time)
-            found[f"{name} {target} mm"] = row
+                row["ms"] = 1e3 * best(partial(run, h), seconds=seconds, clock=process_time)
+            found[f"{name}{', graded' * graded} {target} mm"] = row
     try:
         solve, dynamics = pinocchio_runner()
     except ImportError:

@@ -197,11 +197,8 @@ INLINE void factor(double A[N][N]) { /* L below the diagonal, inverse of D on it
 
 INLINE void solve(double A[N][N], double b[N]) {
     EACH(i, 0, N) EACH(p, 0, N) if (p < i) b[i] -= A[i][p] * b[p];
-    EACH(k, 0, N) {
-        int i = N - 1 - k;
-        b[i] *= A[i][i];
-        EACH(p, 0, N) if (p > i) b[i] -= A[p][i] * b[p];
-    }
+    EACH(i, 0, N) b[i] *= A[i][i];
+    EACH(k, 0, N) EACH(i, 0, N - 1 - k) b[i] -= A[N - 1 - k][i] * b[N - 1 - k];
 }
 
 INLINE void step(const Chain *m, double x[N], double v[N], double h, const double torque[N]) {

@@ -137,8 +137,12 @@ def test_where_the_laws_mean_nothing_they_are_refused() -> None:
              "space": Space()}  # fmt: skip
     with pytest.raises(InputError, match="is in space, where segments have no hysteresis"):
         Model(**space, extensions=(Extension(9.0),), memory=AXIAL)
-    with pytest.raises(InputError, match="has a nonlinear spring, which a model in space does not support"):
-        Model(**space, extensions=(Extension(9.0, stiffening=-1.0),))
+    tied = Extension(9.0, stiffening=-1.0, stiffens_bending=True)
+    assert Model(**space, extensions=(tied,)).extensions == (tied,)
+    with pytest.raises(InputError, match="has stiffens_bending, which a planar model does not support"):
+        ARM.with_(extensions=(replace(ARM.extensions[0], stiffening=-1.0, stiffens_bending=True), ARM.extensions[1]))
+    with pytest.raises(InputError, match="stiffens_bending needs a nonlinear axial spring"):
+        Extension(9.0, stiffens_bending=True)
     with pytest.raises(InputError, match="stiffening_bound must be from 0 to below 1"):
         Extension(9.0, stiffening_bound=1.0)
     with pytest.raises(InputError, match="axial_slip_share and axial_slip_strain must have the same length"):

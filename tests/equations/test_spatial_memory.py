@@ -25,7 +25,7 @@ def one_joint(memory, ratio=1.0, *, twist=False):
     """Springs and scratch arrays of one joint with K = 1, its swing as stiff about y as `ratio` says."""
     m = 3 if twist else 2
     K, line = np.array([1.0, ratio, 0.7][:m]), np.zeros((m, 3))
-    joints = SpatialJoints(0.0, np.zeros(m), K, np.zeros(m), np.zeros((3, m)), np.zeros(1), line)
+    joints = SpatialJoints(0.0, np.zeros(m), K, np.zeros(m), np.zeros((3, m)), np.zeros(1), line, np.zeros((1, 0)))
     return joints, Past(memory, blank(memory, m), SpatialHeld(np.zeros(m), np.zeros(m), np.zeros(m), line, joints))
 
 

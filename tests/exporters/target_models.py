@@ -91,6 +91,14 @@ def longer(links: int = 3) -> Model:
     return model.with_(chambers=(near, far, cord), extensions=segments, name="longer")
 
 
+def tied(links: int = 3) -> Model:
+    """As `longer`, and the first segment stiffens with its strain: along the axis and in bending."""
+    model = longer(links)
+    near, far = model.extensions
+    stiffer = replace(near, stiffening=-1.5, cubic_stiffening=40.0, stiffening_bound=0.6, stiffens_bending=True)
+    return model.with_(extensions=(stiffer, far), name="tied")
+
+
 EVERY_BRANCH = Memory(
     (0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1, axial_creep_share=(0.2, 0.1), axial_creep_time=(3.0, 0.1),
     axial_slip_share=(0.1, 0.2), axial_slip_strain=(0.01, 0.03),

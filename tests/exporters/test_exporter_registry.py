@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import invoke
-from target_models import longer, pulled, twisting
+from target_models import longer, pulled, tied, twisting
 
 import pliant
 from pliant.actuators import chen2018
@@ -51,6 +51,8 @@ def test_a_model_without_a_feature_has_none_of_it(key):
         model = model.with_(extensions=(Extension(500.0),))
     if key == "curved_segments":
         model = model.with_(extensions=(Extension(500.0, stiffening=-0.2),))
+    if key == "tied_segments":
+        model = tied()
     if key == "axial_memory":
         branch = {"axial_creep_share": (0.1,), "axial_creep_time": (0.5,)}
         model = model.with_(extensions=(Extension(500.0),), memory=Memory(**branch))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from binding import Arm
-from target_models import in_space, longer, pulled, twisting
+from target_models import in_space, longer, pulled, tied, twisting
 
 import pliant
 from pliant.errors import InputError
@@ -20,7 +20,7 @@ from pliant.model import Memory, Model, Space, chain_model
 from pliant.simulation import Stepper, equilibrium
 from pliant.simulation.state import typical_pressure
 
-INPUTS = {"longer": [30e3, 10e3, 2e-3],
+INPUTS = {"longer": [30e3, 10e3, 2e-3], "tied": [30e3, 10e3, 2e-3],
           "in_space": [30e3, 10e3, 0.0], "twisting": [30e3, 10e3, 0.0], "pulled": [2e-3, 0.3, 1.0]}  # fmt: skip
 
 
@@ -59,8 +59,9 @@ def test_state_space_follows_small_steps(spatial):
 
 
 @pytest.mark.slow
-def test_state_space_of_a_body_that_lengthens_follows_small_steps():
-    test_state_space_follows_small_steps(longer())
+@pytest.mark.parametrize("make", [longer, tied])
+def test_state_space_of_a_body_that_lengthens_follows_small_steps(make):
+    test_state_space_follows_small_steps(make())
 
 
 def test_typical_input_bends_by_half_a_radian(spatial):
@@ -77,7 +78,10 @@ def of_all_kinds() -> Model:
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
-@pytest.mark.parametrize(("make", "levels"), [(of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3])])
+@pytest.mark.parametrize(("make", "levels"), [
+    (of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3]),
+    pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
+])  # fmt: skip
 def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
     """Inputs that change; what the C says of its state."""
     model, levels = make(), np.array(levels)
@@ -211,6 +215,13 @@ def test_what_is_not_expressed_is_refused(tmp_path):
     assert 0 < done.difference.rms < done.difference.largest
     assert "mm from the model's" in done.notes[-1]
     assert "its tangent along +z" in (tmp_path / "a.xml").read_text()
+
+
+def test_a_strain_that_changes_the_bending_stiffness_is_refused_where_nothing_writes_it(tmp_path):
+    with pytest.raises(InputError, match="bending stiffness that changes with the strain of segment near"):
+        pliant.export(tied(), "mjcf", tmp_path / "a.xml")
+    done = pliant.export(tied(), "mjcf", tmp_path / "a.xml", approximate=True)
+    assert 0 < done.difference.rms < done.difference.largest
 
 
 def test_urdf_has_the_places_of_the_hinges(spatial, tmp_path):

@@ -167,3 +167,28 @@ def test_a_push_out_of_plane_balances_its_energy():
     assert motion.energy_gain < 2e-3
     assert motion.energy_loss < 2e-3
     assert np.ptp(motion.axial_strain.values, axis=0).min() > 1e-3
+
+
+@pytest.mark.parametrize("tied", [False, True])
+def test_a_compressed_tube_bends_by_the_tangent_of_its_axial_spring(tied):
+    """Three equal tensions compress it to the root of the cubic; a small moment then bends it by 1 / (K g'(e))."""
+    s, a, EA = -2.0, 70.0, 60.0
+    wall = (Extension(EA, 0.05, 0.0, None, "wall", s, a, stiffens_bending=tied),)
+    cords = [Tendon.at_azimuth(np.radians(90 + 120 * k), np.ones(4), lever=8e-3, name=f"cord {k}") for k in range(3)]
+    model = chain_model(**BODY, extensions=wall, chambers=cords, space=True)
+    tension, more = 1.5, 1e-4
+    e = np.roots([a, s, 1.0, 3 * tension / EA])
+    e = float(e[np.abs(e.imag) < 1e-12].real[0])
+    straight, bent = (equilibrium(model, np.array([tension, tension, tension]) + d) for d in ([0, 0, 0], [more, 0, 0]))
+    assert straight[-1] == pytest.approx(e, rel=1e-10)
+    assert e < -0.05
+    factor = 1 + 2 * s * e + 3 * a * e * e if tied else 1.0
+    assert bent[:8:2] == pytest.approx(np.full(4, -more * 8e-3 / (0.5 * factor)), rel=1e-4)
+
+
+def test_a_model_file_keeps_a_tie(tmp_path):
+    wall = Extension(60.0, stiffening=-2.0, stiffens_bending=True)
+    model = chain_model(**BODY, extensions=(wall,), torque=(1e-6,), space=True)
+    again = load_model(save_model(model, tmp_path / "tube.json"))
+    assert again.extensions == (wall,)
+    assert "and so does the bending stiffness" in repr(model)

@@ -108,7 +108,7 @@ def test_a_motion_has_the_energies_of_its_moments(mechanics):
 
 
 def test_slope_and_energy_are_those_of_the_torque_of_a_spring():
-    """The law stands in three functions; the two others follow from the torque, by complex steps."""
+    """The law stands in three functions; the others follow from the torque, by complex steps."""
     rng, tiny = np.random.default_rng(2), 1e-30
     terms = rng.uniform(-0.5, 0.7, (elastic.TERMS, 1))
     for k, q in enumerate(rng.uniform(-1.0, 1.0, 20)):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.numerics.ldl import ldl_factor, ldl_solve
+from pliant.numerics.ldl import ldl_factor, ldl_solve, ldl_solve_by_columns
+
+SOLVES = (ldl_solve, ldl_solve_by_columns)
 
 
 def positive_definite(rng, n):
@@ -13,13 +15,14 @@ def positive_definite(rng, n):
     return X @ X.T + 0.1 * np.eye(n)
 
 
+@pytest.mark.parametrize("solve", SOLVES)
 @pytest.mark.parametrize("n", range(1, 9))
-def test_solves_as_numpy_does(rng, n):
+def test_solves_as_numpy_does(rng, n, solve):
     A, b = positive_definite(rng, n), rng.normal(size=n)
     factors, x = np.tril(A), b.copy()
     factors[np.triu_indices(n, 1)] = np.nan  # must not be read
     ldl_factor(factors)
-    ldl_solve(factors, x)
+    solve(factors, x)
     assert x == pytest.approx(np.linalg.solve(A, b), rel=1e-9, abs=1e-11)
 
 
@@ -44,21 +47,23 @@ def test_one_factorisation_serves_many_right_hand_sides(rng):
     assert np.array_equal(factors, kept)
 
 
-def test_complex_step_differentiates_the_solution(rng):
+@pytest.mark.parametrize("solve", SOLVES)
+def test_complex_step_differentiates_the_solution(rng, solve):
     A, dA, b = positive_definite(rng, 4), positive_definite(rng, 4), rng.normal(size=4)
     factors, x = A + 1e-30j * dA, b.astype(complex)
     ldl_factor(factors)
-    ldl_solve(factors, x)
+    solve(factors, x)
     expected = -np.linalg.solve(A, dA @ np.linalg.solve(A, b))
     assert x.imag / 1e-30 == pytest.approx(expected, rel=1e-9)
 
 
-def test_runs_on_symbols():
+@pytest.mark.parametrize("solve", SOLVES)
+def test_runs_on_symbols(solve):
     import sympy as sp
 
     a, b, c, x, y = sp.symbols("a b c x y")
     factors, solution = np.array([[a, b], [b, c]], object), np.array([x, y], object)
     ldl_factor(factors)
-    ldl_solve(factors, solution)
+    solve(factors, solution)
     expected = sp.Matrix([[a, b], [b, c]]).LUsolve(sp.Matrix([x, y]))
     assert all(sp.simplify(s - e) == 0 for s, e in zip(solution, expected, strict=True))

@@ -97,13 +97,14 @@ def random_joints(rng, n, size, *, isotropic=True):
     if isotropic:
         K[1 : 2 * n : 2], D[1 : 2 * n : 2] = K[: 2 * n : 2], D[: 2 * n : 2]
     hardening = np.stack([-0.3 * K, 0.4 * K, np.full(size, 0.25)])
-    return SpatialJoints(0.0, np.zeros(size), K, D, hardening, np.zeros(n), np.zeros((0, 3)))
+    return SpatialJoints(0.0, np.zeros(size), K, D, hardening, np.zeros(n), np.zeros((0, 3)), np.zeros((n, 0)))
 
 
 def free_joints(n, size):
     """Joints without springs and dampers."""
     still = np.zeros(size)
-    return SpatialJoints(0.0, still, still.copy(), still.copy(), np.zeros((ROWS, size)), np.zeros(n), np.zeros((0, 3)))
+    return SpatialJoints(0.0, still, still.copy(), still.copy(), np.zeros((ROWS, size)), np.zeros(n), np.zeros((0, 3)),
+                         np.zeros((n, 0)))  # fmt: skip
 
 
 def rotation_about_x(angle):
@@ -128,7 +129,7 @@ def of_the_plane(chain, q, dq, *, twist=False, base_length=0.0):
 
     hardening = np.stack([spread(row) for row in chain.joints().hardening])
     joints = SpatialJoints(0.0, np.zeros(size), spread(chain.K, 0.5), spread(chain.D, 1e-3), hardening, np.zeros(n),
-                           np.zeros((0, 3)))  # fmt: skip
+                           np.zeros((0, 3)), np.zeros((n, 0)))  # fmt: skip
     x, v = np.zeros(size), np.zeros(size)
     x[: 2 * n : 2], v[: 2 * n : 2] = q, dq
     return SpaceChain(body, joints, x, v)

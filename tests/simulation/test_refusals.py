@@ -33,6 +33,7 @@ class Broken:
         ({"duration": None}, "either duration"),
         ({"times": np.array([0.0, 1.0])}, "either duration"),
         ({"method": "ode15s"}, "unknown method 'ode15s': use midpoint, extrapolated, accurate, LSODA, BDF, Radau"),
+        ({"method": "LSODA", "graded": True}, "method='LSODA' chooses its own steps: leave out graded=True"),
         ({"initial_angle": np.zeros(4)}, "5 finite numbers"),
         ({"initial_angle": np.full(5, np.nan)}, "5 finite numbers"),
         ({"initial_rate": 0.0}, "5 finite numbers"),

@@ -196,7 +196,7 @@ def substitutes(
     if linearised.step_jacobian in found:
         made[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
     if turns > 1:
-        sizes = links, segments, turns, tendons
+        sizes = links, segments, turns, tendons, axial
         return made | {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
@@ -230,9 +230,9 @@ def fewest(
     return few if same else sizes
 
 
-def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> Any:
+def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int, int], loops: bool) -> Any:
     """Return the compiled form of a kernel for chains in space. `sizes` are the numbers of links, extensible segments,
-    angles per joint, and tendons.
+    angles per joint, and tendons, then the laws of the segments as in `twin`.
     """
     lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:
@@ -248,7 +248,9 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int], loops: bool) -> 
 
 
 @cache
-def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: bool, remembers: bool = False) -> Any:
+def spatial_step(
+    links: int, segments: int, turns: int, tendons: int, axial: int, *, lines: bool, remembers: bool = False,
+) -> Any:
     """Return the compiled time step of a chain in space, as straight-line code if `lines`, else as loops.
 
     With tendons, only the parts of the step without tendons are straight-line code.
@@ -256,11 +258,11 @@ def spatial_step(links: int, segments: int, turns: int, tendons: int, *, lines: 
     if not lines:
         return twin(tendon.step if tendons else spatial.step)
     if not tendons:
-        return straight(spatial.step, links, segments, turns, remembers=remembers)
+        return straight(spatial.step, links, segments, turns, axial=axial, remembers=remembers)
     step: Any = tendon.step
     parts: tuple[Any, ...] = (spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut)
-    fast = {part: straight(part, links, segments, turns, remembers=remembers) for part in parts}
-    tag = size_tag(links, segments, turns, 1) + "_memory" * remembers  # any number of tendons
+    fast = {part: straight(part, links, segments, turns, axial=axial, remembers=remembers) for part in parts}
+    tag = size_tag(links, segments, turns, 1, axial) + "_memory" * remembers  # any number of tendons
     return compiled_twin(step, tag, lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast)
 
 

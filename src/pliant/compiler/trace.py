@@ -227,14 +227,14 @@ def spatial_workspace(
 
 
 def spatial_arguments(
-    n: int, segments: int, turns: int, tendons: int, *, remembers: bool = False,
+    n: int, segments: int, turns: int, tendons: int, axial: int = 0, *, remembers: bool = False,
 ) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of a chain in space of
     n links may have.
 
     Each joint has 2 or 3 angles (`turns`).
     """
-    size = n * turns + segments
+    size, curved = n * turns + segments, segments * bool(axial & CURVED)
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -249,8 +249,8 @@ def spatial_arguments(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
         "joints": SpatialJoints(
-            0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns), zeros(n),
-            zeros(n * turns * remembers, 3),
+            0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns + curved), zeros(n),
+            zeros(n * turns * remembers, 3), zeros(n, curved),
         ),
         "work": spatial_workspace(n, turns, segments, tendons),
     }
@@ -270,7 +270,7 @@ def recording(
     With `remembers`, a step in space includes the linear functions of the hysteresis states.
     """
     if turns > 1:
-        examples = spatial_arguments(n, segments, turns, tendons, remembers=remembers)
+        examples = spatial_arguments(n, segments, turns, tendons, axial, remembers=remembers)
     else:
         examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]

@@ -24,7 +24,7 @@ def spring_torque(i, joints, q, bend):
     term then goes from 0 at rest to -f K at large angles on the side that softens, and to f K on the other side. For
     f < 1 the slope of K q and this term together stays positive. R = 0 means no bound.
 
-    Only this and the next two functions contain the law of the springs. For whole arrays, i is a slice of joints.
+    Only this and the next three functions contain the law of the springs. For whole arrays, i is a slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
@@ -48,6 +48,23 @@ def spring_slope(i, joints, bend):
     r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
     more = more + joints.hardening[0, i] * (r * (2.0 + r * r) * TWO_THIRDS)
     return joints.K[i] + more * bend
+
+
+def spring_curvature(i, joints, bend):
+    """Return the second and the third derivative of the torque of the nonlinear spring of joint i by its angle [N
+    m/rad^2, N m/rad^3], at the angle `bend` [rad] from its unloaded shape.
+
+    The derivatives of `spring_slope`: 2 K2 r^5 + 6 K3 bend and -10 K2 R bend r^7 + 6 K3, with r as in `spring_torque`.
+    """
+    second = 0.0 * bend
+    third = 0.0 * bend
+    for k in range(TERMS - 1, 0, -1):
+        third = third * bend + (k + 2.0) * (k + 1.0) * k * joints.hardening[k, i]
+        second = (second + (k + 2.0) * (k + 1.0) * joints.hardening[k, i]) * bend
+    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    bounded = 2.0 * joints.hardening[0, i] * (r * r * r * r * r)
+    third = third - 5.0 * joints.hardening[TERMS, i] * bend * r * r * bounded
+    return second + bounded, third
 
 
 def spring_energy(i, joints, q, bend):

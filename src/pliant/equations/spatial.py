@@ -24,7 +24,7 @@ from pliant.equations.spatial_extension import (
     stretch_rates,
 )
 from pliant.equations.spatial_springs import add_spring_slopes, joint_torques
-from pliant.numerics.ldl import ldl_factor, ldl_solve
+from pliant.numerics.ldl import ldl_factor, ldl_solve_by_columns
 
 TERMS = 14  # of the series: exact to rounding for swings up to 4 rad
 FACTORIALS = np.cumprod(np.arange(1.0, 2 * TERMS + 4))  # of 1, 2, 3 ...
@@ -375,7 +375,7 @@ def acceleration(x, v, torque, body, joints, work, a):
         a[i] = work.t[i] - work.f[i]
     inertia(0.0, body, work, work.A)
     ldl_factor(work.A)
-    ldl_solve(work.A, a)
+    ldl_solve_by_columns(work.A, a)
 
 
 def step(x, v, h, torque, body, joints, work):
@@ -393,13 +393,13 @@ def step(x, v, h, torque, body, joints, work):
     inertial_forces(work.q, v, body, work, work.f)
     for i in range(len(x)):
         a[i] = h * (work.t[i] - work.f[i])
-    ldl_solve(work.A, a)
+    ldl_solve_by_columns(work.A, a)
     for i in range(len(x)):
         work.v[i] = v[i] + 0.5 * a[i]
     inertial_forces(work.q, work.v, body, work, work.f)
     for i in range(len(x)):
         a[i] = h * (work.t[i] - work.f[i])
-    ldl_solve(work.A, a)
+    ldl_solve_by_columns(work.A, a)
     for i in range(len(x)):
         x[i] = x[i] + h * (v[i] + 0.5 * a[i])
         v[i] = v[i] + a[i]

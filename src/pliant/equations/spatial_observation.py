@@ -154,6 +154,6 @@ def motion_of(v, joints):
     The planar function is `observation.motion_of`.
     """
     power = v[0] * v[0]
-    for i in range(1, joints.hardening.shape[1]):
+    for i in range(1, joints.hardening.shape[1] - joints.tied.shape[1]):
         power = power + v[i] * v[i]
     return power / len(joints.unloaded)

@@ -123,9 +123,10 @@ class SpatialJoints(NamedTuple):
     theta0: np.ndarray  # (N,) rad, 0
     K: np.ndarray  # (N,) N m/rad
     D: np.ndarray  # (N,) N m s/rad
-    hardening: np.ndarray  # (terms + 1, N)
+    hardening: np.ndarray  # (terms + 1, T + S) of T angles and S strains; S = 0 if all axial springs are linear
     unloaded: np.ndarray  # (n,) 0
     line: np.ndarray  # (m, 3) linear functions of hysteresis in a step, see `spatial_memory`; no rows without it
+    tied: np.ndarray  # (n, S) 1 where the strain of a segment changes the stiffness of a joint, else 0; S as above
 
 
 class ObservedChain(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from pliant.equations.spatial import acceleration, build_step, inertial_forces
 from pliant.equations.spatial_points import static_forces
-from pliant.numerics.ldl import ldl_factor, ldl_solve
+from pliant.numerics.ldl import ldl_factor, ldl_solve_by_columns
 
 TINY = 1e-24  # under a root, so that it has a derivative at 0
 ROUNDS = 50  # iterations of Newton's method in a step, at most
@@ -379,7 +379,7 @@ def solve_taut(h, t, f, pull, B, a):
     """
     for i in range(len(a)):
         a[i] = h * (t[i] - f[i] + pull[i])
-    ldl_solve(B, a)
+    ldl_solve_by_columns(B, a)
 
 
 def step(x, v, h, torque, body, joints, work):

@@ -35,8 +35,8 @@ from pliant.text import escaped
 Array = np.ndarray
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "curved_segments", "axial_memory",
-    "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag", "rates",
-    "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
+    "tied_segments", "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag",
+    "rates", "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
     "tendon_friction", "pair_pretension", "boucwen",
 }
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
@@ -162,6 +162,7 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     notes = dict.fromkeys(DERIVED, "derived") | {
         "tendon_stiffness": "N/m, also in `torque`",
         "share": "fraction of each link, the base part first, in each segment",
+        "tied": "1 where the strain of a segment changes the stiffness of a joint",
     }
     held = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {notes.get(f) or UNIT.get(f, '')} */"

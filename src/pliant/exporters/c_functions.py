@@ -32,6 +32,7 @@ UNIT = {  # of each parameter; one unit for each column where they differ
     "creep_time": "s", "slip_share": "1", "slip_angle": "rad", "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad",
     "base_tilt": "rad", "radius": "m", "stiffness_ratio": "1", "twist_ratio": "1", "lever": "m",
     "tendon_stiffness": "N/m", "pretension": "N", "friction": "1", "slip_rate": "m/s", "beyond": "1", "share": "1",
+    "tied": "1",
     "axial_stiffness": "N", "axial_damping": "N s", **{f"axial_{name}": "1" for name in CURVES},
     "axial_creep_share": "1", "axial_creep_time": "s", "axial_slip_share": "1", "axial_slip_strain": "1",
 }
@@ -83,7 +84,7 @@ def rest_shape(model: Model) -> dict[str, Any]:
     curves = CURVES if any(e.curved for e in model.extensions) else ()
     axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in model.extensions])
              for field in ("stiffness", "damping", *curves)}  # fmt: skip
-    body = mechanics_of(model).body
+    body, joints = mechanics_of(model).body, mechanics_of(model).joints
     if not model.space:
         share = {"share": body.share} if model.extensions else {}
         return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **share}
@@ -91,7 +92,8 @@ def rest_shape(model: Model) -> dict[str, Any]:
     more: dict[str, Any] = ({"twist_ratio": space.twist_ratio} if space.turns == 3 else {}) | axial
     return {
         "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
-        "stiffness_ratio": space.stiffness_ratio, **more, **{f: getattr(body, f) for f in beside_inertia(body)},
+        "stiffness_ratio": space.stiffness_ratio, "tied": joints.tied, **more,
+        **{f: getattr(body, f) for f in beside_inertia(body)},
     }
 
 
@@ -139,7 +141,8 @@ def chain_names(model: Model) -> tuple[Any, Any]:
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
     weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
     body = symbols.SpatialBody(*(weight[f] if f in weight else of(f) for f in symbols.SpatialBody._fields))
-    return body, mechanics_of(model).joints._replace(K=of("K"), D=of("D"), hardening=of("hardening"))
+    tied = {f: of(f) for f in ("K", "D", "hardening", "tied")}
+    return body, mechanics_of(model).joints._replace(**tied)
 
 
 def names(model: Model) -> Names:

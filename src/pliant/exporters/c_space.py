@@ -99,6 +99,8 @@ class SpatialText(Text):
             w.call(turn_matrix, *turn, body.rest[k])
         for s in range(len(self.model.extensions)):
             self.segment(w, s, body.length)
+            if any(e.curved for e in self.model.extensions):
+                self.curved_spring(w, s, self.model.size - len(self.model.extensions) + s, "axial_")
         self.cap(w)
         w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
@@ -110,7 +112,7 @@ class SpatialText(Text):
         n, joints = self.model.n, self.given.joints
         rows = {2 * k: "", 2 * k + 1: "p->stiffness_ratio * ", 2 * n + k: "p->twist_ratio * "}
         for i, ratio in rows.items():
-            if i >= joints.hardening.shape[1]:
+            if i >= joints.hardening.shape[1] - joints.tied.shape[1]:
                 continue
             w.say(f"{joints.K[i]} = {ratio}p->stiffness[{k}];")
             w.say(f"{joints.D[i]} = {ratio}p->damping[{k}];")

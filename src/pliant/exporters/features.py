@@ -178,7 +178,7 @@ def without_segments(model: Model) -> Model:
 
 
 AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip_share", "slip_strain"))
-STRAIGHT: dict[str, Any] = dict.fromkeys(CURVES)  # no terms of the axial springs but the first
+STRAIGHT: dict[str, Any] = dict.fromkeys(CURVES) | {"stiffens_bending": False}  # only EA e of the axial springs
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
@@ -208,6 +208,13 @@ FEATURES: dict[str, Feature] = {
         lambda m: tuple(f"axial spring of segment {e.name} that softens or stiffens" for e in m.extensions if e.curved),
         lambda m: m.with_(extensions=tuple(replace(e, **STRAIGHT) for e in m.extensions)),
         tuple(f"Extension.{name}" for name in CURVES),
+    ),
+    "tied_segments": Feature(
+        "a strain that changes the bending stiffness",
+        lambda m: tuple(f"bending stiffness that changes with the strain of segment {e.name}"
+                        for e in m.extensions if e.stiffens_bending),
+        lambda m: m.with_(extensions=tuple(replace(e, stiffens_bending=False) for e in m.extensions)),
+        ("Extension.stiffens_bending",),
     ),
     "axial_memory": of_model(
         "hysteresis of segments that lengthen", lambda m: m.memory.has_axial,

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations.symbols import StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.model import Model, Station
@@ -200,6 +201,12 @@ class Mechanics(ABC):
             gained = x[:, self.size - len(self.model.extensions) :] * self.model.segment_length
             found["extension"] = (("time", "segment"), gained)
         return found
+
+    @cached_property
+    def axial_laws(self) -> int:
+        """Laws of the segments as a bit mask: 1 for nonlinear springs, 2 for hysteresis, 0 for neither."""
+        curved = any(e.curved for e in self.model.extensions)
+        return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
     def strain_kind(self, first: int) -> tuple[CoordinateKind, ...]:
         """Return a tuple with the group of the strain coordinates, which begin at row `first`; () if no segment

@@ -97,12 +97,6 @@ class PlanarChain(Mechanics):
         moved = np.zeros(self.segments if self.axial_laws & REMEMBERS else 0)
         return ExtensibleJoints(*given, hardening, np.array(model.rest_angle), moved)
 
-    @cached_property
-    def axial_laws(self) -> int:
-        """Laws of the segments as a bit mask: 1 for nonlinear springs, 2 for hysteresis, 0 for neither."""
-        curved = any(e.curved for e in self.model.extensions)
-        return CURVED * curved + REMEMBERS * self.model.memory.has_axial
-
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return planar_workspace(self.n, self.segments, kind)
 

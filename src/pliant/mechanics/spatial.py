@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.compiler.trace import spatial_workspace
+from pliant.compiler.trace import CURVED, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.poses import settle
@@ -25,6 +25,7 @@ from pliant.mechanics.complex_slopes import TINY, of_kind
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
+from pliant.model.extensible import tied_joints
 
 Array = np.ndarray
 
@@ -82,8 +83,12 @@ class SpatialChain(Mechanics):
         axial = np.reshape([(e.stiffness, e.damping) for e in self.model.extensions], (-1, 2)).T
         pairs = zip((self.model.stiffness, self.model.damping), axial * self.model.segment_length, strict=True)
         K, D = (np.append(self.each_coordinate(v, ratio * v, twist * v), strains) for v, strains in pairs)
-        terms = [self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening]
-        return SpatialJoints(0.0, np.zeros(self.size), K, D, np.array(terms), np.zeros(self.n), np.zeros((0, 3)))
+        terms = np.array([self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening])
+        tied = np.zeros((self.n, 0))
+        if self.axial_laws & CURVED:
+            terms = np.concatenate([terms, springs.axial_springs_of(self.model).hardening], axis=1)
+            tied = tied_joints(self.model)
+        return SpatialJoints(0.0, np.zeros(self.size), K, D, terms, np.zeros(self.n), np.zeros((0, 3)), tied)
 
     def each_coordinate(self, x: Array, y: Array, twist: Array) -> Array:
         """Return one array of values in the order of the joint angles, from values (n,) for swings about x, for swings
@@ -93,7 +98,7 @@ class SpatialChain(Mechanics):
         return np.append(values, twist) if self.space.turns == 3 else values
 
     def workspace(self, kind: type = float) -> SpatialWorkspace:
-        _, segments, turns, tendons = self.sizes
+        _, segments, turns, tendons, _ = self.sizes
         return spatial_workspace(self.n, turns, segments, tendons, kind)
 
     def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
@@ -104,7 +109,7 @@ class SpatialChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers)
+        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), self.axial_laws
 
     # coordinates
 

@@ -27,6 +27,16 @@ def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
     )
 
 
+def tied_joints(model: ModelParameters) -> Array:
+    """Return a matrix (n, S) that is 1 where the strain of an extensible segment changes the bending stiffness of a
+    joint inside it, else 0.
+    """
+    tied = np.zeros((model.n, len(model.extensions)))
+    for s, (extension, joints) in enumerate(zip(model.extensions, joints_inside(model), strict=True)):
+        tied[list(joints), s] = float(extension.stiffens_bending)
+    return tied
+
+
 def fixed_length(model: Parameters, refusal: str = "") -> Parameters:
     """Return the model unchanged if it is planar and has no extensible segments, else raise InputError.
 
@@ -101,7 +111,7 @@ def check_extensions(model: ModelParameters) -> None:
 
 def check_laws(model: ModelParameters) -> None:
     """Raise InputError if a model has hysteresis of segments but no extensible segment. Raise it also if a model in
-    space has hysteresis of segments or nonlinear axial springs.
+    space has hysteresis of segments, or if a planar model has a segment whose strain changes the bending stiffness.
     """
     if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(
@@ -112,8 +122,8 @@ def check_laws(model: ModelParameters) -> None:
         raise InputError(
             f"memory axial_*: {model.name!r} is in space, where segments have no hysteresis: leave these branches out"
         )
-    if model.space and (curved := [e.name for e in model.extensions if e.curved]):
+    if not model.space and (tied := [e.name for e in model.extensions if e.stiffens_bending]):
         raise InputError(
-            f"extension {curved[0]!r} of {model.name!r} has a nonlinear spring, which a model in space does not "
-            "support: leave out its stiffening and cubic_stiffening"
+            f"extension {tied[0]!r} of {model.name!r} has stiffens_bending, which a planar model does not support: "
+            "leave it out, or make the model spatial with space = Space()"
         )

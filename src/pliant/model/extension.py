@@ -36,6 +36,10 @@ class Extension:
         with s < 0 and stiffens again with a > 0. None of both: a linear spring, which takes less time.
     stiffening_bound : float, optional
         f, by which s changes the slope at most: it stays within EA (1 - f) and EA (1 + f). Below 1; 0: no bound.
+    stiffens_bending : bool
+        In space: whether the bending (and twisting) stiffness of the joints inside the segment changes with the strain
+        by the same factor as the axial stiffness, as in a body whose wall carries the axial force and the bending
+        moment. Needs a nonlinear axial spring.
 
     Raises
     ------
@@ -57,6 +61,7 @@ class Extension:
     stiffening: float | None = None
     cubic_stiffening: float | None = None
     stiffening_bound: float | None = None
+    stiffens_bending: bool = False
 
     def __post_init__(self) -> None:
         for field in ("stiffness", "damping", "start", *(() if self.stop is None else ("stop",))):
@@ -76,6 +81,11 @@ class Extension:
         if not 0 <= (self.stiffening_bound or 0.0) < 1:
             raise InputError(
                 f"extension {self.name!r}: {SPRING_BOUND} must be from 0 to below 1, got {self.stiffening_bound}"
+            )
+        if self.stiffens_bending and not self.curved:
+            raise InputError(
+                f"extension {self.name!r}: stiffens_bending needs a nonlinear axial spring: give it a stiffening or "
+                "cubic_stiffening (0 as the start value of a fit), or leave out stiffens_bending"
             )
         if self.stop is not None and not self.stop > self.start:
             raise InputError(f"extension {self.name!r} must stop after its start at {self.start} m, got {self.stop}")

@@ -45,7 +45,8 @@ def curve(segment: Extension) -> str:
         return ""
     sizes = ", ".join(f"{term.letter} = {getattr(segment, name) or 0.0:.3g}" for name, term in SPRING_TERMS.items())
     bound = f", slope by s at most {100 * segment.stiffening_bound:.3g} %" if segment.stiffening_bound else ""
-    return f", softens or stiffens with the strain ({sizes}{bound})"
+    bending = ", and so does the bending stiffness" if segment.stiffens_bending else ""
+    return f", softens or stiffens with the strain ({sizes}{bound}){bending}"
 
 
 def sentences(model: ModelParameters) -> list[str]:

@@ -34,6 +34,7 @@ Array = np.ndarray
 _GAUSS = 0.5 / np.sqrt(3.0)
 LONGEST = 1e8  # steps in one simulation: more do not fit into memory
 _SAME = 1e-9  # of a step: times closer than this are equal but for rounding
+_FINER = 0.5 ** np.arange(5, 0, -1)  # where the first step after a jump is divided: at 1/32, 1/16 ... 1/2 of it
 
 
 class Drive(NamedTuple):
@@ -84,8 +85,11 @@ class Layout:
     for models that differ only in other parameters.
     """
 
-    def __init__(self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> None:
-        self.grid = grids = grid(inputs, dead_times, times, time_step)
+    def __init__(
+        self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *,
+        graded: bool = False,
+    ) -> None:
+        self.grid = grids = grid(inputs, dead_times, times, time_step, graded=graded)
         self.keep, self.at = grids.keep, np.searchsorted(grids.fine, times)
         self.intervals = Intervals(np.diff(grids.nodes), np.diff(grids.fine), np.searchsorted(grids.fine, grids.nodes))
         pairs = list(zip(inputs, dead_times, strict=True))
@@ -180,7 +184,9 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
     return many
 
 
-def drive(model: Model, pressure: Input | Sequence[Input], times: Array, time_step: float) -> Drive:
+def drive(
+    model: Model, pressure: Input | Sequence[Input], times: Array, time_step: float, *, graded: bool = False
+) -> Drive:
     """Return the time steps, at most `time_step` [s] long, and the chambers' mean torques in them.
     Steps end at all output `times` and pressure jumps.
 
@@ -189,6 +195,8 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, time_st
     pressure : Input, or one for each chamber
     times : array (rows,)
         Output times, s, strictly increasing; the first is the start of the simulation.
+    graded : bool
+        Whether the first two steps after the start and after each jump are divided, as `grade` does.
 
     Raises
     ------
@@ -196,10 +204,13 @@ def drive(model: Model, pressure: Input | Sequence[Input], times: Array, time_st
         When the times do not increase or the step is not positive.
     """
     inputs = inputs_of(model, pressure)
-    return driven(model, laid_out(inputs, [c.valve.dead_time for c in model.chambers], times, time_step))
+    dead_times = [c.valve.dead_time for c in model.chambers]
+    return driven(model, laid_out(inputs, dead_times, times, time_step, graded=graded))
 
 
-def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> Layout:
+def laid_out(
+    inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *, graded: bool = False
+) -> Layout:
     """Return the time steps for one input per chamber, with the commanded pressures, but without torques."""
     times = check_times(times)
     if not (np.isfinite(time_step) and time_step > 0):
@@ -208,7 +219,7 @@ def laid_out(inputs: Sequence[Input], dead_times: Sequence[float], times: Array,
         raise InputError(
             f"{times[-1] - times[0]:.6g} s in steps of {time_step:.3g} s are too many steps: use a longer time_step"
         )
-    return Layout(inputs, dead_times, times, time_step)
+    return Layout(inputs, dead_times, times, time_step, graded=graded)
 
 
 def check_times(times: Array) -> Array:
@@ -231,9 +242,11 @@ def driven(model: Model, layout: Layout) -> Drive:
                  layout)  # fmt: skip
 
 
-def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float) -> Grid:
+def grid(
+    inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *, graded: bool = False
+) -> Grid:
     """Return time steps of at most `time_step` [s] that end at all output times and at the inputs' jumps.
-    Each jump is delayed by the dead time [s] of its valve.
+    Each jump is delayed by the dead time [s] of its valve. `graded` divides the first two steps after each jump.
     """
     same = max(_SAME * time_step, 16.0 * float(np.spacing(np.abs(times).max())))
     pairs = list(zip(inputs, dead_times, strict=True))
@@ -241,6 +254,8 @@ def grid(inputs: Sequence[Input], dead_times: Sequence[float], times: Array, tim
     bends = np.concatenate([p.breakpoints + dead for p, dead in pairs])
     corners = merge(times, jumps, same)
     nodes = subdivide(corners, time_step)
+    if graded:
+        nodes = grade(nodes, jumps, same)
     keep = np.full(nodes.size - 1, -1)
     keep[np.searchsorted(nodes, corners)[1:] - 1] = -2
     keep[np.searchsorted(nodes, times)[1:] - 1] = np.arange(1, times.size)
@@ -272,6 +287,22 @@ def subdivide(corners: Array, time_step: float) -> Array:
     within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     nodes = corners[start] + within * (gap / parts)[start]
     return np.append(nodes, corners[-1])
+
+
+def grade(nodes: Array, jumps: Array, same: float) -> Array:
+    """Return the ends `nodes` [s] of time steps, with short steps at the start and after each of `jumps` [s]: the first
+    step is divided into six, which end at 1/32, 1/16, 1/8, 1/4 and 1/2 of it and at its end, and the next one into two.
+
+    In a sudden change the midpoint rule does not damp a mode that decays within a fraction of the step: its rate
+    changes sign in every step (Hairer and Wanner II, Sec. IV.3). The short steps damp these modes and follow the rest.
+    A jump ends a step to within `same` [s].
+    """
+    first = np.append(0, np.searchsorted(nodes, jumps + same, side="right") - 1)
+    first = first[(first >= 0) & (first < nodes.size - 1)]
+    second = first[first < nodes.size - 2] + 1
+    h = np.diff(nodes)
+    within = nodes[first, None] + h[first, None] * _FINER
+    return np.unique(np.concatenate([nodes, within.ravel(), nodes[second] + 0.5 * h[second]]))
 
 
 def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) -> Array:

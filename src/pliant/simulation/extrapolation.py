@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.simulation.accuracy import distance
-from pliant.simulation.drive import Drive, drive, merge, subdivide
+from pliant.simulation.drive import Drive, drive, grade, merge, subdivide
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
 
 Array = np.ndarray
@@ -57,10 +57,12 @@ def even_steps(problem: InitialValueProblem, time_step: float, parts: int) -> Dr
     between these are each divided into `parts` equal ones.
     """
     model, times = problem.model, problem.times
-    pairs = zip(problem.pressure, model.chambers, strict=True)
+    pairs = list(zip(problem.pressure, model.chambers, strict=True))
     bends = np.concatenate([np.concatenate([p.jumps, p.breakpoints]) + c.valve.dead_time for p, c in pairs])
     same = max(1e-9 * time_step, 16.0 * float(np.spacing(np.abs(times).max())))
     nodes = subdivide(merge(times, bends, same), time_step)
+    if problem.graded:
+        nodes = grade(nodes, np.concatenate([p.jumps + c.valve.dead_time for p, c in pairs]), same)
     inner = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(parts) / parts
     nodes = np.append(inner.ravel(), nodes[-1])
     plan = drive(model, problem.pressure, nodes, time_step)

@@ -42,6 +42,7 @@ class InitialValueProblem(NamedTuple):
     initial: Array  # (C,) Pa, just before the first time
     start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
+    graded: bool = False  # whether the first two steps after each jump are divided
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
         """Return the problem with its initial state set: joint angles, rates and hysteresis states. None stands for the
@@ -59,7 +60,7 @@ class InitialValueProblem(NamedTuple):
         By default `times` are the output times.
         """
         times = self.times if times is None else times
-        return self.loaded(drive(self.model, self.pressure, times, time_step))
+        return self.loaded(drive(self.model, self.pressure, times, time_step, graded=self.graded))
 
     def loaded(self, plan: Drive) -> Drive:
         """Return the time steps `plan` together with the loads [N m] that the known forces cause on the links. The

@@ -69,6 +69,7 @@ class ExtensionTable(StudyEntry, AxialCurve):
     stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
     damping: float = Field(0.0, ge=0)  # N s
     stiffening_bound: float | None = Field(None, ge=0, lt=1)  # f: what s does to the slope at most, in parts of EA
+    stiffens_bending: bool = False  # in space: the bending stiffness changes with the strain as the axial stiffness
 
 
 class TaperTable(StudyEntry):
