@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from pliant.equations.observation import place_links, point_slope, position
+from pliant.equations.observation import motion_of, place_links, point_slope, position
+from pliant.equations.spatial_observation import motion_of as motion_in_space
 from pliant.equations.symbols import ObservedChain
+from pliant.estimation.kalman_loops import recall
 from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Model, Station
 
@@ -47,3 +51,13 @@ def test_slopes_are_those_of_the_positions(model, rng):
                 _, tilted = placed(model, x + 1j * tiny * (np.arange(model.size) == k))
                 slope = position(axis, p.link, p.along, p.across, tilted).imag / tiny
                 assert row[k] == pytest.approx(slope, abs=1e-15)
+
+
+def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
+    recent, empty = np.zeros(1), {"hardening": np.zeros((3, 4)), "tied": np.zeros((2, 0))}
+    joints = SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2), **empty)
+    recall(motion_of(np.array([1.0, 3.0, 0.0, 9.0]), joints), 0.01, recent)  # the last one is the rate of a strain
+    assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
+    assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0, 9.0]), joints) == pytest.approx(14.0 / 2)
+    recall(0.0, 0.05, recent)
+    assert recent[0] == pytest.approx((14.0 / 3) / 1.5)

@@ -7,12 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.equations.observation import motion_of
-from pliant.equations.spatial_observation import motion_of as motion_in_space
 from pliant.errors import InputError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all
-from pliant.estimation.kalman_loops import add_noise, chain_transition, propagate, recall, update
+from pliant.estimation.kalman_loops import add_noise, chain_transition, propagate, update
 from pliant.estimation.link_angle_loops import joint_values
 from pliant.estimation.offline import smooth
 
@@ -72,15 +70,6 @@ def test_a_covariance_and_a_transition_move_by_the_whole_jacobian(rng, disturbed
     np.testing.assert_allclose(moved_P, whole @ P @ whole.T, rtol=1e-12, atol=1e-12)
     chain_transition(moved_F, N, n, J, np.empty((N, N)))
     np.testing.assert_allclose(moved_F, whole @ F, rtol=1e-12, atol=1e-12)
-
-
-def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
-    recent, joints = np.zeros(1), SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2), hardening=np.zeros((3, 4)))
-    recall(motion_of(np.array([1.0, 3.0, 0.0, 9.0]), joints), 0.01, recent)  # the last one is the rate of a strain
-    assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
-    assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0, 9.0]), joints) == pytest.approx(14.0 / 2)
-    recall(0.0, 0.05, recent)
-    assert recent[0] == pytest.approx((14.0 / 3) / 1.5)
 
 
 def test_a_frame_corrects_row_by_row_as_all_rows_at_once_do(rng, monkeypatch):
