@@ -102,6 +102,7 @@ def test_derivatives_against_differences(friction):
         assert np.abs(slope - wanted).max() < 1e-5 * np.abs(wanted).max(), name
 
 
+@pytest.mark.slow
 def test_parameters_are_found_again_from_poses_of_the_equilibrium():
     truth, blind = robot(), robot()
     exp = recording(40, seed=3)

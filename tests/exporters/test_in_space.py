@@ -79,7 +79,7 @@ def of_all_kinds() -> Model:
 
 
 @pytest.mark.parametrize(("make", "levels"), [
-    (of_all_kinds, [60e3, 4e-3, 0.8]), (longer, [40e3, 10e3, 4e-3]),
+    pytest.param(of_all_kinds, [60e3, 4e-3, 0.8], marks=pytest.mark.slow), (longer, [40e3, 10e3, 4e-3]),
     pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
@@ -217,6 +217,7 @@ def test_what_is_not_expressed_is_refused(tmp_path):
     assert "its tangent along +z" in (tmp_path / "a.xml").read_text()
 
 
+@pytest.mark.slow
 def test_a_strain_that_changes_the_bending_stiffness_is_refused_where_nothing_writes_it(tmp_path):
     with pytest.raises(InputError, match="bending stiffness that changes with the strain of segment near"):
         pliant.export(tied(), "mjcf", tmp_path / "a.xml")

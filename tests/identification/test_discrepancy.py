@@ -73,6 +73,7 @@ def test_a_body_that_lengthens_rests_where_angles_and_strain_put_it(body: Model,
         assert row[-1] == pytest.approx([x, y], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_body_in_space_that_bends_in_one_plane_lacks_what_the_planar_body_lacks(traced: Any) -> None:
     same = {"length": 0.12, "mass": 0.04, "links": 3, "stiffness": 0.9, "damping": 4e-3, "torque": LAW}
     plane = chain_model(**same, gravity=(0.5, -9.81))

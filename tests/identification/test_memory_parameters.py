@@ -92,6 +92,7 @@ def test_derivatives_are_exact(arm):
         assert np.abs(slope - found).max() < 1e-5 * np.abs(found).max(), name
 
 
+@pytest.mark.slow
 def test_creep_and_slip_come_back(arm):
     """From motion that `simulate` made, with 0.01 mm of noise, beside the stiffness that they trade with."""
     truth = apply(arm, TRUTH)

@@ -145,6 +145,7 @@ def lengthening_segments():
 
 
 @pytest.mark.parametrize("trial", [2, 3])
+@pytest.mark.slow
 def test_an_arm_that_may_lengthen_is_followed_as_closely_as_the_filter_says(shared_data, trial):
     """Trials that the fit did not see, markers to 2 mm: without its strains the arm errs by more than claimed."""
     mapping = {

@@ -78,6 +78,7 @@ def test_the_motion_of_a_fit_fails_with_these_words():
         predict(MODEL, seen, {}, STEP)
 
 
+@pytest.mark.slow
 def test_compiled_steps_agree_or_say_that_they_do_not(rng):
     """Stiffness far beyond what the step resolves: rates after it keep the momentum balance, or are beyond bounds."""
     failed, step = 0, twin(tendon.step)
