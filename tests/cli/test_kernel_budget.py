@@ -16,7 +16,7 @@ from pliant.testbed.bundle import FOLDER
 
 SIMULATE = {
     "march_loops.march_5": 1, "llvm.step_5_part": 1, "elastic.follows_n_part": 1, "elastic.tangent_n_part": 1,
-    "elastic.spring_slope_n_part": 1,
+    "elastic.spring_slope_n_part": 1, "march_loops.keep_row_n_part": 1,
     "llvm.add_step_work_5_part": 1, "contact.add_link_loads_n_part": 1, "chamber.share_out_n_part": 1,
 }
 
