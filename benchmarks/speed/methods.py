@@ -12,9 +12,10 @@ import numpy as np
 from scipy.integrate import odeint, solve_ivp
 
 from pliant.compiler.choose import MOST_LINKS, straight, twin
+from pliant.compiler.trace import planar_workspace
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.simulation import state
 from pliant.simulation.drive import drive
 from pliant.simulation.extrapolation import march_extrapolated
@@ -66,7 +67,7 @@ class RightHandSide:
     def __init__(self, problem: Problem) -> None:
         n = problem.model.n
         self.n = n
-        self.parts = (mechanics_of(problem.model).body, mechanics_of(problem.model).joints, planar.workspace(n))
+        self.parts = (mechanics_of(problem.model).body, mechanics_of(problem.model).joints, planar_workspace(n))
         kernels = (motion.acceleration, motion.acceleration_jacobian)  # the fastest form that pliant has of them
         few = n <= MOST_LINKS
         self.accelerate, self.differentiate = ((straight(k, n) if few else twin(k)) for k in kernels)

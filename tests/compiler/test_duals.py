@@ -8,12 +8,12 @@ from oracles.space import random_space_chain
 
 from pliant.compiler.choose import dual_twin, twin
 from pliant.compiler.duals import SLOTS, WIDTH, duals
+from pliant.compiler.trace import planar_workspace as workspace
 from pliant.equations import motion, spatial
 from pliant.equations.elastic import ROWS
 from pliant.equations.extension import step as extensible_step
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Body, ExtensibleBody, ExtensibleJoints, Held, Joints, MemoryLaw, Past
-from pliant.mechanics.planar import workspace
 
 TINY = 1e-30
 

@@ -10,11 +10,11 @@ import pytest
 
 from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
+from pliant.compiler.trace import planar_workspace as workspace
 from pliant.equations import energy, motion
 from pliant.equations.elastic import ROWS
 from pliant.equations.symbols import Body, Joints, Slopes
-from pliant.mechanics import mechanics_of, planar
-from pliant.mechanics.planar import workspace
+from pliant.mechanics import mechanics_of
 from pliant.numerics.trig import cos_sin
 
 
@@ -80,7 +80,7 @@ def test_march_is_the_same_by_either_twin(rng):
     for march in (twin(march_loops.march), twin(march_loops.march, model.n)):
         out = march_loops.rows_for(101, 5, (5, 0), 2)
         start = (np.zeros(5), np.zeros(5))
-        march(*start, plan.steps, mechanics_of(model).body, mechanics_of(model).joints, planar.workspace(5), out)
+        march(*start, plan.steps, mechanics_of(model).body, mechanics_of(model).joints, workspace(5), out)
         found.append(out)
     assert np.abs(found[0].phi).max() > 0.1
     np.testing.assert_allclose(found[1].phi, found[0].phi, atol=1e-12)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bodies import LATENCY, NOISE, fitted, free, made
 
+from pliant.compiler.trace import planar_workspace
 from pliant.contact import find_contact, free_motion, locate
 from pliant.contact.contact import episodes, filtered_free_motion
 from pliant.contact.free_motion import FreeMotion, Sudden, cumulative, excursions, tail
@@ -16,7 +17,7 @@ from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force
 from pliant.equations.motion import step
 from pliant.errors import InputError
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import chain_model
 from pliant.simulation import equilibrium
 
@@ -68,7 +69,7 @@ def test_a_straight_body_hides_the_force_along_it():
 def test_the_momentum_observer_answers_a_step_exponentially():
     m = paper(3)
     h, bandwidth = 2e-4, 40.0
-    phi, w, work = np.zeros(3), np.zeros(3), planar.workspace(3)
+    phi, w, work = np.zeros(3), np.zeros(3), planar_workspace(3)
     push = np.array([0.0, 5e-3, 2e-3])
     joints = mechanics_of(m).joints._replace(theta0=m.rest_angle + push / m.stiffness)
     angle, rate = [phi.copy()], [w.copy()]

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.compiler.trace import planar_workspace
 from pliant.control import Limits, Lqr, design_lqr, design_outputs
 from pliant.equations.chamber import advance
 from pliant.equations.memory import step_with_memory
 from pliant.equations.symbols import Interval, Past
 from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver, LinkAngles, State, frozen
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Valve, chain_model, load_model
 from pliant.simulation import state
 
@@ -126,7 +127,7 @@ def test_the_observer_is_its_formula(body):
                 made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
                 past = Past(law, memory, mechanics_of(body.with_(rest_angle=joints.theta0)).held())
                 step_with_memory(
-                    phi, w, 2e-3, made * body.joint_gain, mechanics_of(body).body, joints, past, planar.workspace(n)
+                    phi, w, 2e-3, made * body.joint_gain, mechanics_of(body).body, joints, past, planar_workspace(n)
                 )
         nu = seen - phi
         weight = precision @ by[:n]

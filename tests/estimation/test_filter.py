@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import planar_workspace
 from pliant.contact.residual import static_residual
 from pliant.equations.motion import step
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
 from pliant.estimation.offline import mean_bounds, nees, whiteness
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Trace, equilibrium, simulate
@@ -40,7 +41,7 @@ def noisy_run(seed, frames=60, disturbance=0.0, random_walk=0.0):
     phi = mechanics_of(m).coordinates(np.zeros(n)) + NOISE.initial_angle * rng.standard_normal(n)
     w = NOISE.initial_rate * rng.standard_normal(n)
     d = disturbance * rng.standard_normal(n)
-    body, joints, work, kernel = mechanics_of(m).body, mechanics_of(m).joints, planar.workspace(n), twin(step)
+    body, joints, work, kernel = mechanics_of(m).body, mechanics_of(m).joints, planar_workspace(n), twin(step)
     truth = np.empty((frames, 3 * n))
     for f in range(frames):
         for k in range(SUB if f else 0):

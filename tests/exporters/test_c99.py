@@ -13,11 +13,12 @@ from target_models import EVERY_BRANCH, MODELS
 
 import pliant
 from pliant.actuators import chen2018
+from pliant.compiler.trace import planar_workspace
 from pliant.equations.laws import LAWS
 from pliant.errors import InputError
 from pliant.exporters.c99 import code
 from pliant.exporters.provenance import Provenance
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, Trace, simulate
 from pliant.simulation.accuracy import AccuracyWarning
@@ -163,7 +164,7 @@ def test_linearise_in_motion_against_differences(tmp_path):
     def acceleration(phi, w):
         a = np.zeros(n)
         tau = model.joint_gain * model.torque_at(1e5)
-        motion.acceleration(phi, w, tau, mechanics_of(model).body, mechanics_of(model).joints, planar.workspace(n), a)
+        motion.acceleration(phi, w, tau, mechanics_of(model).body, mechanics_of(model).joints, planar_workspace(n), a)
         return a
 
     for k in range(n):

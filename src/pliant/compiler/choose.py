@@ -38,7 +38,6 @@ from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and the dense kernel compiles for seconds
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
-JACOBIAN_LINKS = 2
 STRAIGHT_SOURCES = (
     trace.__file__, trig.__file__,
     *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.compiler.trace import planar_workspace
 from pliant.equations.symbols import (
     ActuationConstants,
     Body,
@@ -20,7 +21,7 @@ from pliant.equations.symbols import (
     StepSlopes,
     Workspace,
 )
-from pliant.mechanics import mechanics_of, planar
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # outcome of a frame for the adaptive observer
@@ -185,7 +186,7 @@ def make_observer_workspace(model: Model) -> ObserverWorkspace:
     """Return the scratch arrays of the adaptive observer for a model."""
     n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
     return ObserverWorkspace(
-        mechanics_of(model).held(), planar.workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
+        mechanics_of(model).held(), planar_workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
         np.zeros(3 * n),
     )
 

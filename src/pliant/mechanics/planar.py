@@ -37,7 +37,6 @@ from pliant.model.inertia import inertia_constants
 from pliant.numerics.curve import tangents
 
 Array = np.ndarray
-workspace = planar_workspace
 
 
 class PlanarChain(Mechanics):
