@@ -71,13 +71,14 @@ def twisting(links: int = 4) -> Model:
 
 
 def pulled(links: int = 4) -> Model:
-    """Tendons: one drawn in that can hang slack, a pair on a motor, one under a known tension."""
-    passed = {"lever": 8e-3, "line_stiffness": 2e3}
+    """Converging tendons: one drawn in that can hang slack, a pair on a motor, one under a known tension."""
+    path = {"lever": 9e-3, "taper": 7e-3, "at": 0.3 * (np.arange(links) + 0.5) / links}
+    passed = {**path, "line_stiffness": 2e3}
     cords = (
         Tendon.at_azimuth(AZIMUTHS[0], np.ones(links), driven_by="displacement", pretension=1.0, name="long", **passed),
         Tendon.at_azimuth(AZIMUTHS[1], np.ones(links), driven_by="angle", pulley=0.01, pair=True, name="pair",
                           valve=Valve(rise_time=0.02, fall_time=0.02), **passed),
-        Tendon.at_azimuth(AZIMUTHS[2], [1.0] + [0.0] * (links - 1), lever=8e-3, name="short"),
+        Tendon.at_azimuth(AZIMUTHS[2], [1.0] + [0.0] * (links - 1), name="short", **path),
     )  # fmt: skip
     return in_space(links).with_(chambers=cords, name="pulled")
 

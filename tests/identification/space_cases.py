@@ -32,7 +32,10 @@ OF_SEGMENTS = {
     "axial_stiffness": 55.0, "upper.axial_stiffness": 45.0, "lower.axial_damping": 0.3, "axial_gain": 25.0,
     "blue.axial_gain": 40.0, "cord.gain_x": 0.8, "lower.axial_stiffening": 1.5, "lower.axial_cubic_stiffening": 20.0,
 }  # fmt: skip
-OF_TENDONS = {"line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.pretension": 0.6, "red.pulley": 0.012, "friction": 0.2}
+OF_TENDONS = {
+    "line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.taper": 0.02, "cord.pretension": 0.6, "red.pulley": 0.012,
+    "friction": 0.2,
+}
 
 
 def arm(**more):
@@ -52,7 +55,7 @@ def rich_arm():
     motor = Tendon.at_azimuth(AZIMUTHS["red"], np.ones(LINKS), name="red", **WOUND)
     chambers = [Chamber(torque=(2e-6,), joint_gain=np.sin(a), cross_gain=-np.cos(a), axial_gain=30.0, name=name)
                 for name, a in AZIMUTHS.items() if name != "red"]  # fmt: skip
-    cord = Tendon.at_azimuth(0.4, [1, 1, 0], name="cord", **CORD)
+    cord = Tendon.at_azimuth(0.4, [1, 1, 0], name="cord", at=[0.05, 0.15, 0.25], **CORD)
     tied = {"stiffening": 0.0, "stiffens_bending": True}
     halves = (Extension(60.0, 0.4, 0.0, 0.15, "lower", **tied), Extension(50.0, 0.5, 0.15, None, "upper"))
     return arm(chambers=[motor, *chambers, cord], extensions=halves)

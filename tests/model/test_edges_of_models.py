@@ -164,6 +164,9 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
         ({"friction": -0.1}, "friction must not be negative"),
         ({"slip_rate": 0.0}, "slip_rate must be positive"),
         ({"pretension": np.inf}, "pretension must be finite"),
+        ({"taper": np.nan}, "taper must be finite"),
+        ({"at": [0.1, 0.2]}, "at must be positions .* one for each joint"),
+        ({"at": [0.1, 0.2, -0.1]}, "at must be positions"),
     ],
 )
 def test_tendons_that_cannot_be(values, said):

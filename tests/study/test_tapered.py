@@ -44,10 +44,33 @@ def test_a_taper_that_does_not_say_what_the_body_is_like_is_refused(change):
 def test_a_tendon_that_converges_and_ends():
     entry = TendonTable(name="t", driven_by="tension", azimuth_deg=90.0, lever=0.01, taper=0.02, stop=0.25)
     made = tendon_of(entry, 4, LENGTH)
-    at_middles = 0.01 - 0.02 * np.array([0.05, 0.15])
-    assert -0.01 * made.joint_gain[:2] == pytest.approx(at_middles, rel=1e-6)
-    assert -0.01 * made.joint_gain[2] == pytest.approx(0.5 * (0.01 - 0.02 * 0.225), rel=1e-6)
-    assert made.joint_gain[3] == 0.0
+    assert made.joint_gain == pytest.approx([-1.0, -1.0, -0.5, 0.0])
+    assert made.distance()[:3] == pytest.approx(0.01 - 0.02 * np.array([0.05, 0.15, 0.225]))
+
+
+def test_a_tendon_that_would_reach_the_axis_is_refused():
+    entry = TendonTable(name="t", driven_by="tension", azimuth_deg=90.0, lever=0.01, taper=0.05, stop=0.25)
+    with pytest.raises(InputError, match=r"tendon t: .* reaches the axis at 0.2 m.*correct lever, taper or stop"):
+        tendon_of(entry, 4, LENGTH)
+    assert tendon_of(entry.model_copy(update={"stop": 0.19}), 4, LENGTH).distance()[1] > 0.0
+
+
+def test_levers_of_a_converging_tendon_are_the_slopes_of_its_length_through_sites():
+    """The body bends in arcs in a plane; the length of the path is summed over sites on its cross-sections."""
+    entry = TendonTable(name="t", driven_by="tension", azimuth_deg=0.0, lever=0.011, taper=0.03, stop=0.31)
+    levers = cone(tendons=[entry]).actuation.levers[0, 1:8:2]  # about y
+
+    def length(angles):
+        s, thin = np.linspace(0.0, LENGTH, 40001, retstep=True)
+        turn = np.interp(s, np.linspace(0.0, LENGTH, 5), np.append(0.0, np.cumsum(angles)))
+        middle = 0.5 * (turn[1:] + turn[:-1])
+        axis = np.cumsum(np.pad(thin * np.stack([np.sin(middle), np.cos(middle)], axis=1), ((1, 0), (0, 0))), axis=0)
+        sites = axis + (0.011 - 0.03 * s)[:, None] * np.stack([np.cos(turn), -np.sin(turn)], axis=1)
+        return np.linalg.norm(np.diff(sites[s <= 0.31], axis=0), axis=1).sum()
+
+    bent, step = np.array([0.5, -0.3, 0.4, 0.2]), 1e-4
+    slopes = [(length(bent + step * one) - length(bent - step * one)) / (2.0 * step) for one in np.eye(4)]
+    assert -np.array(slopes) == pytest.approx(levers, rel=1e-3, abs=1e-7)  # to second order in the convergence
 
 
 def test_stations_lie_on_the_link_that_holds_their_place():

@@ -309,7 +309,8 @@ FEATURES: dict[str, Feature] = {
     "tendons": Feature(
         "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)),
         refused("is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"),
-        tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "line_stiffness", "pretension", "pulley", "pair")),
+        tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "taper", "at", "line_stiffness", "pretension", "pulley",
+                                      "pair")),
     ),
     "tendon_friction": of_each(
         "friction of tendons", lambda c: isinstance(c, Tendon) and c.friction,

@@ -94,8 +94,8 @@ class Actuation:
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
-            lever = np.array([[c.lever if isinstance(c, Tendon) else 1.0] for c in self.inputs])
-            bent = lever * np.stack([joints, across], axis=-1).reshape(self.count, -1)
+            lever = [np.broadcast_to(c.distance() if isinstance(c, Tendon) else 1.0, self.joints) for c in self.inputs]
+            bent = (np.stack(lever)[..., None] * np.stack([joints, across], axis=-1)).reshape(self.count, -1)
             joints = np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
             return joints

@@ -92,6 +92,7 @@ class Chamber:
 
     kind: ClassVar[str] = "pressure"  # as recordings name the kinds of their inputs
     unit: ClassVar[str] = "Pa"
+    arrays: ClassVar[tuple[str, ...]] = ARRAYS
     torque: Array
     joint_gain: Array = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)
@@ -106,7 +107,7 @@ class Chamber:
     law: str = laws.POLYNOMIAL
 
     def __post_init__(self) -> None:
-        for name in ARRAYS:
+        for name in self.arrays:
             a = numbers(name, getattr(self, name))
             a.setflags(write=False)
             object.__setattr__(self, name, a)
@@ -117,7 +118,7 @@ class Chamber:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Chamber):
             return NotImplemented
-        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in ARRAYS
+        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in self.arrays
                    else getattr(self, f.name) == getattr(other, f.name) for f in fields(self))  # fmt: skip
 
     __hash__ = None  # type: ignore[assignment]

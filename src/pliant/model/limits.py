@@ -40,6 +40,7 @@ LIMITS = {
     "joint_gain": Limit(0.0, 1e6, ""),
     "cross_gain": Limit(0.0, 1e6, ""),
     "lever": Limit(0.0, 1e2, "m"),
+    "taper": Limit(0.0, 10.0, ""),
     "line_stiffness": Limit(0.0, 1e9, "N/m"),
     "pretension": Limit(0.0, 1e6, "N"),
     "pulley": Limit(0.0, 1e2, "m"),

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.chamber import Chamber
-from pliant.model.checks import check_numbers, one_number
+from pliant.model.chamber import ARRAYS, Chamber
+from pliant.model.checks import check_numbers, numbers, one_number
 
 Array = np.ndarray
 DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
-NUMBERS = ("lever", "line_stiffness", "pretension", "pulley", "friction", "slip_rate")
+NUMBERS = ("lever", "taper", "line_stiffness", "pretension", "pulley", "friction", "slip_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,14 @@ class Tendon(Chamber):
     driven_by : {"tension", "displacement", "angle"}
         Kind of the input: a tension [N], a displacement of its end [m], or the angle of a motor [rad].
     lever : float
-        Distance of the path from the axis, m. The lever arm at a joint is `lever` times joint_gain about the x axis,
-        and `lever` times cross_gain about the y axis. At an azimuth alpha from x towards y these gains are -sin(alpha)
-        and cos(alpha), and 0 beyond the tendon's end; see `at_azimuth`.
+        Distance of the path from the axis at the base, m. The lever arm at a joint is the distance there, `lever`
+        - `taper` * `at`, times joint_gain about the x axis and times cross_gain about the y axis. At an azimuth alpha
+        from x towards y these gains are -sin(alpha) and cos(alpha), and 0 beyond the tendon's end; see `at_azimuth`.
+    taper : float
+        Decrease of the distance from the axis per length along the body.
+    at : array (n,)
+        Position along the body that counts for the taper at each joint, m from the base: the middle of the part of the
+        path that the joint bends. A single number applies to all joints. Without a taper it has no effect.
     line_stiffness : float
         k, N/m; needed unless driven_by is "tension".
     pretension : float
@@ -55,6 +60,7 @@ class Tendon(Chamber):
         When a parameter is missing, not finite or not physical.
     """
 
+    arrays: ClassVar[tuple[str, ...]] = (*ARRAYS, "at")
     torque: Array = ()  # type: ignore[assignment]  # follows from the other parameters
     name: str = "tendon"
     driven_by: str = "tension"
@@ -65,6 +71,8 @@ class Tendon(Chamber):
     pair: bool = False
     friction: float = 0.0
     slip_rate: float = 1e-3
+    taper: float = 0.0
+    at: Array = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
         who = f"tendon {self.name!r}:"
@@ -72,7 +80,11 @@ class Tendon(Chamber):
             raise InputError(f"{who} driven_by must be {', '.join(DRIVEN)}, got {self.driven_by!r:.40}")
         for name in NUMBERS:
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
-        check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"), ("pretension",))
+        check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"),
+                      ("pretension", "taper"))  # fmt: skip
+        at = numbers("at", self.at)
+        if at.size not in (1, np.size(self.joint_gain)) or not (np.isfinite(at).all() and (at >= 0).all()):
+            raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {at.tolist()}")
         if self.elastic and not self.line_stiffness:
             raise InputError(f"{who} driven_by = {self.driven_by!r} needs a line_stiffness [N/m]: set it")
         if self.driven_by == "angle" and not self.pulley:
@@ -96,8 +108,8 @@ class Tendon(Chamber):
         Parameters
         ----------
         joints : array (n,)
-            1 for each joint that it passes, 0 for those beyond its end. Where the path is at another distance from the
-            axis, this distance over `lever`.
+            1 for each joint that it passes, 0 for those beyond its end, and a fraction for a joint that bends its path
+            only in part.
         **more
             Other parameters of `Tendon`.
         """
@@ -113,6 +125,10 @@ class Tendon(Chamber):
         """
         return self.driven_by != "tension"
 
+    def distance(self) -> Array:
+        """Return the distance (1,) or (n,) [m] of the path from the axis at each joint, or one that holds for all."""
+        return self.lever - self.taper * self.at
+
     def constants(self) -> tuple[float, float, float, float]:
         """Return the tendon's stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s]."""
         k, T0 = (self.line_stiffness, self.pretension) if self.elastic else (0.0, 0.0)
@@ -124,7 +140,8 @@ class Tendon(Chamber):
         turned = np.flatnonzero(np.hypot(self.joint_gain, self.cross_gain))
         shown = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"
         text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {shown} deg, driven by its {self.driven_by}"
-        more = [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
+        more = [f"converging by {self.taper:.3g} per length"] if self.taper else []
+        more += [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
         more += ["pair"] if self.pair else []
         more += [f"friction {self.friction:.3g}"] if self.friction else []

@@ -122,8 +122,15 @@ def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
     """Return the `Tendon` that a table of the study describes, on a chain of `length` [m] with `joints` joints."""
     if entry.azimuth_deg is None:
         raise InputError(f"tendon {entry.name}: state azimuth_deg; it can only be estimated in a study with recordings")
-    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed_joints(entry, length, joints)
-    values = entry.model_dump(exclude={"joints", "azimuth_deg", "taper", "stop"})
+    passed, at = passed_joints(entry, length, joints)
+    passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed
+    crossing = entry.lever / entry.taper if entry.taper > 0 else np.inf
+    if crossing <= (last := at[passed > 0].max(initial=0.0)):
+        raise InputError(
+            f"tendon {entry.name}: with this lever and taper it reaches the axis at {crossing:.3g} m, before the last "
+            f"joint that it bends (at {last:.3g} m): correct lever, taper or stop"
+        )
+    values = entry.model_dump(exclude={"joints", "azimuth_deg", "stop"}) | {"at": at}
     if entry.driven_by == "tension":
         values["line_stiffness"] = 0.0
     return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)
@@ -210,15 +217,17 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
     return np.histogram(s.ravel(), ends, weights=thin * section)[0]
 
 
-def passed_joints(entry: TendonTable, length: float, joints: int) -> Array:
-    """Return the distance between a tendon and the body's axis at each joint, divided by that at the base, as an array
-    (joints,).
+def passed_joints(entry: TendonTable, length: float, joints: int) -> tuple[Array, Array]:
+    """Return the fraction (joints,) of each joint's segment along which a tendon runs, and the middle (joints,) [m from
+    the base] of this part.
 
-    The distance is averaged over the joint's segment, and is 0 beyond the end of the tendon.
+    For a segment beyond the end of the tendon, the fraction is 0 and the middle is that of the segment.
     """
-    s, _ = slices(length, joints)
     stop = length if entry.stop is None else entry.stop
-    return np.where(s < stop, np.maximum(1.0 - entry.taper * s / entry.lever, 0.0), 0.0).mean(axis=1)
+    edges = length * np.arange(joints + 1) / joints
+    part = np.clip((stop - edges[:-1]) / np.diff(edges), 0.0, 1.0)
+    end = np.where(part > 0, edges[:-1] + part * np.diff(edges), edges[1:])
+    return part, 0.5 * (edges[:-1] + end)
 
 
 def stations_of(entries: Sequence[StationTable], length: float, link_length: Array) -> tuple[Station, ...]:
