@@ -17,7 +17,7 @@ from pliant.equations import symbols
 from pliant.equations.chamber import share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.mechanics.springs import springs_of
+from pliant.mechanics.springs import axial_springs_of, springs_of
 from pliant.model import Memory, Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
@@ -116,12 +116,15 @@ def tolerances(at: StateLayout, rtol: float) -> Array:
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
     """Return a SciPy event that stops the solver where a spring loses its stiffness, or None for linear springs."""
-    springs = springs_of(model)
-    if not springs.hardening.any():
+    chain, joints, segments = mechanics_of(model), springs_of(model), axial_springs_of(model)
+    strains = model.size - len(model.extensions)
+    if not (joints.hardening.any() or segments.hardening.any()):
         return None
 
     def least(_t: float, y: Array) -> float:
-        return float((springs.slope(mechanics_of(model).joint_angles(y[: model.n])) / springs.K).min())
+        x = y[: model.size]
+        slopes = joints.slope(chain.joint_angles(x)) / joints.K, segments.slope(x[strains:]) / segments.K
+        return float(np.concatenate(slopes).min())
 
     least.terminal = True  # type: ignore[attr-defined]  # SciPy's way
     return least
