@@ -217,16 +217,21 @@ def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -
     """Return joint springs that have the same torques as springs and creep branches together, the rates of the creep
     states, and the power [W] that creep dissipates.
 
-    At a given state, creep acts as stiffer springs with other rest angles.
+    At a given state, creep acts as stiffer springs with other rest angles. In space it is added as a linear function,
+    which the strain of a segment does not multiply.
     """
     joints, rows = chain.joints, chain.remembering
     share, tau = np.array(memory.creep_share), np.array(memory.creep_time)
     xi, stiff = states.reshape(rows, -1), 1.0 + share.sum()
+    left = chain.joint_coordinates(phi)[:rows, None] - xi
+    rates, power = (left / tau).ravel(), [joints.K[:rows] @ (left**2 @ (share / tau))]
+    if chain.dimension == 3:
+        line = np.stack([-xi @ share, np.full(rows, share.sum()), np.zeros(rows)], axis=1)
+        return joints._replace(line=line), rates, power
     K, rest = joints.K.copy(), joints.theta0.copy()
     K[:rows] *= stiff
     rest[:rows] += xi @ share / stiff
-    left = chain.joint_coordinates(phi)[:rows, None] - xi
-    return joints._replace(K=K, theta0=rest), (left / tau).ravel(), [joints.K[:rows] @ (left**2 @ (share / tau))]
+    return joints._replace(K=K, theta0=rest), rates, power
 
 
 def torque_and_rates(
