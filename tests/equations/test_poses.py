@@ -27,7 +27,7 @@ STEP = 1e-3  # s, that nothing here takes
 
 def robot(friction=0.0, **options):
     """A hanging chain with three tendons drawn in by lengths and a fourth, to the middle, by a tension."""
-    cord = {"lever": 5e-3, "friction": friction, "slip_rate": 1e-5}
+    cord = {"lever": 5e-3, "friction": friction, "slip_rate": 1e-5, "taper": 0.01, "at": [0.05, 0.15]}
     tendons = [
         Tendon.at_azimuth(at, [1, 1], driven_by="displacement", name=name, pretension=-0.5, line_stiffness=3e3, **cord)
         for name, at in AZIMUTHS.items()
@@ -82,7 +82,7 @@ def test_friction_holds_against_the_way_to_each_pose():
 
 PARAMETERS = {
     "stiffness": 0.02, "left.lever": 5e-3, "right.pretension": -0.5, "low.gain_x": 0.9, "friction": 0.3,
-    "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "tip.along": 0.05, "base_z": 0.01, "mass": 0.02,
+    "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "tip.along": 0.05, "base_z": 0.01, "mass": 0.02, "low.taper": 0.02,
 }  # fmt: skip
 
 
@@ -110,7 +110,8 @@ def test_parameters_are_found_again_from_poses_of_the_equilibrium():
     x = np.array([equilibrium(truth, values_at(exp, row)) for row in range(40)])
     place = chain.stations(x)[0] + 1e-4 * np.random.default_rng(4).normal(size=(40, 2, 3))
     seen = Experiment("b", exp.time, place, exp.stations, "trace", drives=exp.drives, poses=True)
-    given = {"stiffness": (0.02, 0.03), "left.pretension": (-0.5, 0.0), "right.gain_y": (np.cos(2.4), -0.5)}
+    given = {"stiffness": (0.02, 0.03), "left.pretension": (-0.5, 0.0), "right.gain_y": (np.cos(2.4), -0.5),
+             "taper": (0.01, 0.0)}  # fmt: skip
     found = fit([seen], blind, [Parameter(name, start) for name, (_, start) in given.items()], time_step=STEP, starts=1)
     for p in found.parameters:
         assert p.std is not None
