@@ -32,7 +32,8 @@ OF_SEGMENTS = {
     "axial_stiffness": 55.0, "upper.axial_stiffness": 45.0, "lower.axial_damping": 0.3, "axial_gain": 25.0,
     "blue.axial_gain": 40.0, "cord.gain_x": 0.8, "lower.axial_stiffening": 1.5, "lower.axial_cubic_stiffening": 20.0,
 }  # fmt: skip
-OF_TENDONS = {"line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.pretension": 0.6, "red.pulley": 0.012, "friction": 0.2}
+OF_TENDONS = {"line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.pretension": 0.6, "red.pulley": 0.012,
+              "red.imbalance": 0.3, "friction": 0.2}  # fmt: skip
 
 
 def arm(**more):

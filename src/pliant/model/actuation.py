@@ -128,7 +128,7 @@ class Actuation:
         (R,).
         """
         k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
-        T0 -= [LEAST if sign < 0.0 else 0.0 for *_, sign in self._cords]
+        T0 += [0.5 * sign * c.imbalance - (LEAST if sign < 0.0 else 0.0) for _, c, sign in self._cords]
         return k, T0, mu, w0
 
     @cached_property
