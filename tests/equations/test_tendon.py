@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.derivatives import complex_step
@@ -275,6 +277,18 @@ def test_a_pair_on_one_motor_is_a_spring_both_ways(tmp_path):
     assert forth[0] == pytest.approx(-8e-3 * 2e3 * 0.01 * 0.4 / (0.5 + 3 * 2e3 * 8e-3**2), rel=1e-9)
     assert model.actuation.units == ("rad",)
     assert load_model(save_model(model, tmp_path / "m.json")) == model
+
+
+@pytest.mark.parametrize("pretension", [0.0, 1.0, -3.0])
+def test_an_imbalance_of_a_pair_shifts_the_zero_of_its_motor(pretension):
+    """Taut or slack: both tendons of the pair are k r theta shorter and longer, so d / 2 = k r theta."""
+    motor = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}
+    even = Tendon.at_azimuth(0.6, np.ones(3), pretension=pretension, **motor)
+    uneven = arm(chambers=[replace(even, imbalance=2.4)])
+    for angle in (0.4, 0.0, -0.6):
+        shifted = pliant.equilibrium(arm(chambers=[even]), np.array([angle + 2.4 / (2.0 * 2e3 * 0.01)]))
+        assert np.allclose(pliant.equilibrium(uneven, np.array([angle])), shifted, rtol=1e-9, atol=1e-12)
+    assert not np.allclose(shifted, pliant.equilibrium(arm(chambers=[even]), np.array([-0.6])), atol=1e-3)
 
 
 @pytest.mark.parametrize(("wrong", "sentence"), [

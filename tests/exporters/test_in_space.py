@@ -11,6 +11,7 @@ from target_models import in_space, longer, pulled, tied, twisting
 
 import pliant
 from pliant.errors import InputError
+from pliant.exporters.features import without
 from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.rigid_chain import hinge_difference, rigid_chain, tip_by_hinges
@@ -76,6 +77,21 @@ def of_all_kinds() -> Model:
     memory = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
     inputs = (twisting(2).chambers[0], *pulled(2).chambers[:2])
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
+
+
+@pytest.mark.slow  # compiles four texts of C
+@pytest.mark.parametrize("make", [twisting, of_all_kinds])
+def test_single_precision_follows_double(make, tmp_path):
+    """Without a warning of the compiler, and with the tensions of tendons found in each step."""
+    model, arms = make(), []
+    for precision in ("double", "single"):
+        (tmp_path / precision).mkdir()
+        arms.append(Arm(model, tmp_path / precision, precision=precision))
+    level = np.array(INPUTS.get(model.name, [30e3, 2e-3, 0.3]))
+    for k in range(400):
+        assert [arm.step(*(level * (k // 100 % 2 == 0))) for arm in arms] == [0, 0]
+        assert np.abs(arms[1].angle - arms[0].angle).max() < 1e-5
+    assert np.abs(arms[0].angle).max() > 0.05
 
 
 @pytest.mark.parametrize(("make", "levels"), [
@@ -206,6 +222,20 @@ def test_a_slack_tendon_does_not_push():
     forces = {m.actuator(a).name: d.actuator_force[a] for a in range(m.nu)}
     assert forces["pressure_long"] == 0.0
     assert forces["pressure_pair"] == pytest.approx(-0.2 * 0.01 * 2e3)
+
+
+@pytest.mark.parametrize("pretension", [0.0, 40.0])
+def test_a_pair_in_mujoco_pulls_with_its_imbalance(pretension):
+    """A pair with pretension is written with both tendons taut."""
+    first, pair, last = pulled().chambers
+    model = pulled().with_(chambers=[first, replace(pair, imbalance=5.0, pretension=pretension), last])
+    mujoco, m, d = compiled(without(model, ("pair_pretension",)), highest=1.0)
+    put(model, m, d, np.zeros(model.size))
+    d.act[:] = 0.2
+    mujoco.mj_forward(m, d)
+    stiffness, T0, *_ = model.actuation.tendon_constants
+    T = np.maximum(np.array([0.2, -0.2]) * 0.01 * stiffness[1:3] + T0[1:3], 0.0)
+    assert d.actuator("pressure_pair").force[0] == pytest.approx(T[0] - T[1])
 
 
 def test_what_is_not_expressed_is_refused(tmp_path):

@@ -34,8 +34,8 @@ OF_SEGMENTS = {
 }  # fmt: skip
 OF_TENDONS = {
     "line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.taper": 0.02, "cord.pretension": 0.6, "red.pulley": 0.012,
-    "friction": 0.2,
-}
+    "red.imbalance": 0.3, "friction": 0.2,
+}  # fmt: skip
 
 
 def arm(**more):

@@ -94,6 +94,11 @@ def test_a_pair_of_tendons_turns_joints_to_opposite_sides_and_shortens_both():
     assert both.columns[1, 8:].tolist() == [0.0] * 3
 
 
+def test_an_imbalance_is_half_more_for_the_first_tendon_of_a_pair_and_half_less_for_the_second():
+    uneven = Tendon(**LINE, driven_by="displacement", line_stiffness=2e3, pretension=3.0, pair=True, imbalance=-1.0)
+    assert Actuation((uneven,), 3, turns=2).tendon_constants[1].tolist() == [2.5, 3.5]
+
+
 def test_of_a_pair_without_pretension_one_tendon_is_taut():
     slack = Tendon(**LINE, driven_by="displacement", line_stiffness=2e3, pair=True)
     assert Actuation((slack,), 3, turns=2).tendon_constants[1].tolist() == [0.0, -LEAST]
@@ -167,6 +172,9 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
         ({"taper": np.nan}, "taper must be finite"),
         ({"at": [0.1, 0.2]}, "at must be positions .* one for each joint"),
         ({"at": [0.1, 0.2, -0.1]}, "at must be positions"),
+        ({"imbalance": np.nan, "pair": True}, "imbalance must be finite"),
+        ({"imbalance": 1.0, "driven_by": "displacement", "line_stiffness": 1e3}, "set pair = true"),
+        ({"imbalance": 1.0, "pair": True}, "that a displacement or an angle drives"),
     ],
 )
 def test_tendons_that_cannot_be(values, said):
@@ -176,12 +184,12 @@ def test_tendons_that_cannot_be(values, said):
 
 def test_a_tendon_says_where_it_runs_and_what_drives_it():
     full = Tendon.at_azimuth(np.radians(30.0), [1.0, 1.0, 0.0], lever=0.012, driven_by="angle", line_stiffness=2e3,
-                             pretension=3.0, pulley=0.015, pair=True, friction=0.25, valve=Valve(rise_time=0.02),
-                             name="left")  # fmt: skip
+                             pretension=3.0, pulley=0.015, pair=True, imbalance=0.5, friction=0.25,
+                             valve=Valve(rise_time=0.02), name="left")  # fmt: skip
     path, lag = full.sentences(alone=False)
     assert path == (
         "left: tendon at 12 mm, azimuth 30 deg, driven by its angle, 2 N/mm, pretension 3 N, pulley 15 mm, pair, "
-        "friction 0.25"
+        "imbalance 0.5 N, friction 0.25"
     )
     assert lag == "left: lag rise_time 0.02"
     assert Tendon(joint_gain=[-1.0, 0.0], cross_gain=[0.0, 1.0], lever=0.01).sentences(alone=True) == [

@@ -152,12 +152,13 @@ def refused(words: str) -> Callable[[Model], Model]:
 
 def both_taut(tendon: Chamber) -> Chamber:
     """Return a pair of tendons as one linear spring without pretension, other chambers unchanged. With pretension the
-    spring has twice a tendon's stiffness, which is exact while both tendons are taut.
+    spring has twice a tendon's stiffness and imbalance, which is exact while both tendons are taut.
     """
     if not (isinstance(tendon, Tendon) and tendon.pair):
         return tendon
-    stiffness = tendon.line_stiffness * (2.0 if tendon.pretension > 0.0 else 1.0)
-    return replace(tendon, line_stiffness=stiffness, pretension=0.0)
+    taut = 2.0 if tendon.pretension > 0.0 else 1.0
+    stiffness, imbalance = taut * tendon.line_stiffness, taut * tendon.imbalance
+    return replace(tendon, line_stiffness=stiffness, imbalance=imbalance, pretension=0.0)
 
 
 def spring_term(name: str) -> Feature:
@@ -309,8 +310,8 @@ FEATURES: dict[str, Feature] = {
     "tendons": Feature(
         "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)),
         refused("is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"),
-        tuple(f"Tendon.{f}" for f in ("driven_by", "lever", "taper", "at", "line_stiffness", "pretension", "pulley",
-                                      "pair")),
+        ("Tendon.driven_by", "Tendon.lever", "Tendon.taper", "Tendon.at", "Tendon.line_stiffness", "Tendon.pretension",
+         "Tendon.imbalance", "Tendon.pulley", "Tendon.pair"),
     ),
     "tendon_friction": of_each(
         "friction of tendons", lambda c: isinstance(c, Tendon) and c.friction,

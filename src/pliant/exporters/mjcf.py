@@ -358,12 +358,13 @@ def of_tendon(tendon: Tendon) -> dict[str, str]:
     """Return the MJCF attributes of a tendon's actuator. An elastic tendon pulls with the force T_0 + k (u - length),
     with its pretension T_0, its stiffness k and the control u. For any other tendon the control is the tension.
 
-    The force of a single tendon is never negative. A pair without pretension has the force k (u - length), since one of
-    the two is taut.
+    The force of a single tendon is never negative. A pair without pretension has the force k (u - length) plus half its
+    imbalance, since one of the two is taut.
     """
     words = {}
     if tendon.elastic:
-        words = {"biastype": "affine", "biasprm": number(tendon.pretension, -tendon.line_stiffness, 0.0)}
+        at_rest = tendon.pretension + 0.5 * tendon.imbalance
+        words = {"biastype": "affine", "biasprm": number(at_rest, -tendon.line_stiffness, 0.0)}
     return words if tendon.pair else words | {"forcerange": number(0.0, STRONGEST)}
 
 

@@ -24,7 +24,7 @@ VALVE = {
     "valve_opening_time": "opening_time",
 }  # fmt: skip
 GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
-TENDON = ("lever", "taper", "line_stiffness", "pretension", "pulley", "friction")
+TENDON = ("lever", "taper", "line_stiffness", "pretension", "imbalance", "pulley", "friction")
 OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, *TENDON))}")
 
 

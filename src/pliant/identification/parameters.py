@@ -163,6 +163,7 @@ KNOWN: dict[str, Kind] = {
     "taper": Kind("1", scale=5e-3, meaning="decrease of a tendon's distance from the axis per length"),
     "line_stiffness": Kind("N/m", lower=1e-6, meaning="stiffness of a tendon with its motor and mounts"),
     "pretension": Kind("N", scale=1.0, meaning="tension of a tendon at rest; below 0 it hangs slack"),
+    "imbalance": Kind("N", scale=1.0, meaning="pretension of a pair's first tendon less that of its second"),
     "friction": Kind("1", lower=0.0, upper=5.0, scale=0.1, meaning="coefficient of friction along a tendon"),
     "pulley": Kind("m", lower=1e-6, meaning="radius of a motor's pulley"),
     "gain_[xy]": Kind("1", scale=0.3, meaning="mean factor on the torque about x or y, in space"),

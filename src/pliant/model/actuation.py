@@ -17,7 +17,7 @@ from pliant.model.tendon import Tendon
 from pliant.shapes import Float
 
 Array = np.ndarray
-LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one of the two is taut
+LEAST = 1e-30  # N, less pretension of the second tendon of a pair, so that one of the two is taut
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Actuation:
         (R,).
         """
         k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
-        T0 -= [LEAST if sign < 0.0 else 0.0 for *_, sign in self._cords]
+        T0 += [0.5 * sign * c.imbalance - (LEAST if sign < 0.0 else 0.0) for _, c, sign in self._cords]
         return k, T0, mu, w0
 
     @cached_property

@@ -43,6 +43,7 @@ LIMITS = {
     "taper": Limit(0.0, 10.0, ""),
     "line_stiffness": Limit(0.0, 1e9, "N/m"),
     "pretension": Limit(0.0, 1e6, "N"),
+    "imbalance": Limit(0.0, 1e6, "N"),
     "pulley": Limit(0.0, 1e2, "m"),
     "friction": Limit(0.0, 1e2, ""),
     "slip_rate": Limit(1e-9, 1e3, "m/s"),

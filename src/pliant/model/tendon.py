@@ -13,7 +13,7 @@ from pliant.model.checks import check_numbers, numbers, one_number
 
 Array = np.ndarray
 DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
-NUMBERS = ("lever", "taper", "line_stiffness", "pretension", "pulley", "friction", "slip_rate")
+NUMBERS = ("lever", "taper", "line_stiffness", "pretension", "pulley", "friction", "slip_rate", "imbalance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,9 @@ class Tendon(Chamber):
         Radius of the motor's pulley, m; needed if driven_by is "angle".
     pair : bool
         Whether there are two opposite tendons on one motor: the second is let out as far as the first is drawn in.
+    imbalance : float
+        Pretension of the first tendon of a pair less that of the second, N: their pretensions are T_0 + imbalance / 2
+        and T_0 - imbalance / 2.
     friction : float
         mu, coefficient of friction along the path.
     slip_rate : float
@@ -71,6 +74,7 @@ class Tendon(Chamber):
     pair: bool = False
     friction: float = 0.0
     slip_rate: float = 1e-3
+    imbalance: float = 0.0
     taper: float = 0.0
     at: Array = field(default_factory=lambda: np.zeros(1))
 
@@ -81,7 +85,7 @@ class Tendon(Chamber):
         for name in NUMBERS:
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
         check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"),
-                      ("pretension", "taper"))  # fmt: skip
+                      ("pretension", "imbalance", "taper"))  # fmt: skip
         at = numbers("at", self.at)
         if at.size not in (1, np.size(self.joint_gain)) or not (np.isfinite(at).all() and (at >= 0).all()):
             raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {at.tolist()}")
@@ -91,6 +95,11 @@ class Tendon(Chamber):
             raise InputError(f"{who} driven_by = 'angle' needs the radius of the pulley [m]: set pulley")
         if self.driven_by != "angle" and self.pulley:
             raise InputError(f"{who} driven_by = {self.driven_by!r} has no pulley: leave pulley out")
+        if self.imbalance and not (self.pair and self.elastic):
+            raise InputError(
+                f"{who} imbalance compares the two tendons of a pair that a displacement or an angle drives: "
+                "set pair = true, or give a single tendon its pretension"
+            )
         if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
             raise InputError(
                 f"{who} leave out law, swell_share, inflation_limit and axial_gain: only a pressure chamber has them"
@@ -143,7 +152,7 @@ class Tendon(Chamber):
         more = [f"converging by {self.taper:.3g} per length"] if self.taper else []
         more += [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
-        more += ["pair"] if self.pair else []
+        more += [f"pair, imbalance {self.imbalance:.3g} N" if self.imbalance else "pair"] if self.pair else []
         more += [f"friction {self.friction:.3g}"] if self.friction else []
         lag = [line.partition(": ")[2] for line in super().sentences(alone=True)[1:]]
         return [", ".join([text, *more]), *(f"{self.name}: lag {line}" for line in lag)]

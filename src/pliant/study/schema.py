@@ -54,6 +54,7 @@ class TendonTable(StudyEntry):
     stop: float | None = Field(default=None, gt=0)  # m from the base, where it ends; default: the last of its joints
     line_stiffness: float = Field(1000.0, gt=0)  # N/m; unused if driven by tension
     pretension: float = 0.0  # N; below 0: the tendon is slack at rest
+    imbalance: float = 0.0  # N, pretension of the first tendon of a pair less that of the second
     pulley: float = Field(0.0, ge=0)  # m, radius; used if driven by an angle
     pair: bool = False  # two opposite tendons on one motor
     friction: float = Field(0.0, ge=0)  # coefficient along the path
