@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.equations import observation, spatial_observation
-from pliant.equations.observation import KINDS
+from pliant.compiler.choose import twin
+from pliant.equations.observation import KINDS, observe_rows
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, rows_of
 from pliant.estimation.measurement import TURNS
@@ -19,16 +19,17 @@ PLANAR = Model(
     base_angle=0.2, extensions=(Extension(300.0, 1.0),), stations=[Station("tip", 1, 0.04)],
 )
 SPATIAL = PLANAR.with_(space=Space(stiffness_ratio=1.2), gravity=np.zeros(3), base_angle=0.0)
-BODIES = {2: (PLANAR, observation.observe_rows), 3: (SPATIAL, spatial_observation.observe_rows)}
+BODIES = {2: PLANAR, 3: SPATIAL}
 PLACES = [(dimension, kind) for dimension in BODIES for kind in KINDS]
 
 
 def seen_at(dimension, rows, x):
     """Values and slopes of rows."""
-    model, observe = BODIES[dimension]
+    model = BODIES[dimension]
+    chain = mechanics_of(model)
     frame = frame_of(model, rows, np.full(len(rows), 0.1), np.ones(len(rows)))
     seen, H = np.full(len(rows), np.inf), np.zeros((len(rows), model.size))
-    observe(x, frame, mechanics_of(model).observed()[1], seen, H)
+    twin(observe_rows, *chain.sizes)(x, frame, chain.sight(), seen, H)
     return seen, H
 
 
@@ -41,7 +42,7 @@ def rows_with(dimension, kind):
 
 @pytest.mark.parametrize(("dimension", "kind"), PLACES)
 def test_a_kind_has_its_derivative_or_is_refused(dimension, kind):
-    rows, model = rows_with(dimension, kind), BODIES[dimension][0]
+    rows, model = rows_with(dimension, kind), BODIES[dimension]
     x = mechanics_of(model).coordinates(0.1 + 0.05 * np.arange(model.size))
     seen, H = seen_at(dimension, rows, x)
     if dimension not in KINDS[kind].dimensions:

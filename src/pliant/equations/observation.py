@@ -1,5 +1,5 @@
-"""Measurement functions of a planar chain: positions of points on links, link angles, and their derivatives by the
-chain's coordinates.
+"""Measurement functions: the kinds of rows of a measurement with their derivatives by a chain's coordinates, and the
+positions and angles of a planar chain on which they depend.
 
 Fits, filters and contact detection use these kernels. `mechanics.PlanarChain.stations` is the vectorised form for a
 whole motion.
@@ -11,11 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.equations.linearised import carriers, derivative, derivatives_carried, seeded
+
 ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # kinds of rows of a measurement
 
 
 class RowKind(NamedTuple):
-    """What a kind of row measures, its unit, and in which dimensions of space `observe_rows` computes it."""
+    """What a kind of row measures, its unit, and the dimensions of space that have it."""
 
     meaning: str
     unit: str
@@ -79,75 +81,60 @@ def position(axis, link, along, across, links):
     return links[4, k] + reach * links[0, k] - across * links[1, k]
 
 
-def point_slope(axis, place, chain, links, row):
-    """Write the derivatives of a point's x or y position [m] with respect to n link angles and S strains to `row` (n +
-    S,). `place` holds the index of the point's link and the distances [m] along and across this link.
+def look(r, frame, sight):
+    """Write what row r of a measurement may depend on to `sight`: the position p (x, y) [m] of its point, and the
+    angles [rad] of its link and of the link before it (0 for the first).
 
-    The position is that of `position`.
+    `sight` is a `symbols.Sight` at whose coordinates `place_links` has placed the links. In space:
+    `spatial_observation.look`.
     """
-    link, along, across = place
-    n = len(chain.length)
-    for i in range(len(row)):
-        row[i] = 0.0 * along
-    for k in range(link + 2):
-        c = links[0, k]
-        s = links[1, k]
-        reach = chain.base_length
-        aside = 0.0 * across
-        if k > 0:
-            reach = chain.length[k - 1]
-        if k == link + 1:
-            reach = along
-            aside = across
-        for i in range(n, len(row)):
-            part = chain.share[k, i - n] * reach
-            if axis == 0:
-                row[i] = row[i] - part * s
-            else:
-                row[i] = row[i] + part * c
-        if k > 0:
-            whole = reach * links[2, k]
-            if axis == 0:
-                row[k - 1] = -whole * c + aside * s
-            else:
-                row[k - 1] = -whole * s - aside * c
+    link = int(frame.rows[r, 1])
+    for axis in range(2):
+        sight.p[axis] = position(axis, link, frame.rows[r, 2], frame.rows[r, 3], sight.links)
+    sight.angle[0] = sight.x[link]
+    sight.angle[1] = 0.0
+    if link > 0:
+        sight.angle[1] = sight.x[link - 1]
 
 
-def observe_point(axis, row, chain, links, slope):
-    """Return the x or y position [m] of a measured point on a link, and write its derivatives by the coordinates to
-    `slope` (n + S,).
+def row_value(kind, sight):
+    """Return the value of a row of a measurement, of one of `KINDS`, from the `symbols.Sight` of its point and link.
 
-    `axis` is 0 for x, 1 for y. The row is (kind, link, along, across). `links` is the array written by `place_links`.
+    It is NaN for an unknown kind, and for one that the body does not have.
     """
-    link = int(row[1])
-    point_slope(axis, (link, row[2], row[3]), chain, links, slope)
-    return position(axis, link, row[2], row[3], links)
+    if kind == ANGLE:
+        return sight.angle[0]
+    if kind == JOINT:
+        return sight.angle[0] - sight.angle[1]
+    if kind in (ALONG_X, ALONG_Y):
+        return sight.p[kind - ALONG_X]
+    if kind == ALONG_Z:
+        return sight.p[2]
+    if kind in (TURN_X, TURN_Y, TURN_Z):
+        return sight.turn[kind - TURN_X]
+    return np.nan * sight.p[0]
 
 
-def observe_rows(x, frame, links, seen, H):
+def observe_rows(x, frame, sight, seen, H):
     """Write the m predicted measurements at coordinates x (N,) to `seen` (m,), and their derivatives by x to H (m, N).
 
-    A row of `frame.rows` is (kind, link, along, across). It measures the angle of a link [rad], from +y or from the
-    link before it, or the x or y position [m] of a point fixed to the link; other kinds are NaN. `links` is scratch.
-    Chains in space use `spatial_observation.observe_rows`.
+    A row of `frame.rows` is (kind, link, along, across), in space (kind, link, along, across, aside). It measures one
+    of `KINDS` at a point fixed to a link; three consecutive rows measure the orientation of a link in space. `sight` is
+    a `symbols.Sight` of numbers that carry derivatives, see `Mechanics.sight`. For bodies in space, `place_links` and
+    `look` are replaced by those of `spatial_observation`.
     """
-    rows = frame.rows
-    place_links(x, frame.base_angle, frame.chain, links)
-    for r in range(rows.shape[0]):
-        kind = int(rows[r, 0])
-        link = int(rows[r, 1])
-        if kind in (ANGLE, JOINT):
-            for k in range(len(x)):
-                H[r, k] = 0.0
-            seen[r] = x[link]
-            H[r, link] = 1.0
-            if kind == JOINT and link > 0:
-                seen[r] -= x[link - 1]
-                H[r, link - 1] = -1.0
-        elif kind in (ALONG_X, ALONG_Y):
-            seen[r] = observe_point(kind - ALONG_X, rows[r], frame.chain, links, H[r])
-        else:
-            seen[r] = np.nan
+    moved = carriers(sight)
+    together = derivatives_carried()
+    for first in range(0, len(x), together):
+        for i in range(len(x)):
+            moved.x[i] = seeded(x[i], i - first)
+        place_links(moved.x, frame.base_angle, frame.chain, moved.links)
+        for r in range(frame.rows.shape[0]):
+            look(r, frame, moved)
+            value = row_value(int(frame.rows[r, 0]), moved)
+            seen[r] = value.real
+            for k in range(first, min(first + together, len(x))):
+                H[r, k] = derivative(value, k - first)
 
 
 def tip_outputs(angle, strain, geometry, out):

@@ -141,7 +141,7 @@ def update(state, model, frame, workspace):
     n = len(phi)
     N = P.shape[0]
     H, gain, change = workspace.H, workspace.gain, workspace.change
-    observe_rows(phi, frame, workspace.links, workspace.seen, H)
+    observe_rows(phi, frame, workspace.sight, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_observation import angle_over_sine
+from pliant.equations.spatial_observation import rotation_between
 from pliant.equations.symbols import ObservedChain
 from pliant.identification.follow_loops import Places, SpatialPlaces
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
+UNTURNED = np.eye(3)
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
 LEAST_LAG = 1e-9  # s: a shorter one is none
@@ -144,7 +145,7 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
     """
     frames = frames_of(rows, oriented)
     turned = frames @ np.swapaxes(frames[..., :1, :, :, :], -1, -2)
-    return rotation_vectors(np.swapaxes(measured, -1, -2) @ turned)
+    return rotation_vectors(np.swapaxes(measured, -1, -2), np.swapaxes(turned, -1, -2))
 
 
 def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:
@@ -154,12 +155,11 @@ def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives:
     return np.asarray(function(rows + 1j * TINY * derivatives).imag / TINY)
 
 
-def rotation_vectors(R: Array) -> Array:
-    """Return the rotation vectors (..., 3) [rad] of rotation matrices R (..., 3, 3), which may be complex.
-
-    The rotation vector is (theta / sin theta) v, where v is the vector of the matrix's skew part.
+def rotation_vectors(E: Array, R: Array = UNTURNED) -> Array:
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices E (..., 3, 3), or of the products E R^T with
+    rotation matrices R (..., 3, 3). All may be complex.
     """
-    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
-    v = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    return np.asarray(angle_over_sine(cosine)[..., None] * v)
+    end, start = (np.moveaxis(M, (-2, -1), (0, 1)) for M in (E, R))
+    vectors = np.empty((3, *np.broadcast_shapes(end.shape[2:], start.shape[2:])), dtype=np.result_type(end, start))
+    rotation_between(end, start, vectors)
+    return np.moveaxis(vectors, 0, -1)
