@@ -30,7 +30,7 @@ def observed(chain, x, rows, values):
     own = {"place_links": spatial_observation.place_links, "look": spatial_observation.look}
     plain, body = rebuild(observe_rows, lambda kernel: kernel, own), chain.observed()[0]
     seen, H = np.empty(len(rows)), np.full((len(rows), chain.size), np.nan)
-    frame = SimpleNamespace(rows=rows, values=values, chain=body, base_angle=0.0)
+    frame = SimpleNamespace(rows=rows, wide=5, values=values, chain=body, base_angle=0.0)
     with np.errstate(invalid="ignore"):  # a missing orientation
         plain(x, frame, chain.sight(np.complex128), seen, H)
     return seen, H

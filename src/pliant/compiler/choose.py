@@ -53,8 +53,9 @@ CALLED: set[Any] = {
 SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them for a chain in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
-    observation.observe: spatial_points.observe, observation.motion_of: spatial_observation.motion_of,
-    observation.tip_outputs: spatial_observation.tip_outputs, observation.turned: spatial_observation.turned,
+    observation.place_links: spatial_observation.place_links, observation.point_at: spatial_observation.point_at,
+    observation.look: spatial_observation.look, observation.motion_of: spatial_observation.motion_of,
+    observation.turned: spatial_observation.turned,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
@@ -186,12 +187,10 @@ def rows_twin(*, space: bool) -> Any:
     from pliant.compiler.duals import CARRYING
 
     rows: Any = observation.observe_rows
-    own: dict[Any, Any] = {
-        observation.place_links: spatial_observation.place_links, observation.look: spatial_observation.look,
-    }
+    own = SPATIAL if space else {}
     return compiled_twin(
-        rows, "space" if space else "plane", lambda callee: twin(own.get(callee, callee) if space else callee), SOURCES,
-        replaced=list(own), names=CARRYING, forceinline=False,
+        rows, "space" if space else "plane", lambda callee: twin(own.get(callee, callee)), SOURCES, replaced=list(own),
+        names=CARRYING, forceinline=False,
     )
 
 

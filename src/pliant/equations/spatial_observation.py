@@ -1,6 +1,4 @@
-"""Measurement functions of a chain in space: positions of points and orientations of links, and the tip outputs that
-controllers use.
-"""
+"""Measurement functions of a chain in space: positions of points and orientations of links."""
 
 from __future__ import annotations
 
@@ -37,6 +35,13 @@ def place_links(x, base_angle, body, work):
     is `observation.place_links`.
     """
     pose_links(x, body, work)
+
+
+def point_at(link, along, across, aside, x, base_angle, work, p):
+    """Write the position p (3,) [m] of a point of link `link` (-1: the part before the first joint), for the pose in
+    `work`. The planar function is `observation.point_at`.
+    """
+    point_position(link, aside, across, along, work, p)
 
 
 def look(r, frame, sight):
@@ -93,27 +98,6 @@ def rotation_between(E, R, e):
     for i in range(3):
         e[i] = ratio * e[i]
     return cosine
-
-
-def tip_outputs(x, strain, geometry, out):
-    """Write the selected tip coordinates (x, y or z) [m] of a chain in space to `out`, from its joint angles `x` and
-    segment strains.
-
-    Output j is x, y or z as which[j] says. x has T angles, the strains have the shape (S,).
-
-    `geometry` is (body, work, which), with which[j] = 0, 1, 2 for x, y, z. The planar function is
-    `observation.tip_outputs`.
-    """
-    body, work, which = geometry
-    n = len(body.mass)
-    for i in range(len(x)):
-        work.q[i] = x[i]
-    for i in range(len(strain)):
-        work.q[len(x) + i] = strain[i]
-    pose_links(work.q, body, work)
-    for j in range(len(out)):
-        axis = which[j]
-        out[j] = work.r[n, axis] + work.length[n] * work.R[n, axis, 2]
 
 
 def turned(rest_shift, turn):

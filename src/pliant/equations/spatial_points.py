@@ -175,18 +175,6 @@ def add_step_work(v, h, torque, joints, work, total):
         total[1] = total[1] + h * (joints.D[i] * rate - work.rub[i]) * rate
 
 
-def observe(x, base_angle, places, seen):
-    """Write the positions [m] of the S observed points to seen (S, 3), at the coordinates x (N,) of a chain in space.
-
-    The planar function is `observation.observe`. `base_angle` is not used.
-    """
-    pose_links(x, places.body, places.work)
-    for j in range(len(places.carrier)):
-        point_position(places.carrier[j], places.aside[j], places.across[j], places.along[j], places.work, seen[j])
-        for i in range(3):
-            seen[j, i] = seen[j, i] + places.shift[i]
-
-
 def static_forces(x, torque, body, joints, work, forces):
     """Write the net generalized force of actuation `torque` (N,), springs and gravity on a chain at rest at x to forces
     (N,) [N m].

@@ -232,7 +232,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
             chain_transition(out.transition[f], N, n, workspace.J, workspace.W)
         store(state, out.predicted[f], out.predicted_covariance[f])
         frame = FilterFrame(
-            frames.base_angle, frames.chain, frames.rows, z[f], frames.variance, out.innovation[f]
+            frames.base_angle, frames.chain, frames.wide, frames.rows, z[f], frames.variance, out.innovation[f]
         )
         used, square, logdet = update(state, model, frame, workspace)
         out.score[f, 0] = used

@@ -138,7 +138,8 @@ class FilterFrame(NamedTuple):
 
     base_angle: float  # rad
     chain: ObservedChain | SpatialBody
-    rows: np.ndarray  # (m, 4), in space (m, 5), see `equations.observation.observe_rows`
+    wide: int  # columns of `rows` before the constants of their kinds: 4, in space 5
+    rows: np.ndarray  # (m, wide + constants), see `equations.observation.observe_rows`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) output: the whitened innovations
