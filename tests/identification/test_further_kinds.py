@@ -14,6 +14,7 @@ from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
 from pliant.model import Model, Station
 from pliant.preprocessing.align import align
+from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.side import half_turn
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, Trace, simulate
@@ -88,6 +89,10 @@ def test_a_recording_brings_its_wires(rng):
     raw = make_recording(TIMES, np.pad(seen, ((0, 0), (0, 0), (0, 1))), **parts)
     with pytest.raises(InputError, match="align would lose wire_length"):
         align(raw, base="tip", tangent="+y", plane="+z", rest=(0.0, 0.1))
+    corners = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.02, 0.0]])
+    many = make_recording(TIMES, raw["position"].values + corners, station=list("abc"), wire_length=np.tile(wires, 3))
+    with pytest.raises(InputError, match="assembling clusters would lose wire_length"):
+        assemble(many, {"tip": ["a", "b", "c"]})
     with pytest.raises(TypeError, match="no argument girth"):
         make_recording(TIMES, seen, frame="planar", girth=wires)
 

@@ -160,8 +160,8 @@ def modelled_rows(rows: Array, kind: int, constants: Array, *, planar: bool) -> 
     p = np.moveaxis(rows[..., : len(constants), :], -1, 0)
     none = np.full((3, *p.shape[1:]), np.nan)
     before = np.concatenate([np.zeros_like(p[2][..., :1]), p[2][..., :-1]], axis=-1)
-    place, angle = ((*p[:2], none[0]), (p[2], before)) if planar else (p, none)
-    return one_of_three(row_value(kind, Sight(None, None, place, angle, none, none), constants.T))
+    place, angle = (np.stack([*p[:2], none[0]]), np.stack([p[2], before])) if planar else (p, none)
+    return one_of_three(row_value(kind, Sight(none, none, place, angle, none, none), constants.T))
 
 
 def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:

@@ -192,5 +192,5 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or n.endswith("_constants")}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith("_constants")}
     return resampled.assign(others).assign_attrs(recording.attrs)
