@@ -84,14 +84,14 @@ def test_a_recording_brings_its_wires(rng):
     found = experiment("e", make_recording(TIMES, seen, frame="planar", **parts)).further[NAME]
     assert np.array_equal(found.values, wires)
     assert np.array_equal(found.constants, FIXED)
-    with pytest.raises(InputError, match="a recording with wire_length cannot be turned"):
+    with pytest.raises(InputError, match="a recording with wire_of_tests cannot be turned"):
         half_turn(make_recording(TIMES, seen, frame="planar", **parts))
     raw = make_recording(TIMES, np.pad(seen, ((0, 0), (0, 0), (0, 1))), **parts)
-    with pytest.raises(InputError, match="align would lose wire_length"):
+    with pytest.raises(InputError, match="align would lose wire_of_tests"):
         align(raw, base="tip", tangent="+y", plane="+z", rest=(0.0, 0.1))
     corners = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.02, 0.0]])
-    many = make_recording(TIMES, raw["position"].values + corners, station=list("abc"), wire_length=np.tile(wires, 3))
-    with pytest.raises(InputError, match="assembling clusters would lose wire_length"):
+    many = make_recording(TIMES, raw["position"].values + corners, station=list("abc"), wire_of_tests=np.tile(wires, 3))
+    with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):
         assemble(many, {"tip": ["a", "b", "c"]})
     with pytest.raises(TypeError, match="no argument girth"):
         make_recording(TIMES, seen, frame="planar", girth=wires)

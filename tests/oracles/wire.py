@@ -10,7 +10,7 @@ from pliant.equations.observation import FURTHER, KINDS, RowKind, observe_rows
 from pliant.identification import observation as observed_by_fits
 from pliant.recording.rules import VARIABLES
 
-NAME = "wire_length"
+NAME = "wire_of_tests"  # no name that a kind may get
 WIRE = len(KINDS)
 
 
