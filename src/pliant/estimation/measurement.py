@@ -108,14 +108,13 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
     InputError
         With the reason in one sentence.
     """
-    dimension = mechanics_of(model).dimension
-    wide = row_width(model) + constants_of(rows, dimension)
-    if rows.shape != (values.size, wide) or variance.shape != values.shape:
+    wide = row_width(model)
+    if rows.ndim != 2 or len(rows) != values.size or rows.shape[1] < wide or variance.shape != values.shape:
         raise InputError(
             f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
             f"and variances {variance.shape}"
         )
-    if not has_orientations(rows.tobytes(), model.n, dimension, wide):
+    if not has_orientations(rows.tobytes(), model.n, wide - 2, rows.shape[1]):
         return
     turned = values[IS_TURN[rows[:, 0].astype(int)]].reshape(-1, 3)
     if (np.linalg.norm(np.nan_to_num(turned), axis=1) > HALF_TURN).any():
@@ -125,12 +124,6 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
         )
 
 
-def constants_of(rows: Array, dimension: int) -> int:
-    """Return the largest number of constants that the kinds of m rows (m, ...) have, in 2 or 3 dimensions."""
-    counts = [row.constants.get(dimension, 0) if (rows[..., :1] == k).any() else 0 for k, row in KINDS.items()]
-    return max(counts)
-
-
 @lru_cache(256)  # the rows of a sensor are the same in every frame
 def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> bool:
     """Return whether rows of a measurement contain orientations. `content` are the bytes of an array (m, `wide`).
@@ -138,7 +131,8 @@ def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> b
     Raises
     ------
     InputError
-        When a row has an unknown kind or link, or an orientation does not have three successive rows of one link.
+        When a row has an unknown kind or link, or an orientation does not have three successive rows of one link, or
+        the rows have other columns than their kinds need.
     """
     rows = np.frombuffer(content).reshape(-1, wide)
     known = np.isin(rows[:, 0], MEASURED_IN[dimension]) & np.isin(rows[:, 1], range(links))
@@ -148,6 +142,9 @@ def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> b
             f"{', '.join(f'{kind} ({KINDS[kind].meaning})' for kind in MEASURED_IN[dimension])}, and a link from 0 to "
             f"{links - 1}, got {rows[~known][0, :2].tolist()}: make rows with rows_of"
         )
+    columns = dimension + 2 + max((KINDS[kind].constants[dimension] for kind in rows[:, 0]), default=0)
+    if wide != columns:
+        raise InputError(f"a frame needs rows (m, {columns}) for what it measures, got rows {rows.shape}")
     turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
     if not turns.size:
         return False
