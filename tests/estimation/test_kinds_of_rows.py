@@ -85,7 +85,7 @@ def test_a_kind_of_the_registry_goes_from_a_recording_to_the_rows_of_a_filter(mo
     place = np.array([chain.stations(x)[0]] * 5)
     recording = make_recording(
         0.01 * np.arange(5), place, station=["middle", "tip"], frame="planar" if dimension == 2 else "spatial",
-        wire_of_tests=np.linalg.norm(place - fixed, axis=2), wire_of_tests_constants=fixed,
+        further={NAME: np.linalg.norm(place - fixed, axis=2), f"{NAME}_constants": fixed},
     )
     write_netcdf(recording, tmp_path / "a.nc")
     read_back = resample_time(read(tmp_path / "a.nc"), time=[0.005, 0.025], longest_gap_s=0.1)

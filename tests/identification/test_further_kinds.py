@@ -80,7 +80,7 @@ def test_modelled_values_are_those_of_each_station(rng):
 
 def test_a_recording_brings_its_wires(rng):
     seen, wires = rng.normal(0.0, 0.01, (TIMES.size, 1, 2)), rng.uniform(0.1, 0.2, (TIMES.size, 1))
-    parts = {"station": ["tip"], "pressure": 1e4 * TIMES, NAME: wires, f"{NAME}_constants": FIXED}
+    parts = {"pressure": 1e4 * TIMES, "further": {NAME: wires, f"{NAME}_constants": FIXED}}
     found = experiment("e", make_recording(TIMES, seen, frame="planar", **parts)).further[NAME]
     assert np.array_equal(found.values, wires)
     assert np.array_equal(found.constants, FIXED)
@@ -88,17 +88,17 @@ def test_a_recording_brings_its_wires(rng):
         half_turn(make_recording(TIMES, seen, frame="planar", **parts))
     raw = make_recording(TIMES, np.pad(seen, ((0, 0), (0, 0), (0, 1))), **parts)
     with pytest.raises(InputError, match="align would lose wire_of_tests"):
-        align(raw, base="tip", tangent="+y", plane="+z", rest=(0.0, 0.1))
+        align(raw, base="s000", tangent="+y", plane="+z", rest=(0.0, 0.1))
     corners = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.02, 0.0]])
-    many = make_recording(TIMES, raw["position"].values + corners, station=list("abc"), wire_of_tests=np.tile(wires, 3))
+    many = make_recording(TIMES, raw["position"].values + corners, further={NAME: np.tile(wires, 3)})
     with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):
-        assemble(many, {"tip": ["a", "b", "c"]})
-    with pytest.raises(TypeError, match="no argument girth"):
-        make_recording(TIMES, seen, frame="planar", girth=wires)
+        assemble(many, {"tip": ["s000", "s001", "s002"]})
+    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(wire_of_tests\): leave it out"):
+        make_recording(TIMES, seen, frame="planar", further={"girth": wires})
 
 
 @pytest.mark.parametrize(("further", "reason"), [
-    ({"girth": FurtherRows(np.zeros((TIMES.size, 1)), FIXED)}, "'girth' is no kind of measurement in 2 dimensions"),
+    ({"girth": FurtherRows(np.zeros((TIMES.size, 1)), FIXED)}, "'girth' is no further kind of measurement in 2"),
     ({NAME: FurtherRows(np.zeros((3, 1)), FIXED)}, r"values and constants of the shapes \(\(40, 1"),
     ({NAME: FurtherRows(np.zeros((TIMES.size, 1)), FIXED[:, :1])}, r"got \(40, 1\) and \(1, 1\)"),
     ({NAME: FurtherRows(np.zeros((TIMES.size, 1)), FIXED, -1.0)}, "noise levels must be positive"),

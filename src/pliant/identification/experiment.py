@@ -405,9 +405,8 @@ def check_further(exp: Experiment) -> None:
     for name, rows in exp.further.items():
         counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
         if exp.dimension not in counts:
-            known = [other for other, kind in FURTHER.items() if exp.dimension in KINDS[kind].constants]
-            raise InputError(f"experiment {exp.name}: {name!r} is no kind of measurement in {exp.dimension} dimensions "
-                             f"beside positions and angles: use one of {known}")
+            raise InputError(f"experiment {exp.name}: {name!r} is no further kind of measurement in {exp.dimension} "
+                             f"dimensions ({', '.join(FURTHER) or 'there is none'}): leave it out")
         wanted = exp.position.shape[:2], (len(exp.stations), counts[exp.dimension])
         if (rows.values.shape, rows.constants.shape) != wanted:
             raise InputError(f"experiment {exp.name}: {name} must have values and constants of the shapes {wanted}, "

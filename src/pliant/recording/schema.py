@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSION, VARIABLES, check_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
@@ -50,7 +50,7 @@ def make_recording(
     source_sha256: str = "",
     history: str | Sequence[str] = (),
     attrs: dict[str, Any] | None = None,
-    **further: ArrayLike,
+    further: Mapping[str, ArrayLike] | None = None,
 ) -> xr.Dataset:
     """Build a recording (`xarray.Dataset`) from arrays such as positions and pressures, which are copied and checked.
 
@@ -103,9 +103,9 @@ def make_recording(
         One line per processing step so far.
     attrs : dict, optional
         Further attributes, stored unchanged.
-    further : (T, S) array
-        Values of another kind of measurement by its variable in `equations.observation.KINDS`, and the constants (S, k)
-        of its stations by the variable followed by ``_constants``.
+    further : dict, optional
+        Values (T, S) of other kinds of measurement by their variables in `equations.observation.KINDS`, and the
+        constants (S, k) of their stations by the variable followed by ``_constants``.
 
     Returns
     -------
@@ -133,9 +133,10 @@ def make_recording(
         coords["station"] = _names(station, array.shape[1], "station", "s")
         coords["axis"] = _axes(array.shape[2])
         variables["position"] = (("time", "station", "axis"), array)
-    if strange := [name for name in further if name.removesuffix("_constants") not in FURTHER]:
-        raise TypeError(f"make_recording has no argument {strange[0]}")
-    for name, value in {"quaternion": quaternion, "angle": angle, **further}.items():
+    if strange := [name for name in further or () if name.removesuffix("_constants") not in FURTHER]:
+        raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
+                         "leave it out")  # fmt: skip
+    for name, value in {"quaternion": quaternion, "angle": angle, **(further or {})}.items():
         if value is not None:
             array = _floats(name, value, len(VARIABLES[name][0][0]))
             variables[name] = (VARIABLES[name][0][0], array)
