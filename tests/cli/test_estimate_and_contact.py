@@ -49,6 +49,7 @@ def test_estimate_writes_states_figure_and_report(bench):
         assert states.attrs["schema"] == "pliant-estimate"
 
 
+@pytest.mark.slow
 def test_contact_is_quiet_on_free_motion(bench):
     done = run(
         contact, bench / "pulse_119.nc", "--model", bench / "model.json", "--latency-ms", 7.6,

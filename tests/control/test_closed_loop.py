@@ -134,8 +134,11 @@ def on_its_model(body, limits, **task):
     return ready, loop, np.array(moved), np.array(command)
 
 
-@pytest.mark.parametrize("planned", [True, False])
-@pytest.mark.parametrize("slew", [0.4e6, 2e6, np.inf])
+@pytest.mark.parametrize(
+    ("slew", "planned"),
+    [pytest.param(slew, planned, marks=() if (slew, planned) == (2e6, True) else pytest.mark.slow)
+     for slew in (0.4e6, 2e6, np.inf) for planned in (True, False)],
+)  # fmt: skip
 def test_prediction_finds_a_command_in_every_period(slew, planned):
     """The paper's actuator from rest to where 20 kPa brings it: no program is left unsolved, under no slew limit."""
     body = chen2018.model()
@@ -173,7 +176,9 @@ def test_the_loop_bears_a_plain_estimator():
     assert np.abs(moved[-100:] - 0.025).max() < 6e-3
 
 
-@pytest.mark.parametrize(("body", "perfect", "bound"), [("b", True, 3e-4), ("a", False, 1.2e-3)])
+@pytest.mark.parametrize(
+    ("body", "perfect", "bound"), [pytest.param("b", True, 3e-4, marks=pytest.mark.slow), ("a", False, 1.2e-3)],
+)  # fmt: skip
 def test_the_filter_closes_the_loop(body, perfect, bound):
     """The Kalman filter in place of the observer: it predicts to the present, so the design knows of no delay."""
     run = Run(body, perfect=perfect, estimator="filter")

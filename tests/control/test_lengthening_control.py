@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.stretching import Stretching
@@ -21,11 +23,13 @@ from pliant.control import (
 )
 from pliant.control.model_plant import ModelPlant
 from pliant.errors import InputError
-from pliant.estimation import Frame, KalmanFilter, State, rows_of
+from pliant.estimation import Frame, KalmanFilter, State, frozen, rows_of
 from pliant.estimation.link_tips import with_rest_shape
+from pliant.linear.linearisation import linearise
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
 from pliant.loop.task import run_task
-from pliant.model import Chamber, Extension, Valve, chain_model
+from pliant.mechanics import mechanics_of
+from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 
 PERIOD, LATE, LAG = 4e-3, 2, 0.02  # s, periods, s
 BOTH, LIMITS = ("tip_x", "tip_y"), Limits(1e5)
@@ -68,6 +72,19 @@ class Masses:
     @property
     def tip(self):
         return self.own.points(self.x[:5], self.rows[-1])
+
+
+def test_a_controller_s_model_has_the_stiffness_of_all_hysteresis():
+    """About the straight rest without weight, the linear model is that of the body, before anything slips or creeps."""
+    memory = Memory((0.1,), (0.5,), (0.2,), (0.02,), axial_creep_share=(0.2,), axial_creep_time=(0.3,),
+                    axial_slip_share=(0.3,), axial_slip_strain=(0.01,))  # fmt: skip
+    near, far = pair().extensions
+    curved = replace(near, stiffening=-0.5, cubic_stiffening=3.0, stiffening_bound=0.6)
+    body = pair().with_(gravity=[0.0, 0.0], extensions=(curved, far), memory=memory)
+    np.testing.assert_allclose(linearise(frozen(body)).A, linearise(body).A, rtol=1e-12, atol=1e-12)
+    x = mechanics_of(body).coordinates(np.array([0.1, -0.2, 0.3, 0.05, -0.1]))
+    springs, held = (mechanics_of(m).linear_parts(x)[1] for m in (frozen(body), body))
+    np.testing.assert_allclose(springs, held, rtol=1e-12, atol=1e-12)
 
 
 def masses(body):

@@ -295,7 +295,10 @@ def test_a_prediction_is_the_integrated_body():
     np.testing.assert_allclose(ahead.waiting, [*ahead.command[:-3:-1, 0], *ahead.command[:-3:-1, 1]])
 
 
-@pytest.mark.parametrize(("body", "strains"), [(segments(), 0), (lengthening(), 2)], ids=["fixed", "lengthens"])
+@pytest.mark.parametrize(
+    ("body", "strains"), [(segments(), 0), pytest.param(lengthening(), 2, marks=pytest.mark.slow)],
+    ids=["fixed", "lengthens"],
+)  # fmt: skip
 def test_slopes_of_a_prediction_are_differences(body, strains):
     """By every node, at a state that moves, with shifts of the rests and a factor on the torque."""
     rng, C = np.random.default_rng(1), 2
@@ -433,8 +436,12 @@ def test_the_model_as_a_plant_is_the_integrated_body():
         np.testing.assert_allclose(pressure, exact.x[8:10], atol=1e3)
 
 
-@pytest.mark.parametrize("estimator", ["observer", "filter", "differences"])
-@pytest.mark.parametrize("feedback", ["lqr", "mpc"])
+@pytest.mark.parametrize(
+    ("feedback", "estimator"),
+    [("lqr", "observer"), ("lqr", "differences"), ("mpc", "observer"),
+     *(pytest.param(*p, marks=pytest.mark.slow)
+       for p in (("lqr", "filter"), ("mpc", "filter"), ("mpc", "differences")))],
+)  # fmt: skip
 def test_the_loop_brings_an_unlike_body_to_its_place(feedback, estimator):
     """A body softer by a tenth that creeps, with noise: estimator and controller make up for it, or the integral."""
     model, creep = segments(), Memory(creep_share=(0.05,), creep_time=(0.3,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -27,7 +28,7 @@ from pliant.control.steady_inputs import output_rates, output_values, rest_under
 from pliant.equations import spatial, spatial_observation
 from pliant.equations.observation import outputs
 from pliant.errors import InputError
-from pliant.estimation import State
+from pliant.estimation import KalmanFilter, State
 from pliant.estimation.link_tips import LinkTips, with_rest_shape
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.loop.intake import streams
@@ -190,6 +191,23 @@ def test_slopes_of_a_prediction_in_space_are_differences(rng):
             ends.append(np.concatenate([moved.position, moved.rate], axis=1))
         slope = (ends[0] - ends[1]) / 20.0
         assert np.abs(ahead.slope[:, :, j] - slope).max() < 1e-6 * np.abs(slope).max() + 1e-12
+
+
+@pytest.mark.slow  # compiles the prediction and the filter
+def test_a_prediction_and_the_filter_feel_the_same_disturbance():
+    """Torques that the model does not explain act unchanged where the strain multiplies the springs of joints."""
+    wall = Extension(60.0, 0.5, stiffening=-1.0, cubic_stiffening=60.0, stiffens_bending=True)
+    chambers = [replace(c, axial_gain=40.0) for c in arm().chambers]
+    model, pressure = arm().with_(chambers=chambers, extensions=(wall,)), np.array([6e4, 5e4, 4e4])
+    horizon = Horizon(design_outputs(model, ACROSS, np.zeros((1, 2)), LIMITS, PERIOD), 3, 3)
+    kalman = KalmanFilter(model, time_step=PERIOD / 2)  # the steps of the prediction
+    kalman.disturbance[:] = [0.02, -0.03, 0.01, 0.04]
+    kalman.push_pressure(0.0, pressure)
+    nothing = [np.zeros(0)] * 3
+    ahead = horizon.predict(kalman.state(0.0), nothing, nothing, np.tile(pressure, (3, 1)))
+    kalman.advance(horizon.periods * PERIOD)
+    assert abs(kalman.strain[0]) > 0.02
+    np.testing.assert_allclose(ahead.position[-1], [*kalman.angle, *kalman.strain], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

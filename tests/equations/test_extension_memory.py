@@ -61,7 +61,7 @@ def test_a_slip_element_leaves_a_set_after_the_first_load(limit: float, left: fl
     assert strain[-1] == pytest.approx(left, rel=1e-3)
 
 
-@pytest.mark.parametrize("stiffening", [None, -4.0])
+@pytest.mark.parametrize("stiffening", [pytest.param(None, marks=pytest.mark.slow), -4.0])
 def test_energy_balances_and_no_closed_cycle_gives_work(rng: np.random.Generator, stiffening: float | None) -> None:
     """Pressure cycles of random levels that end without pressure: work given equals losses plus what is still held."""
     curve = {} if stiffening is None else {"stiffening": stiffening, "stiffening_bound": 0.6, "cubic_stiffening": 9.0}
@@ -93,6 +93,7 @@ def test_compiled_steps_are_those_of_the_text(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(stepper.memory, past.state, rtol=1e-10, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_branches_without_stiffness_change_no_bit() -> None:
     """Shares of 0 and a spring that may soften but does not: the motion of the plain body, to the last bit."""
     push = Trace([0.0, 0.1, 0.5], [0.0, 5e4, 0.0])

@@ -133,6 +133,7 @@ def test_what_a_frame_sees_is_where_the_stations_are(arm):
     np.testing.assert_allclose(H, complex_step(places, x), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_running_filter_finds_what_the_record_does(arm):
     """Frames one by one, one of them late."""
     run = pliant.simulate(arm, TRACES, times=TIME, method="LSODA")

@@ -79,7 +79,8 @@ def of_all_kinds() -> Model:
 
 
 @pytest.mark.parametrize(("make", "levels"), [
-    pytest.param(of_all_kinds, [60e3, 4e-3, 0.8], marks=pytest.mark.slow), (longer, [40e3, 10e3, 4e-3]),
+    pytest.param(of_all_kinds, [60e3, 4e-3, 0.8], marks=pytest.mark.slow),
+    pytest.param(longer, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
     pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
@@ -148,7 +149,7 @@ def test_mujoco_has_the_places_of_the_hinges_and_the_inertia(spatial):
             assert sorted(axes) == list(range(spatial.size))
 
 
-@pytest.mark.parametrize("make", [in_space, twisting, pulled])
+@pytest.mark.parametrize("make", [in_space, pulled, pytest.param(twisting, marks=pytest.mark.slow)])
 def test_mujoco_moves_as_pliant(make):
     """From rest, all inputs stepped; hinges are not swings, so within what they differ by."""
     model = make()

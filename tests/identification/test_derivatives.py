@@ -19,6 +19,7 @@ from derivative_cases import (
     STEP,
     VALUES,
     case,
+    excitations_of,
     experiment_of,
     groups_of,
     problem_of,
@@ -49,7 +50,19 @@ def test_a_sample_agrees_with_differences_for_every_option(field: str, what: str
     assert wrong_columns(where[0], exp, ("shared", "part"), SAMPLE) == {}
 
 
-@pytest.mark.parametrize(("model", "excitation"), PLACES)
+def turned(k: int, model: str) -> tuple[str, str]:
+    """The excitation of the k-th model in quick tests, which takes its turn among those the model can have."""
+    possible = excitations_of(model)
+    return model, possible[k % len(possible)]
+
+
+QUICK = {turned(k, name) for k, (name, model) in enumerate(MODELS.items()) if not model.extensions}
+
+
+@pytest.mark.parametrize(
+    ("model", "excitation"),
+    [pytest.param(*p, marks=() if p in QUICK else pytest.mark.slow) for p in PLACES],
+)
 def test_a_sample_agrees_with_differences_for_every_model(model: str, excitation: str) -> None:
     exp = experiment_of(MODELS[model], excitation)
     assert wrong_columns(model, exp, ("shared", "part", "record"), FEW) == {}
@@ -62,6 +75,7 @@ def test_every_kind_of_parameter_is_among_the_cases() -> None:
     assert [kind for kind in kinds if not any(re.fullmatch(kind, name) for name in names)] == []
 
 
+@pytest.mark.slow
 def test_every_parameter_moves_some_case() -> None:
     """No parameter is left out of all cases, and none is compared where it does nothing alone."""
     moving: set[str] = set()

@@ -143,7 +143,9 @@ def test_under_noise_the_truth_lies_within_a_few_standard_errors(truth: Model, p
     assert found.rmse["small"] == pytest.approx(3e-4 * np.sqrt(2), rel=0.1)
 
 
-@pytest.mark.parametrize("loss", ["soft_l1", "cauchy", "huber"])
+@pytest.mark.parametrize(
+    "loss", ["soft_l1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("cauchy", "huber"))],
+)  # fmt: skip
 def test_a_robust_loss_withstands_outliers(truth: Model, traced: Any, rng: np.random.Generator, loss: str) -> None:
     exp = noisy(traced(truth), 1e-4, 5)
     hit = rng.random(exp.position.shape[:2]) < 0.04

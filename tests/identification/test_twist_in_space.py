@@ -26,6 +26,7 @@ def body(bench):
     return truth, bench.record("pulled", bench.seen(truth, levels, bench.FORCE), levels, rng, bench.FORCE)
 
 
+@pytest.mark.slow
 def test_swing_and_twist_under_pressure_and_a_force_move_as_in_mujoco(bench, body):
     """MuJoCo's steps of fourth order are exact here to 1e-10 m; the chain's error falls as the square of its step."""
     truth, record = body

@@ -53,6 +53,7 @@ def test_a_drafted_study_predicts_the_pulse_between(ran):
     assert any("peak displacement 41.6 deg" in line for line in told)
 
 
+@pytest.mark.slow
 def test_what_angles_cannot_tell_is_told(ran):
     _, folder, outcome, _ = ran
     said = " ".join(outcome.verdict)

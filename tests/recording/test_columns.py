@@ -111,6 +111,7 @@ def test_tensions_displacements_and_motor_angles_by_column(tmp_path):
          "gives 2 names to 1 columns of inputs"),
         ({"inputs": {"columns": ["label"], "kind": "angle", "unit": "deg"}}, "cell 1 .* is not a number: 'slow'"),
         ({"inputs": {"columns": ["m1", "m1"], "kind": "angle", "unit": "deg"}}, "input names must differ"),
+        ({"pressure": {"columns": ["m1", "m2"], "unit": "kPa", "chamber": ["p", "p"]}}, "chamber names must differ"),
     ):
         with pytest.raises(InputError, match=message):
             read(tmp_path / "a.csv", mapping=mapping | change)

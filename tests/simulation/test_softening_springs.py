@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from pliant.batch import simulate_batch
+from pliant.equations import spatial_springs
 from pliant.errors import SimulationError
+from pliant.mechanics import mechanics_of
 from pliant.mechanics.springs import springs_of
-from pliant.model import Memory, Model
+from pliant.model import Extension, Memory, Model, Space, chain_model
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
+from pliant.simulation.reference import softest
+from pliant.simulation.state import given_way
 
 PULSE = Pulse(9e4, 0.05, 0.2)
 TIMES = np.linspace(0.0, 0.3, 24)
@@ -134,3 +138,28 @@ def test_springs_that_give_way_end_the_simulation_in_a_sentence(soft):
     stepper = Stepper(weak)
     with pytest.raises(SimulationError, match="has lost its stiffness"):
         deque((stepper.step(9e4) for _ in range(500)), maxlen=0)
+
+
+def test_an_adaptive_solver_looks_at_every_spring_of_a_body_in_space():
+    """With K q (1 - q/2) and EA e (1 - 5 e), the slopes vanish at a swing of 1 rad and at a strain of 0.1."""
+    parts = (Extension(60.0, 0.1, stiffening=-5.0),)
+    model = chain_model(length=0.3, mass=0.1, links=3, stiffness=0.5, damping=1e-3, torque=(1e-6,), space=True,
+                        stiffening=-0.5, extensions=parts)  # fmt: skip
+    least, x = softest(model), np.zeros(2 * model.size)
+    assert least(0.0, x) == 1.0
+    for i, per_unit in ((0, 1.0), (3, 1.0), (5, 1.0), (6, 10.0)):
+        assert least(0.0, np.where(np.arange(x.size) == i, 0.5 / per_unit, x)) == pytest.approx(0.5), i
+    straight = model.with_(stiffening=0.0, extensions=(Extension(60.0, 0.1),))
+    assert softest(straight) is None
+
+
+def test_a_spring_in_space_gives_way_where_the_step_says_so(rng):
+    """The size of a swing weighs its part about y by the ratio of the stiffnesses: here 1.8 rad about y are as 1."""
+    model = chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=1e-3, torque=(1e-6,), stiffening=-0.5,
+                        space=Space(stiffness_ratio=0.3))  # fmt: skip
+    still, seen = np.zeros(4), set()
+    for x in [np.array([0.0, 1.7, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.9]), *rng.normal(0, 0.7, (100, 4))]:
+        follows = spatial_springs.follows(x, still, 1e-3, mechanics_of(model).joints)
+        assert follows == (not given_way(model, x)), x
+        seen.add(follows)
+    assert seen == {True, False}

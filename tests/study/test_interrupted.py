@@ -97,6 +97,7 @@ def state_of(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in WRITTEN if (folder / name).exists()}
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_leaves_one_run_or_says_so(
     outcome: StudyOutcome, tmp_path: Path, killed_after: Any,
 ) -> None:

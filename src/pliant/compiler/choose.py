@@ -27,7 +27,6 @@ from pliant.equations import (
     observation,
     poses,
     spatial,
-    spatial_extension,
     spatial_memory,
     spatial_observation,
     spatial_points,
@@ -38,7 +37,7 @@ from pliant.numerics import trig
 
 MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and the dense kernel compiles for seconds
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
-STRAIGHT_SOURCES = (
+SOURCES = (  # files that transform the text of kernels
     trace.__file__, trig.__file__,
     *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
 )
@@ -64,11 +63,6 @@ AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments h
     memory.follow_change: extension_memory.follow_all,
 }
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
-SOURCES = (  # source files of a compiled kernel with replaced steps
-    __file__, articulated.__file__, extension.__file__, extension_memory.__file__, spatial.__file__,
-    spatial_extension.__file__, spatial_memory.__file__, spatial_observation.__file__, spatial_points.__file__,
-    spatial_springs.__file__, tendon.__file__, *STRAIGHT_SOURCES,
-)
 
 
 def twin(
@@ -130,8 +124,7 @@ def made(kernel: FunctionType, reading: str, links: int | None, *sizes: int) -> 
         return made(kernel, reading, *few)
     return compiled_twin(
         kernel, size_tag(links, *sizes) + reading, lambda callee: made(callee, reading, links, *sizes),
-        SOURCES if fast or loops else STRAIGHT_SOURCES,  # what takes floats may take dual numbers too
-        replaced=fast, forceinline=kernel not in CALLED, nogil=reading == "_lanes",
+        SOURCES, replaced=fast, forceinline=kernel not in CALLED, nogil=reading == "_lanes",
     )
 
 
@@ -168,7 +161,7 @@ def straight(
     from pliant.compiler.llvm import compiled
 
     size = size_tag(n, segments, turns, tendons, axial) + "_fused" * (kernel in FUSED) + "_memory" * remembers
-    name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *STRAIGHT_SOURCES)}"
+    name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *SOURCES)}"
     recorded = partial(trace.recording, kernel, n, segments, turns, tendons, axial, remembers=remembers)
     return compiled(name, recorded, fused=kernel in FUSED)
 

@@ -153,17 +153,20 @@ def compiled_twin(
 
     Numba's options are nopython, and fastmath off.
 
-    `made` returns the compiled form of a kernel that it calls. `sources` are the files that define the replacements of
-    the kernels in `replaced`, and `names` Numba functions in place of kernels of these names. `more` holds further
-    options of Numba. `tag` distinguishes the compiled forms of one kernel.
+    `made` returns the compiled form of a kernel that it calls, which for the kernels in `replaced`, and for those that
+    call them, comes from other source text. `sources` are the files that transform the text, and `names` Numba
+    functions in place of kernels of these names. `more` holds further options of Numba. `tag` distinguishes the
+    compiled forms of one kernel.
     """
     from pliant.compiler.cache import kept, part
 
     own = names or {}
-    scope = {**kernel.__globals__, **own}
-    scope |= {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in own}
-    copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
+    linked = {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in own}
+    copy = FunctionType(kernel.__code__, kernel.__globals__ | own | linked, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)
+    if replaced:  # the names of what is linked end in digests of its own text and of what it calls
+        names_linked = [digest, *(f.py_func.__qualname__ for f in linked.values())]
+        digest = hashlib.sha256(repr(names_linked).encode()).hexdigest()[:12]
     copy.__qualname__ = f"{kernel.__qualname__}_{tag}_{digest}"  # names the file of the cache
     return kept(copy, **(options(kernel, replaced) | more))

@@ -70,8 +70,7 @@ class Horizon:
         self._parts = max(1, math.ceil(self.period / COARSE - 1e-9))
         body, joints, _ = mechanics_of(model).parts()
         slopes = mechanics_of(model).slopes()
-        self._rest, self._theta0 = joints.theta0, np.array(joints.theta0)
-        self._chain = body, joints._replace(theta0=self._theta0), slopes
+        self._chain = body, joints, slopes
         self._march = twin(feedback_loops.body_ahead, *mechanics_of(model).sizes)
         steps, N = self.periods * self._parts, model.size
         self._places, self._jacobians = np.zeros((2, steps, N)), np.zeros((steps, *slopes.J.shape))
@@ -109,11 +108,9 @@ class Horizon:
     def _body(self, state: State, pressure: Array, slope: Array) -> tuple[Array, Array, Array]:
         """Return positions and rates (K, N) at the ends of the periods, and their derivatives (K, 2 N, J C)."""
         N, parts, scale, actuation = self.model.size, self._parts, state.torque_scale, self.model.actuation
-        turns = state.angle.size
-        np.add(self._rest[:turns], state.rest_shift, out=self._theta0[:turns])
         each = list(zip(self.model.chambers, pressure.T, strict=True))
         torque = scale * np.stack([p * c.lever_at(p) for c, p in each], axis=1) @ actuation.columns
-        torque[:, turns:N] += self._chain[1].K[turns:] * state.strain_shift
+        torque[:, :N] += self._chain[1].K * np.append(state.rest_shift, state.strain_shift)
         x, v = (np.concatenate(pair) for pair in ((state.angle, state.strain), (state.rate, state.strain_rate)))
         places, rates = self._places
         self._march(

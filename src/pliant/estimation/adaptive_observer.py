@@ -29,7 +29,7 @@ from pliant.estimation.symbols import (
 from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.springs import stiffer_springs
+from pliant.mechanics.springs import stiffer_segments, stiffer_springs
 from pliant.model import Memory, Model, Valve, fixed_length
 from pliant.options import with_defaults
 from pliant.simulation import state
@@ -207,10 +207,11 @@ ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
 
 def frozen(model: Model, share: float = 1.0) -> Model:
     """Return the model without hysteresis and creep, but with stiffer springs. The added stiffness is `share` times the
-    stiffness of hysteresis and creep against a sudden small change of angle.
+    stiffness of hysteresis and creep against a sudden small change of angle, and of the segments against one of strain.
     """
-    stiffer = 1.0 + share * model.memory.instantaneous  # branches are straight: the springs bend as before
-    return model.with_(**stiffer_springs(model, stiffer), memory=Memory())
+    joints, axial = (1.0 + share * m.instantaneous for m in (model.memory, model.memory.axial))
+    segments = stiffer_segments(model, axial)  # branches are straight: the springs bend as before
+    return model.with_(**stiffer_springs(model, joints), extensions=segments, memory=Memory())
 
 
 def without_valves(model: Model) -> Model:

@@ -243,7 +243,9 @@ class Mechanics(ABC):
 
     @abstractmethod
     def joint_angles(self, x: Float[Array, "... N"]) -> Float[Array, "... n"]:
-        """Return the joint angles [rad], measured from the rest shape, for the kernels' coordinates x (..., N)."""
+        """Return the joint angles [rad], measured from the rest shape, for the kernels' coordinates x (..., N). In
+        space they are the sizes of swings.
+        """
 
     @abstractmethod
     def rates(self, dq: Float[Array, "... N"]) -> Float[Array, "... N"]:

@@ -151,8 +151,13 @@ class SpatialChain(Mechanics):
         return x
 
     def joint_angles(self, x: Array) -> Array:
-        """Return the sizes (..., n) [rad] of the joints' swings from the rest shape, at coordinates x (..., N)."""
-        return np.hypot(x[..., 0 : 2 * self.n : 2], x[..., 1 : 2 * self.n : 2])
+        """Return the sizes (..., n) [rad] of the joints' swings, by which their springs soften or stiffen, at
+        coordinates x (..., N).
+
+        `spatial_springs.swing_size` does the same in a time step.
+        """
+        a, b = x[..., 0 : 2 * self.n : 2], x[..., 1 : 2 * self.n : 2]
+        return np.hypot(a, np.sqrt(self.space.stiffness_ratio) * b)
 
     def rates(self, dq: Array) -> Array:
         return np.array(dq, dtype=float)

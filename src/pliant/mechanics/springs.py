@@ -7,6 +7,7 @@ inverse and its limits.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +16,8 @@ import numpy as np
 from pliant.equations.elastic import TERMS, spring_slope, spring_torque
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import SimulationError
-from pliant.model import Model
+from pliant.model import Extension, Model
+from pliant.model.extension import CURVES
 
 Array = np.ndarray
 EVERY = slice(None)  # joint
@@ -184,6 +186,12 @@ def stiffer_springs(model: Model, factor: Any) -> dict[str, Array]:
     terms = {name: getattr(model, name) / factor for name in SPRING_TERMS}
     bound = getattr(model, SPRING_BOUND) / factor
     return {"stiffness": model.stiffness * factor, **terms, SPRING_BOUND: bound}
+
+
+def stiffer_segments(model: Model, factor: float) -> tuple[Extension, ...]:
+    """Return the segments that lengthen with axial stiffness multiplied by `factor` and nonlinear forces unchanged."""
+    terms = [{f: v / factor for f in CURVES if (v := getattr(e, f)) is not None} for e in model.extensions]
+    return tuple(replace(e, stiffness=factor * e.stiffness, **t) for e, t in zip(model.extensions, terms, strict=True))
 
 
 def angle_under(model: Model, torque: Array) -> Array:

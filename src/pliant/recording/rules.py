@@ -164,26 +164,25 @@ def _check_clock(recording: xr.Dataset, name: str) -> None:
 
 
 def _check_names(recording: xr.Dataset) -> None:
-    """Check that each name is one printable line, so that it fits in a line, a table or a figure."""
+    """Check that each name is one printable line, so that it fits in a line, a table or a figure, and that no two
+    stations, chambers, cores or inputs have the same name.
+    """
     for kind in ("station", "chamber", "core", "input"):
-        for name in recording[kind].values if kind in recording.coords else ():
-            if not is_line(str(name)):
-                raise InputError(f"the name of a {kind} must be one printable line: {clipped(repr(str(name)), 60)}")
+        names = [str(name) for name in recording[kind].values] if kind in recording.coords else []
+        if strange := [name for name in names if not is_line(name)]:
+            raise InputError(f"the name of a {kind} must be one printable line: {clipped(repr(strange[0]), 60)}")
+        if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
+            raise InputError(f"{kind} names must differ, but these repeat: {clipped(', '.join(repeated), 200)}; give "
+                             f"each {kind} a name of its own")  # fmt: skip
 
 
 def _check_inputs(recording: xr.Dataset) -> None:
-    """Check that every input has a unique name and a known kind."""
+    """Check that every input has a name and a known kind."""
     if "input" not in recording.coords or "kind" not in recording.coords or recording["kind"].dims != ("input",):
         raise InputError("actuation needs the coordinates input (names of the inputs) and kind (one per input)")
     if strange := [str(k) for k in recording["kind"].values if str(k) not in INPUT_UNITS]:
         kinds = ", ".join(INPUT_UNITS)
         raise InputError(f"the kind of an input must be one of {kinds}, not {clipped(repr(strange[0]), 60)}")
-    _check_repeats("input", [str(n) for n in recording["input"].values])
-
-
-def _check_repeats(kind: str, names: list[str]) -> None:
-    if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise InputError(f"{kind} names must differ, but these repeat: {clipped(', '.join(repeated), 200)}")
 
 
 def _check_stations(recording: xr.Dataset) -> None:
@@ -193,7 +192,6 @@ def _check_stations(recording: xr.Dataset) -> None:
     names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
     if not names or len(names) != recording.sizes["station"]:
         raise InputError(f"{shown} needs at least one station and a name for each")
-    _check_repeats("station", names)
     if shown == "angle":
         return
     axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []

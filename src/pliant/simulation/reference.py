@@ -17,7 +17,7 @@ from pliant.equations import symbols
 from pliant.equations.chamber import share_out, slow_rates, torque_now
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.mechanics.springs import springs_of
+from pliant.mechanics.springs import axial_springs_of, springs_of
 from pliant.model import Memory, Model, Valve
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
@@ -116,12 +116,15 @@ def tolerances(at: StateLayout, rtol: float) -> Array:
 
 def softest(model: Model) -> Callable[[float, Array], float] | None:
     """Return a SciPy event that stops the solver where a spring loses its stiffness, or None for linear springs."""
-    springs = springs_of(model)
-    if not springs.hardening.any():
+    chain, joints, segments = mechanics_of(model), springs_of(model), axial_springs_of(model)
+    strains = model.size - len(model.extensions)
+    if not (joints.hardening.any() or segments.hardening.any()):
         return None
 
     def least(_t: float, y: Array) -> float:
-        return float((springs.slope(mechanics_of(model).joint_angles(y[: model.n])) / springs.K).min())
+        x = y[: model.size]
+        slopes = joints.slope(chain.joint_angles(x)) / joints.K, segments.slope(x[strains:]) / segments.K
+        return float(np.concatenate(slopes).min())
 
     least.terminal = True  # type: ignore[attr-defined]  # SciPy's way
     return least
@@ -214,16 +217,21 @@ def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -
     """Return joint springs that have the same torques as springs and creep branches together, the rates of the creep
     states, and the power [W] that creep dissipates.
 
-    At a given state, creep acts as stiffer springs with other rest angles.
+    At a given state, creep acts as stiffer springs with other rest angles. In space it is added as a linear function,
+    which the strain of a segment does not multiply.
     """
     joints, rows = chain.joints, chain.remembering
     share, tau = np.array(memory.creep_share), np.array(memory.creep_time)
     xi, stiff = states.reshape(rows, -1), 1.0 + share.sum()
+    left = chain.joint_coordinates(phi)[:rows, None] - xi
+    rates, power = (left / tau).ravel(), [joints.K[:rows] @ (left**2 @ (share / tau))]
+    if chain.dimension == 3:
+        line = np.stack([-xi @ share, np.full(rows, share.sum()), np.zeros(rows)], axis=1)
+        return joints._replace(line=line), rates, power
     K, rest = joints.K.copy(), joints.theta0.copy()
     K[:rows] *= stiff
     rest[:rows] += xi @ share / stiff
-    left = chain.joint_coordinates(phi)[:rows, None] - xi
-    return joints._replace(K=K, theta0=rest), (left / tau).ravel(), [joints.K[:rows] @ (left**2 @ (share / tau))]
+    return joints._replace(K=K, theta0=rest), rates, power
 
 
 def torque_and_rates(
