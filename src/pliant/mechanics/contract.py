@@ -98,9 +98,7 @@ class Mechanics(ABC):
         return StepSlopes(J, duals(still), duals(still), type(work)(*map(duals, work)))
 
     def sight(self, of: Any = None) -> Sight:
-        """Return new scratch arrays for `observation.observe_rows`. `of` converts an array of floats to one of numbers
-        that carry derivatives; default: to dual numbers, for the compiled kernel.
-        """
+        """Return new scratch arrays for `observation.observe_rows`; `of` converts floats (default: to dual numbers)."""
         if of is None:
             from pliant.compiler.duals import duals as of  # loads the compiler
         links = self.observed()[1]
