@@ -78,6 +78,21 @@ def of_all_kinds() -> Model:
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
+@pytest.mark.slow  # compiles four texts of C
+@pytest.mark.parametrize("make", [twisting, of_all_kinds])
+def test_single_precision_follows_double(make, tmp_path):
+    """Without a warning of the compiler, and with the tensions of tendons found in each step."""
+    model, arms = make(), []
+    for precision in ("double", "single"):
+        (tmp_path / precision).mkdir()
+        arms.append(Arm(model, tmp_path / precision, precision=precision))
+    level = np.array(INPUTS.get(model.name, [30e3, 2e-3, 0.3]))
+    for k in range(400):
+        assert [arm.step(*(level * (k // 100 % 2 == 0))) for arm in arms] == [0, 0]
+        assert np.abs(arms[1].angle - arms[0].angle).max() < 1e-5
+    assert np.abs(arms[0].angle).max() > 0.05
+
+
 @pytest.mark.parametrize(("make", "levels"), [
     pytest.param(of_all_kinds, [60e3, 4e-3, 0.8], marks=pytest.mark.slow),
     pytest.param(longer, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),

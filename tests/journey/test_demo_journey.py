@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -24,13 +23,11 @@ LINK = 0.17 / 5
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyOutcome, Path, float]:
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyOutcome, Path]:
     study = load_study(demo_study())
     fits = {name: fit.model_copy(update={"starts": 1}) for name, fit in study.fits.items()}
     folder = tmp_path_factory.mktemp("demo")
-    began = time.perf_counter()
-    outcome = run_study(study.model_copy(update={"fits": fits}), folder)
-    return outcome, folder, time.perf_counter() - began
+    return run_study(study.model_copy(update={"fits": fits}), folder), folder
 
 
 def test_pulse_of_the_paper_is_predicted_without_having_been_seen(demo):
@@ -89,7 +86,7 @@ def test_no_inverse_crime(demo):
 
 
 def test_everything_is_written(demo):
-    outcome, folder, _ = demo
+    outcome, folder = demo
     names = {p.name for p in folder.iterdir()}
     assert {"model.json", "metrics.json", "study.json", "report.html"} <= names
     assert (folder / "report.html").stat().st_size < 1_500_000
@@ -97,7 +94,3 @@ def test_everything_is_written(demo):
     MetricsFile.model_validate(metrics)
     assert metrics["order"]["chosen"] == 3
     assert outcome.verdict[0] in (folder / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
-
-
-def test_within_a_loose_budget(demo):
-    assert demo[2] < 240  # half a minute alone on two cores; tests share them

@@ -162,7 +162,8 @@ def compiled_twin(
 
     own = names or {}
     linked = {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in own}
-    copy = FunctionType(kernel.__code__, kernel.__globals__ | own | linked, kernel.__name__, kernel.__defaults__)
+    scope = {**kernel.__globals__, **own, **linked}
+    copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)
     if replaced:  # the names of what is linked end in digests of its own text and of what it calls

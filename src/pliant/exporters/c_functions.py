@@ -36,7 +36,11 @@ UNIT = {  # of each parameter; one unit for each column where they differ
     "axial_stiffness": "N", "axial_damping": "N s", **{f"axial_{name}": "1" for name in CURVES},
     "axial_creep_share": "1", "axial_creep_time": "s", "axial_slip_share": "1", "axial_slip_strain": "1",
 }
-LIMITS = {"AGREE": 2e-6}  # rad, tolerance that single precision can reach; see `equations.memory`
+LIMITS = {  # in place of constants of these names, in single precision: what it can reach, and numbers that it can hold
+    "AGREE": 2e-6,  # rad, see `equations.memory`
+    "AGREED": 1e-5, "NEAR": 1e-3, "FAR": 1e30,  # see `equations.tendon`
+    "NO_STIFFNESS": 1e-30,  # N m/rad, see `equations.spatial_springs`
+}
 
 
 class Names(NamedTuple):

@@ -17,7 +17,7 @@ from pliant.model.tendon import Tendon
 from pliant.shapes import Float
 
 Array = np.ndarray
-LEAST = 1e-300  # N, less pretension of the second tendon of a pair, so that one of the two is taut
+LEAST = 1e-30  # N, less pretension of the second tendon of a pair, so that one of the two is taut
 
 
 @dataclass(frozen=True)
