@@ -133,7 +133,7 @@ def seen_at_rest(rows):
     seen_at_rest.chain = chain
     seen, slopes = np.empty(len(rows)), np.empty((len(rows), chain.n))
     at_rest = mechanics_of(chain).coordinates(np.zeros(chain.n))
-    observe_rows(at_rest, frame_of(chain, rows, seen, seen), np.empty((5, chain.n + 1)), seen, slopes)
+    observe_rows(at_rest, frame_of(chain, rows, seen, seen), mechanics_of(chain).sight(np.complex128), seen, slopes)
     return seen
 
 

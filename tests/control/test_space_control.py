@@ -10,6 +10,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from scipy.spatial.transform import Rotation
 
+from pliant.compiler.twin import rebuild
 from pliant.control import (
     Limits,
     Lqr,
@@ -25,6 +26,7 @@ from pliant.control.horizon import Horizon
 from pliant.control.model_plant import ModelPlant
 from pliant.control.steady_inputs import output_rates, output_values, rest_under, tip_geometry
 from pliant.equations import spatial, spatial_observation
+from pliant.equations.observation import outputs
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, State
 from pliant.estimation.link_tips import LinkTips, with_rest_shape
@@ -77,7 +79,8 @@ def test_outputs_and_their_rates_are_those_of_rotations(rng):
     names = ("tip_z", "tip_x")
     assert np.allclose(output_values(model, x, names), tip_of(x, model)[[2, 0]], atol=1e-15)
     found, longer = np.empty(2), model.with_(extensions=(Extension(60.0, 0.05, 0.0, None, "all"),))
-    spatial_observation.tip_outputs(x, np.array([0.2]), tip_geometry(longer, names), found)
+    own = {"place_links": spatial_observation.place_links, "look": spatial_observation.look}
+    rebuild(outputs, lambda kernel: kernel, own)(x, np.array([0.2]), *tip_geometry(longer, names), found)
     assert np.allclose(found, 1.2 * tip_of(x, model)[[2, 0]], atol=1e-15)
     assert np.allclose(output_values(longer, np.append(x, 0.2), names), found, atol=1e-15)
     row, speed, row_speed = (part[0] for part in output_rates(model, x[None], v[None], names))

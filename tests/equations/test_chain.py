@@ -13,9 +13,10 @@ from pliant.equations.chain import (
     forward,
     link_transform,
     relative_angles,
-    station,
     tips,
 )
+from pliant.equations.observation import place_links, position
+from pliant.equations.symbols import ObservedChain
 
 
 def run_forward(q, theta0, l):
@@ -24,6 +25,13 @@ def run_forward(q, theta0, l):
     R_abs, p_abs = np.zeros((n, 2, 2)), np.zeros((n, 2))
     forward(q, theta0, l, R_rel, p_rel, R_abs, p_abs)
     return R_rel, p_rel, R_abs, p_abs
+
+
+def run_station(phi, l, link, along, across):
+    """A point of a chain behind a base part of 0.03 m at 0.4 rad."""
+    links = np.zeros((5, len(l) + 1))
+    place_links(phi, 0.4, ObservedChain(0.03, l, np.zeros((len(l) + 1, 0))), links)
+    return np.array([position(axis, link, along, across, links) for axis in range(2)])
 
 
 def run_tips(phi, l, x0=0.0, y0=0.0):
@@ -104,17 +112,14 @@ def test_negated_angles_mirror_x_alone(rng, n):
 @pytest.mark.parametrize("n", [1, 4])
 def test_a_station_is_fixed_to_its_link(rng, n):
     phi, l = rng.uniform(-2, 2, n), rng.uniform(0.02, 0.06, n)
-    p = np.zeros(2)
-    every = np.vstack([[0.01, 0.02], run_tips(phi, l, 0.01, 0.02)])
+    first = 0.03 * np.array([-np.sin(0.4), np.cos(0.4)])
+    every = np.vstack([first, run_tips(phi, l, *first)])
     for link in range(n):
-        station(phi, l, (0.01, 0.02), 0.4, (link, l[link], 0.0), p)
-        assert p == pytest.approx(every[link + 1], abs=1e-15)
-        station(phi, l, (0.01, 0.02), 0.4, (link, 0.0, 0.003), p)
+        assert run_station(phi, l, link, l[link], 0.0) == pytest.approx(every[link + 1], abs=1e-15)
         left = np.array([-np.cos(phi[link]), -np.sin(phi[link])])
-        assert p == pytest.approx(every[link] + 0.003 * left, abs=1e-15)
+        assert run_station(phi, l, link, 0.0, 0.003) == pytest.approx(every[link] + 0.003 * left, abs=1e-15)
 
 
 def test_a_station_on_the_base_turns_with_the_base_only(rng):
-    p = np.zeros(2)
-    station(rng.uniform(-2, 2, 3), np.full(3, 0.1), (0.01, 0.02), 0.4, (-1, 0.05, 0.003), p)
+    p = run_station(rng.uniform(-2, 2, 3), np.full(3, 0.1), -1, 0.05, 0.003)
     assert p == pytest.approx(basic.link_transform(0.4, 0.0, 1.0)[:2, :2] @ [-0.003, 0.05], abs=1e-16)

@@ -6,8 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from oracles.derivatives import complex_step
 
-from pliant.equations.observation import motion_of, place_links, point_slope, position
+from pliant.equations.observation import (
+    ALONG_X,
+    ALONG_Y,
+    ANGLE,
+    motion_of,
+    observe_rows,
+    outputs,
+    place_links,
+    position,
+)
 from pliant.equations.spatial_observation import motion_of as motion_in_space
 from pliant.equations.symbols import ObservedChain
 from pliant.estimation.kalman_loops import recall
@@ -40,17 +50,22 @@ def test_points_lie_where_the_mechanics_has_them(model, rng):
 
 
 def test_slopes_are_those_of_the_positions(model, rng):
-    """Against complex steps through the positions."""
-    x, tiny = 0.3 * rng.normal(size=model.size), 1e-30
-    chain, links = placed(model, x)
-    row = np.empty(model.size)
-    for p in POINTS:
-        for axis in range(2):
-            point_slope(axis, (p.link, p.along, p.across), chain, links, row)
-            for k in range(model.size):
-                _, tilted = placed(model, x + 1j * tiny * (np.arange(model.size) == k))
-                slope = position(axis, p.link, p.along, p.across, tilted).imag / tiny
-                assert row[k] == pytest.approx(slope, abs=1e-15)
+    """Against complex steps through the positions of the mechanics, by the plain text of the rows."""
+    x, chain = 0.3 * rng.normal(size=model.size), mechanics_of(model)
+    rows = np.array([(kind, p.link, p.along, p.across) for p in POINTS[1:] for kind in (ALONG_X, ALONG_Y, ANGLE)])
+    frame = SimpleNamespace(rows=rows, wide=4, base_angle=model.base_angle, chain=chain.observed()[0])
+    seen, H = np.empty(len(rows)), np.empty((len(rows), model.size))
+    observe_rows(x, frame, chain.sight(np.complex128), seen, H)
+
+    def rows_at(x):
+        place, angle = chain.stations(x)
+        return np.concatenate([place, angle[:, None]], axis=1)[1:].ravel()
+
+    np.testing.assert_allclose(seen, rows_at(x), atol=1e-15)
+    np.testing.assert_allclose(H, complex_step(rows_at, x), atol=1e-15)
+    values = np.empty(len(rows))
+    outputs(x[: model.n], x[model.n :], frame, chain.sight(np.array), values)
+    assert values.tolist() == seen.tolist()
 
 
 def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, TURN_X, TURN_Y, TURN_Z
-from pliant.equations.spatial_observation import angle_over_sine, observe_rows
+from pliant.compiler.twin import rebuild
+from pliant.equations import spatial_observation
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, TURN_X, TURN_Y, TURN_Z, observe_rows
+from pliant.equations.spatial_observation import angle_over_sine
 from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Space, Station, chain_model
 
@@ -24,9 +26,13 @@ def chain(rng):
 
 
 def observed(chain, x, rows, values):
-    body, work = chain.observed()
+    """By the plain text of the rows, with the links of a chain in space as its compiled form has them."""
+    own = {"place_links": spatial_observation.place_links, "look": spatial_observation.look}
+    plain, body = rebuild(observe_rows, lambda kernel: kernel, own), chain.observed()[0]
     seen, H = np.empty(len(rows)), np.full((len(rows), chain.size), np.nan)
-    observe_rows(x, SimpleNamespace(rows=rows, values=values, chain=body), work, seen, H)
+    frame = SimpleNamespace(rows=rows, wide=5, values=values, chain=body, base_angle=0.0)
+    with np.errstate(invalid="ignore"):  # a missing orientation
+        plain(x, frame, chain.sight(np.complex128), seen, H)
     return seen, H
 
 

@@ -111,7 +111,7 @@ def test_a_record_holds_each_prediction_estimate_and_transition(rng, monkeypatch
     monkeypatch.setattr(kalman_loops, "predict", predict)
     monkeypatch.setattr(kalman_loops, "update", update)
     values = np.arange(8.0).reshape(frames, 2)
-    seen = SimpleNamespace(values=values, base_angle=0.0, chain=None, rows=None, variance=None)
+    seen = SimpleNamespace(values=values, base_angle=0.0, chain=None, wide=4, rows=None, variance=None)
     h, torque, begin = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0]), np.array([0, 0, 2, 3, 3])
     shapes = {"predicted": (N,), "estimate": (N,), "predicted_covariance": (N, N), "covariance": (N, N),
               "transition": (N, N), "innovation": (2,), "score": (4,)}  # fmt: skip

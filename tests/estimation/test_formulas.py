@@ -80,13 +80,13 @@ def test_a_frame_corrects_row_by_row_as_all_rows_at_once_do(rng, monkeypatch):
     seen, z = rng.normal(size=rows), rng.normal(size=rows)
     z[3] = np.nan  # one that is missing
 
-    def observed(phi, frame, links, value, slopes):
+    def observed(phi, frame, sight, value, slopes):
         value[:], slopes[:] = seen, H
 
     monkeypatch.setattr(kalman_loops, "observe_rows", observed)
     state = SimpleNamespace(angle=np.zeros(n), covariance=P.copy())
     frame = SimpleNamespace(values=z, variance=R, innovation=np.empty(rows))
-    work = SimpleNamespace(H=np.empty((rows, n)), gain=np.empty(N), change=np.empty(N), links=None, seen=np.empty(rows))
+    work = SimpleNamespace(H=np.empty((rows, n)), gain=np.empty(N), change=np.empty(N), sight=None, seen=np.empty(rows))
     kept = {}
     monkeypatch.setattr(kalman_loops, "correct", lambda *_: kept.update(change=work.change.copy()))
     used, square, logdet = update(state, None, frame, work)

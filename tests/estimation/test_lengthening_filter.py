@@ -123,7 +123,7 @@ def test_what_a_frame_sees_is_where_the_stations_are(arm):
     rows = rows_of(body, body.points, angle=True)
     frame, x = frame_of(body, rows, np.zeros(6), np.ones(6)), np.array([0.3, 0.7, 1.2, 0.15, -0.05])
     value, H = np.empty(6), np.empty((6, 5))
-    observe_rows(x, frame, np.empty((5, 4)), value, H)
+    observe_rows(x, frame, mechanics_of(body).sight(np.complex128), value, H)
 
     def places(at):
         where, angle = mechanics_of(body).stations(at)

@@ -62,7 +62,7 @@ def test_many_stations_are_checked_in_proportion():
     names = [f"s{k}" for k in range(MANY)]
     ds = make_recording([0.0], np.zeros((1, MANY, 3)), station=names)
     assert ds.sizes["station"] == MANY
-    with pytest.raises(InputError, match=r"must differ, but these repeat: s7$"):
+    with pytest.raises(InputError, match=r"must differ, but these repeat: s7; give each"):
         make_recording([0.0], np.zeros((1, MANY, 3)), station=[*names[:-1], "s7"])
 
 

@@ -52,9 +52,9 @@ CALLED: set[Any] = {
 SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them for a chain in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
     energy.add_step_work: spatial_points.add_step_work, contact.add_link_loads: spatial_points.add_link_loads,
-    observation.observe: spatial_points.observe, observation.observe_rows: spatial_observation.observe_rows,
-    observation.motion_of: spatial_observation.motion_of,
-    observation.tip_outputs: spatial_observation.tip_outputs, observation.turned: spatial_observation.turned,
+    observation.place_links: spatial_observation.place_links, observation.point_at: spatial_observation.point_at,
+    observation.look: spatial_observation.look, observation.motion_of: spatial_observation.motion_of,
+    observation.turned: spatial_observation.turned,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
 }  # fmt: skip
@@ -174,6 +174,19 @@ def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0,
     return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
 
 
+@cache
+def rows_twin(*, space: bool) -> Any:
+    """Return `observation.observe_rows` compiled on dual numbers, for any chain in the plane or in space."""
+    from pliant.compiler.duals import CARRYING
+
+    rows: Any = observation.observe_rows
+    own = SPATIAL if space else {}
+    return compiled_twin(
+        rows, "space" if space else "plane", lambda callee: twin(own.get(callee, callee)), SOURCES, replaced=list(own),
+        names=CARRYING, forceinline=False,
+    )
+
+
 def substitutes(
     kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
     loops: bool = False,
@@ -187,6 +200,8 @@ def substitutes(
     found, made = reached(kernel), {}
     if linearised.step_jacobian in found:
         made[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
+    if observation.observe_rows in found:
+        made[observation.observe_rows] = rows_twin(space=turns > 1)
     if turns > 1:
         sizes = links, segments, turns, tendons, axial
         return made | {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}

@@ -116,8 +116,8 @@ def _entry(_context: Any, slopes: Any, k: Any) -> Any:
     return types.float64(slopes, k), generate
 
 
-def _carriers(slopes):
-    return _as_duals((slopes.x, slopes.v, slopes.work))
+def _carriers(arrays):
+    return _as_duals(arrays)
 
 
 def _width():

@@ -139,7 +139,7 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
-        observe(true, shown, workspace.links, seen, slopes)
+        observe(true, shown, workspace.sight, seen, slopes)
         update(own, chain, shown, workspace)
         return shown.innovation
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.linearised import step_jacobian
-from pliant.equations.observation import tip_outputs, turned
+from pliant.equations.observation import outputs, turned
 
 KILO = 1e3  # Pa in a kPa, the unit of pressures in states and gains
 
@@ -29,7 +29,7 @@ def look(gains, row, geometry, known, rules, resting, memory):
     queue, integral, _command, error, turn, more, away, wish = memory
     n = len(angle)
     size = n + len(strain)
-    tip_outputs(angle, strain, geometry, error)
+    outputs(angle, strain, *geometry, error)
     for j in range(len(error)):
         error[j] = error[j] - still[j] - wanted[j]
     turned(rest_shift, turn)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE
+from pliant.equations.symbols import Sight
 from pliant.errors import InputError, SimulationError
+from pliant.estimation.measurement import row_width
+from pliant.estimation.offline import frame_of
+from pliant.estimation.symbols import FilterFrame
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -46,18 +51,15 @@ def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
     return [known.index(name) for name in outputs]
 
 
-def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return the data from which compiled kernels compute the named outputs: the actuator's geometry, such as its
-    lengths, and the indices of the outputs.
-
-    They are the argument `geometry` of `observation.tip_outputs`.
+def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[FilterFrame, Sight]:
+    """Return the named outputs of the tip as rows of a measurement, with scratch arrays, as compiled kernels take them:
+    the arguments `frame` and `sight` of `observation.outputs`.
     """
-    which = np.array(which_outputs(model, outputs))
-    if model.space is not None:
-        return *mechanics_of(model).observed(), which
-    x0, y0 = (float(v) for v in model.first_joint)
-    length = np.append(model.base_length, model.link_length)
-    return length, np.array(model.stretch_share, dtype=float), x0, y0, which
+    kinds = (ALONG_X, ALONG_Y, ANGLE if model.space is None else ALONG_Z)
+    tip = (model.n - 1, float(model.link_length[-1]), 0.0, 0.0)
+    rows = np.array([(kinds[k], *tip) for k in which_outputs(model, outputs)])[:, : row_width(model)]
+    none = np.zeros(len(outputs))
+    return frame_of(model, rows, none, none), mechanics_of(model).sight(np.array)
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:

@@ -106,32 +106,3 @@ def angles_from_tips(p, x0, y0, l, phi):
         phi[i] = before
         x = p[i, 0]
         y = p[i, 1]
-
-
-def station(phi, l, first, base_angle, point, p):
-    """Write the position p (2,) [m], in the base frame, of a point fixed to a link, from the absolute link angles phi
-    (n,) [rad].
-
-    `point` is (link, along, across): the index of the link, and the distances [m] along the link from its joint and
-    across the link. `first` (2,) [m] is the position of the first joint.
-
-    p = joint + along e(phi) + across n(phi),  e = (-sin, cos),  n = (-cos, -sin)
-
-    For a point on the base (`link` = -1), `along` is measured from the origin.
-    """
-    link, along, across = point
-    x = first[0]
-    y = first[1]
-    for i in range(link):
-        x = x - l[i] * np.sin(phi[i])
-        y = y + l[i] * np.cos(phi[i])
-    angle = base_angle
-    if link >= 0:
-        angle = phi[link]
-    else:
-        x = 0.0 * x
-        y = 0.0 * y
-    s = np.sin(angle)
-    c = np.cos(angle)
-    p[0] = x - along * s - across * c
-    p[1] = y + along * c - across * s

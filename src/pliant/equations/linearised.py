@@ -28,7 +28,7 @@ def step_jacobian(x, v, h, torque, body, joints, slopes):
     """
     n = len(x)
     J = slopes.J
-    moved, rate, work = carriers(slopes)
+    moved, rate, work = carriers((slopes.x, slopes.v, slopes.work))
     together = derivatives_carried()
     for first in range(0, J.shape[0], together):
         for i in range(n):
@@ -46,11 +46,9 @@ def step_jacobian(x, v, h, torque, body, joints, slopes):
         v[i] = rate[i].real
 
 
-def carriers(slopes):
-    """Return the coordinates (N,), the rates (N,) and the scratch arrays of a `symbols.StepSlopes`, as arrays of
-    numbers that carry derivatives.
-    """
-    return slopes.x, slopes.v, slopes.work
+def carriers(arrays):
+    """Return a tuple of arrays, or of tuples of them, as arrays of numbers that carry derivatives."""
+    return arrays
 
 
 def derivatives_carried():

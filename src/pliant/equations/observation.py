@@ -1,5 +1,5 @@
-"""Measurement functions of a planar chain: positions of points on links, link angles, and their derivatives by the
-chain's coordinates.
+"""Measurement functions: the kinds of rows of a measurement with their derivatives by a chain's coordinates, and the
+positions and angles of a planar chain on which they depend.
 
 Fits, filters and contact detection use these kernels. `mechanics.PlanarChain.stations` is the vectorised form for a
 whole motion.
@@ -11,27 +11,35 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.equations.linearised import carriers, derivative, derivatives_carried, seeded
+
 ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # kinds of rows of a measurement
 
 
 class RowKind(NamedTuple):
-    """What a kind of row measures, its unit, and in which dimensions of space `observe_rows` computes it."""
+    """A kind of row of a measurement."""
 
+    name: str
     meaning: str
     unit: str
-    dimensions: tuple[int, ...]
+    constants: dict[int, int]  # number of constants in such a row, by the dimensions of space that have the kind
+    variable: str  # of a recording, which may have a row for each axis; empty: none
+    noise: float  # default standard deviation of a measured value, including the deviation of the body from its model
 
 
+FREE, FLAT, SOLID = {2: 0, 3: 0}, {2: 0}, {3: 0}
 KINDS = {  # of every kind, in the order of its number
-    ANGLE: RowKind("angle of a link from the base", "rad", (2,)),
-    ALONG_X: RowKind("x of a point", "m", (2, 3)),
-    ALONG_Y: RowKind("y of a point", "m", (2, 3)),
-    JOINT: RowKind("angle of a link from the link before it", "rad", (2,)),
-    ALONG_Z: RowKind("z of a point", "m", (3,)),
-    TURN_X: RowKind("x of the rotation vector of a link", "rad", (3,)),
-    TURN_Y: RowKind("y of the rotation vector of a link", "rad", (3,)),
-    TURN_Z: RowKind("z of the rotation vector of a link", "rad", (3,)),
+    ANGLE: RowKind("angle", "angle of a link from the base", "rad", FLAT, "angle", 1e-3),
+    ALONG_X: RowKind("x", "x of a point", "m", FREE, "position", 5e-4),
+    ALONG_Y: RowKind("y", "y of a point", "m", FREE, "position", 5e-4),
+    JOINT: RowKind("joint angle", "angle of a link from the link before it", "rad", FLAT, "", 1e-3),
+    ALONG_Z: RowKind("z", "z of a point", "m", SOLID, "position", 5e-4),
+    TURN_X: RowKind("turn x", "x of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
+    TURN_Y: RowKind("turn y", "y of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
+    TURN_Z: RowKind("turn z", "z of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
 }
+# kinds of one value per station, beside positions, angles and orientations: their numbers by variable of a recording
+FURTHER = {row.variable: k for k, row in KINDS.items() if row.variable not in ("", "position", "angle", "quaternion")}
 
 
 def place_links(x, base_angle, chain, links):
@@ -79,103 +87,91 @@ def position(axis, link, along, across, links):
     return links[4, k] + reach * links[0, k] - across * links[1, k]
 
 
-def point_slope(axis, place, chain, links, row):
-    """Write the derivatives of a point's x or y position [m] with respect to n link angles and S strains to `row` (n +
-    S,). `place` holds the index of the point's link and the distances [m] along and across this link.
+def point_at(link, along, across, aside, x, base_angle, links, p):
+    """Write the position x, y [m] of a point of link `link` (-1: the base), and the angle [rad] of the link, to p (3,).
 
-    The position is that of `position`.
+    `along` and `across` [m] locate the point on the link; `aside` is 0 in the plane. In space, `p` receives x, y, z:
+    `spatial_observation.point_at`.
     """
-    link, along, across = place
-    n = len(chain.length)
-    for i in range(len(row)):
-        row[i] = 0.0 * along
-    for k in range(link + 2):
-        c = links[0, k]
-        s = links[1, k]
-        reach = chain.base_length
-        aside = 0.0 * across
-        if k > 0:
-            reach = chain.length[k - 1]
-        if k == link + 1:
-            reach = along
-            aside = across
-        for i in range(n, len(row)):
-            part = chain.share[k, i - n] * reach
-            if axis == 0:
-                row[i] = row[i] - part * s
-            else:
-                row[i] = row[i] + part * c
-        if k > 0:
-            whole = reach * links[2, k]
-            if axis == 0:
-                row[k - 1] = -whole * c + aside * s
-            else:
-                row[k - 1] = -whole * s - aside * c
+    p[0] = position(0, link, along, across, links)
+    p[1] = position(1, link, along, across, links)
+    p[2] = base_angle
+    if link >= 0:
+        p[2] = x[link]
 
 
-def observe_point(axis, row, chain, links, slope):
-    """Return the x or y position [m] of a measured point on a link, and write its derivatives by the coordinates to
-    `slope` (n + S,).
+def look(r, frame, sight):
+    """Write what row r of a measurement may depend on to `sight`: the position p (x, y) [m] of its point, and the
+    angles [rad] of its link and of the link before it (0 for the first).
 
-    `axis` is 0 for x, 1 for y. The row is (kind, link, along, across). `links` is the array written by `place_links`.
+    `sight` is a `symbols.Sight` at whose coordinates `place_links` has placed the links. In space:
+    `spatial_observation.look`.
     """
-    link = int(row[1])
-    point_slope(axis, (link, row[2], row[3]), chain, links, slope)
-    return position(axis, link, row[2], row[3], links)
+    link = int(frame.rows[r, 1])
+    point_at(link, frame.rows[r, 2], frame.rows[r, 3], 0.0, sight.x, frame.base_angle, sight.links, sight.p)
+    sight.angle[0] = sight.p[2]
+    sight.p[2] = np.nan
+    sight.angle[1] = 0.0
+    if link > 0:
+        sight.angle[1] = sight.x[link - 1]
 
 
-def observe_rows(x, frame, links, seen, H):
+def row_value(kind, sight, constants):
+    """Return the value of a row of a measurement, of one of `KINDS`, from the `symbols.Sight` of its point and link and
+    the constants (k,) of the row.
+
+    It is NaN for an unknown kind, and for one that the body does not have. Filters compile this text; fits run it on
+    arrays whose axes follow those of the components, such as p (3, T, S).
+    """
+    if kind == ANGLE:
+        return sight.angle[0]
+    if kind == JOINT:
+        return sight.angle[0] - sight.angle[1]
+    if kind in (ALONG_X, ALONG_Y):
+        return sight.p[kind - ALONG_X]
+    if kind == ALONG_Z:
+        return sight.p[2]
+    if kind in (TURN_X, TURN_Y, TURN_Z):
+        return sight.turn[kind - TURN_X]
+    return np.nan * sight.p[0]
+
+
+def observe_rows(x, frame, sight, seen, H):
     """Write the m predicted measurements at coordinates x (N,) to `seen` (m,), and their derivatives by x to H (m, N).
 
-    A row of `frame.rows` is (kind, link, along, across). It measures the angle of a link [rad], from +y or from the
-    link before it, or the x or y position [m] of a point fixed to the link; other kinds are NaN. `links` is scratch.
-    Chains in space use `spatial_observation.observe_rows`.
+    A row of `frame.rows` is (kind, link, along, across), in space (kind, link, along, across, aside), and then the
+    constants of its kind. It measures one of `KINDS` at a point fixed to a link; three consecutive rows measure the
+    orientation of a link in space. `sight` is a `symbols.Sight` of numbers that carry derivatives, see
+    `Mechanics.sight`. For bodies in space, `place_links` and `look` are replaced by those of `spatial_observation`.
     """
-    rows = frame.rows
-    place_links(x, frame.base_angle, frame.chain, links)
-    for r in range(rows.shape[0]):
-        kind = int(rows[r, 0])
-        link = int(rows[r, 1])
-        if kind in (ANGLE, JOINT):
-            for k in range(len(x)):
-                H[r, k] = 0.0
-            seen[r] = x[link]
-            H[r, link] = 1.0
-            if kind == JOINT and link > 0:
-                seen[r] -= x[link - 1]
-                H[r, link - 1] = -1.0
-        elif kind in (ALONG_X, ALONG_Y):
-            seen[r] = observe_point(kind - ALONG_X, rows[r], frame.chain, links, H[r])
-        else:
-            seen[r] = np.nan
+    moved = carriers(sight)
+    together = derivatives_carried()
+    for first in range(0, len(x), together):
+        for i in range(len(x)):
+            moved.x[i] = seeded(x[i], i - first)
+        place_links(moved.x, frame.base_angle, frame.chain, moved.links)
+        for r in range(frame.rows.shape[0]):
+            look(r, frame, moved)
+            value = row_value(int(frame.rows[r, 0]), moved, frame.rows[r, frame.wide :])
+            seen[r] = value.real
+            for k in range(first, min(first + together, len(x))):
+                H[r, k] = derivative(value, k - first)
 
 
-def tip_outputs(angle, strain, geometry, out):
-    """Write the selected outputs to `out`: tip x or y [m], or the last link's angle [rad], from absolute link angles
-    and segment strains.
+def outputs(angle, strain, frame, sight, out):
+    """Write the values of the m rows of `frame` to `out` (m,), at the coordinates of a chain: its angles and its S
+    strains (S,).
 
-    `geometry` is (length, share, x0, y0, which). which[j] selects output j: 0 is x, 1 is y, 2 is the angle.
+    `observe_rows` also computes the derivatives. `sight` is a `symbols.Sight` of floats.
     """
-    length, share, x0, y0, which = geometry
-    x = 0.0
-    y = 0.0
-    for i in range(len(length)):
-        stretch = 1.0
-        for s in range(len(strain)):
-            stretch = stretch + share[i, s] * strain[s]
-        if i == 0:
-            x = x0 * stretch
-            y = y0 * stretch
-        else:
-            x = x - length[i] * stretch * np.sin(angle[i - 1])
-            y = y + length[i] * stretch * np.cos(angle[i - 1])
-    for j in range(len(out)):
-        if which[j] == 0:
-            out[j] = x
-        elif which[j] == 1:
-            out[j] = y
-        else:
-            out[j] = angle[len(angle) - 1]
+    for i in range(len(angle)):
+        sight.x[i] = angle[i]
+    for i in range(len(strain)):
+        sight.x[len(angle) + i] = strain[i]
+    place_links(sight.x, frame.base_angle, frame.chain, sight.links)
+    for r in range(len(out)):
+        look(r, frame, sight)
+        out[r] = row_value(int(frame.rows[r, 0]), sight, frame.rows[r, frame.wide :])
 
 
 def turned(rest_shift, turn):
@@ -201,20 +197,15 @@ def motion_of(w, joints):
     return power / n
 
 
-def observe(phi, base_angle, places, seen):
-    """Write position x, y [m] and angle [rad] of the S observed points to seen (S, 3), from link angles and strains
-    `phi`.
+def observe(x, base_angle, places, seen):
+    """Write the coordinates of the S observed points of `places` to seen (S, 3) at the coordinates x (N,) of a chain:
+    position x, y [m] and angle [rad] in the plane, position x, y, z [m] in space.
 
-    The angles are measured from `places.reference`.
+    `places` is a `follow_loops.Places`. In space `place_links` and `point_at` are those of `spatial_observation`.
     """
-    place_links(phi, base_angle, places.chain, places.links)
+    place_links(x, base_angle, places.chain, places.links)
     for j in range(len(places.carrier)):
         link = places.carrier[j]
-        x = position(0, link, places.along[j], places.across[j], places.links)
-        y = position(1, link, places.along[j], places.across[j], places.links)
-        angle = base_angle
-        if link >= 0:
-            angle = phi[link]
-        seen[j, 0] = x + places.shift_x
-        seen[j, 1] = y + places.shift_y
-        seen[j, 2] = angle - places.reference
+        point_at(link, places.along[j], places.across[j], places.aside[j], x, base_angle, places.links, seen[j])
+        for i in range(3):
+            seen[j, i] = seen[j, i] + places.shift[i]

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_points import add_pose_loads, observe
+from pliant.equations.observation import observe
+from pliant.equations.spatial_points import add_pose_loads
 from pliant.equations.tendon import eliminate, forces_at_rest, slip
 
 STEP = 1e-30  # imaginary part: its square vanishes beside 1

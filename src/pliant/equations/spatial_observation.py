@@ -1,14 +1,12 @@
-"""Measurement functions of a chain in space: positions of points and orientations of links, with their derivatives,
-and the tip outputs that controllers use.
-"""
+"""Measurement functions of a chain in space: positions of points and orientations of links."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, TURN_X, TURN_Y, TURN_Z
+from pliant.equations.observation import TURN_X, TURN_Y, TURN_Z
 from pliant.equations.spatial import pose_links, stumpff
-from pliant.equations.spatial_points import axis_slope, point_position
+from pliant.equations.spatial_points import point_position
 
 HALVINGS = 3  # of an angle below 180 degrees, after which the series below is exact to rounding
 SERIES = 12  # terms of theta / sin(theta)
@@ -32,109 +30,74 @@ def angle_over_sine(cosine):
     return ratio / halved
 
 
-def observe_rows(x, frame, links, seen, H):
-    """Write the m predicted measurements at coordinates x (N,) of a chain in space to `seen` (m,), and their
-    derivatives by x to H (m, N).
-
-    A row of `frame.rows` is (kind, link, along, across, aside). It measures x, y or z [m] of a point fixed to a link.
-    Three consecutive rows measure the orientation of a link; other kinds are NaN. `links` is scratch. The planar
-    function is `observation.observe_rows`.
+def place_links(x, base_angle, body, work):
+    """Write the pose of a chain in space at coordinates x (N,) to `work`; `base_angle` is not used. The planar function
+    is `observation.place_links`.
     """
-    rows = frame.rows
-    pose_links(x, frame.chain, links)
-    for r in range(rows.shape[0]):
-        kind = int(rows[r, 0])
-        link = int(rows[r, 1])
-        if kind in (ALONG_X, ALONG_Y, ALONG_Z):
-            axis = 2 if kind == ALONG_Z else kind - ALONG_X
-            point_position(link, rows[r, 4], rows[r, 3], rows[r, 2], links, links.turn)
-            axis_slope(axis, link, rows[r, 2], links.turn, frame.chain, links, H[r])
-            seen[r] = links.turn[axis]
-        elif kind == TURN_X:
-            observe_turn(link, frame.values[r : r + 3], links, seen[r : r + 3], H[r : r + 3])
-        elif kind not in (TURN_Y, TURN_Z):  # those are written with TURN_X
-            seen[r] = np.nan
+    pose_links(x, body, work)
 
 
-def observe_turn(link, value, work, seen, H):
-    """Write the predicted orientation of a link to seen (3,) [rad]: the measured rotation vector `value` (3,) minus the
-    rotation vector from the predicted to the measured orientation. Write its derivatives by the N coordinates to H
-    (3, N).
-
-    Both are in the base frame. e = value - seen is a rotation vector in fixed axes: exp(e) = E R^T, with the link's R
-    and the measured frame E. A turn dw of the link changes e by -J_r^{-1}(e) dw with J_r^{-1} = 1 + [e] / 2 -
-    c2'/c2 [e]^2. `seen` is NaN where e exceeds 90 degrees.
+def point_at(link, along, across, aside, x, base_angle, work, p):
+    """Write the position p (3,) [m] of a point of link `link` (-1: the part before the first joint), for the pose in
+    `work`. The planar function is `observation.point_at`.
     """
-    y = value[0] * value[0] + value[1] * value[1] + value[2] * value[2]
+    point_position(link, aside, across, along, work, p)
+
+
+def look(r, frame, sight):
+    """Write what row r of a measurement may depend on to `sight`: the position p (3,) [m] of its point, or, where an
+    orientation begins, the orientation of its link as a vector turn (3,) [rad].
+
+    It is the measured rotation vector of the link's frame in the base frame, minus the rotation vector from the
+    predicted to the measured orientation. NaN where the two differ by more than 90 degrees. The planar function is
+    `observation.look`.
+    """
+    link = int(frame.rows[r, 1])
+    kind = int(frame.rows[r, 0])
+    if kind == TURN_X:
+        rotation(frame.values[r : r + 3], sight.E)
+        cosine = rotation_between(sight.E, sight.links.R[link + 1], sight.turn)
+        for i in range(3):
+            sight.turn[i] = frame.values[r + i] - sight.turn[i] if cosine.real > FLIPPED else np.nan
+    elif kind not in (TURN_Y, TURN_Z):  # those were written with TURN_X
+        point_position(link, frame.rows[r, 4], frame.rows[r, 3], frame.rows[r, 2], sight.links, sight.p)
+
+
+def rotation(e, E):
+    """Write the rotation matrix of a rotation vector e (3,) [rad] to E (3, 3): c0 + c1 [e] + c2 e e^T, with `stumpff`'s
+    functions of its square.
+    """
+    y = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
     c2, c3, _, _ = stumpff(y)
     c1 = 1.0 - y * c3
-    cosine = -0.5
-    for i in range(3):
-        seen[i] = 0.0
     for i in range(3):
         j = (i + 1) % 3
         m = (i + 2) % 3
-        own = 1.0 - y * c2 + c2 * value[i] * value[i]  # column i of E
-        left = c1 * value[m] + c2 * value[j] * value[i]
-        right = c2 * value[m] * value[i] - c1 * value[j]
-        a = work.R[link + 1, i, i]
-        b = work.R[link + 1, j, i]
-        c = work.R[link + 1, m, i]
-        cosine += 0.5 * (a * own + b * left + c * right)
-        seen[i] += 0.5 * (b * right - c * left)  # sum of R_i x E_i: twice the skew part of E R^T
-        seen[j] += 0.5 * (c * own - a * right)
-        seen[m] += 0.5 * (a * left - b * own)
-    ratio = angle_over_sine(cosine) if cosine > FLIPPED else np.nan
-    for i in range(3):
-        seen[i] *= ratio
-    turn_slopes(link, seen, work, H)
-    for i in range(3):
-        seen[i] = value[i] - seen[i]
+        E[i, i] = 1.0 - y * c2 + c2 * e[i] * e[i]
+        E[j, i] = c1 * e[m] + c2 * e[j] * e[i]
+        E[m, i] = c2 * e[m] * e[i] - c1 * e[j]
 
 
-def turn_slopes(link, e, work, H):
-    """Write the derivatives of a link's predicted orientation by the N coordinates to H (3, N). `e` (3,) [rad] is the
-    rotation vector from the predicted to the measured orientation.
+def rotation_between(E, R, e):
+    """Write the rotation vector [rad] of the rotation E R^T, from the rotation R to the rotation E, to e (3, ...), and
+    return the cosine of its angle.
 
-    They are J_r^{-1}(e) times the axes of the joints before the link, as derived in `observe_turn`.
+    Both are (3, 3, ...), for any number of rotations at once. The vector is (theta / sin theta) v, where v is the
+    vector of the skew part of E R^T: half the sum of the cross products of the columns of R and E.
     """
-    y = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-    c2, _, d2, _ = stumpff(y)
-    n = work.P.shape[0]
+    cosine = -0.5 + 0.0 * R[0, 0]
     for i in range(3):
-        for k in range(H.shape[1]):
-            H[i, k] = 0.0
-    for s in range(len(work.S)):
-        k = s // 2 if s < 2 * n else s - 2 * n
-        if k > link:
-            continue
-        along = e[0] * work.S[s, 0] + e[1] * work.S[s, 1] + e[2] * work.S[s, 2]
-        for i in range(3):
-            j = (i + 1) % 3
-            m = (i + 2) % 3
-            H[i, s] = work.S[s, i] + 0.5 * (e[j] * work.S[s, m] - e[m] * work.S[s, j])
-            H[i, s] -= d2 / c2 * (e[i] * along - y * work.S[s, i])
-
-
-def tip_outputs(x, strain, geometry, out):
-    """Write the selected tip coordinates (x, y or z) [m] of a chain in space to `out`, from its joint angles `x` and
-    segment strains.
-
-    Output j is x, y or z as which[j] says. x has T angles, the strains have the shape (S,).
-
-    `geometry` is (body, work, which), with which[j] = 0, 1, 2 for x, y, z. The planar function is
-    `observation.tip_outputs`.
-    """
-    body, work, which = geometry
-    n = len(body.mass)
-    for i in range(len(x)):
-        work.q[i] = x[i]
-    for i in range(len(strain)):
-        work.q[len(x) + i] = strain[i]
-    pose_links(work.q, body, work)
-    for j in range(len(out)):
-        axis = which[j]
-        out[j] = work.r[n, axis] + work.length[n] * work.R[n, axis, 2]
+        j = (i + 1) % 3
+        m = (i + 2) % 3
+        skew = 0.0 * R[0, 0]
+        for c in range(3):
+            skew = skew + (R[j, c] * E[m, c] - R[m, c] * E[j, c])
+            cosine = cosine + 0.5 * (E[i, c] * R[i, c])
+        e[i] = 0.5 * skew
+    ratio = angle_over_sine(cosine)
+    for i in range(3):
+        e[i] = ratio * e[i]
+    return cosine
 
 
 def turned(rest_shift, turn):

@@ -28,29 +28,21 @@ def point_slope(link, along, p, body, work, J):
 
     The column of an angle is s x (p - r), that of a strain the sum of a_ks l_k z_k over all links before the point.
     """
-    for axis in range(3):
-        axis_slope(axis, link, along, p, body, work, J[axis])
-
-
-def axis_slope(axis, link, along, p, body, work, row):
-    """Write the derivatives of one coordinate (`axis` 0, 1, 2: x, y, z) of a point's position by the N coordinates to
-    row (N,).
-
-    It is row `axis` of the Jacobian of `point_slope`.
-    """
     n = work.P.shape[0]
     turns = len(work.S)
-    j = (axis + 1) % 3
-    m = (axis + 2) % 3
-    for i in range(turns):
-        k = i // 2 if i < 2 * n else i - 2 * n
-        moves = 1.0 if k <= link else 0.0
-        row[i] = moves * (work.S[i, j] * (p[m] - work.r[k + 1, m]) - work.S[i, m] * (p[j] - work.r[k + 1, j]))
-    for s in range(body.share.shape[1]):
-        value = body.share[link + 1, s] * along * work.R[link + 1, axis, 2]
-        for k in range(link + 1):
-            value = value + body.share[k, s] * body.length[k] * work.R[k, axis, 2]
-        row[turns + s] = value
+    for axis in range(3):
+        j = (axis + 1) % 3
+        m = (axis + 2) % 3
+        for i in range(turns):
+            k = i // 2 if i < 2 * n else i - 2 * n
+            moves = 1.0 if k <= link else 0.0
+            arm = work.S[i, j] * (p[m] - work.r[k + 1, m]) - work.S[i, m] * (p[j] - work.r[k + 1, j])
+            J[axis, i] = moves * arm
+        for s in range(body.share.shape[1]):
+            value = body.share[link + 1, s] * along * work.R[link + 1, axis, 2]
+            for k in range(link + 1):
+                value = value + body.share[k, s] * body.length[k] * work.R[k, axis, 2]
+            J[axis, turns + s] = value
 
 
 def place_points(x, link, offset, body, work, place, slope):
@@ -181,18 +173,6 @@ def add_step_work(v, h, torque, joints, work, total):
         rate = v[i] - 0.5 * work.a[i]
         total[0] = total[0] + h * (torque[i] + work.pull[i]) * rate
         total[1] = total[1] + h * (joints.D[i] * rate - work.rub[i]) * rate
-
-
-def observe(x, base_angle, places, seen):
-    """Write the positions [m] of the S observed points to seen (S, 3), at the coordinates x (N,) of a chain in space.
-
-    The planar function is `observation.observe`. `base_angle` is not used.
-    """
-    pose_links(x, places.body, places.work)
-    for j in range(len(places.carrier)):
-        point_position(places.carrier[j], places.aside[j], places.across[j], places.along[j], places.work, seen[j])
-        for i in range(3):
-            seen[j, i] = seen[j, i] + places.shift[i]
 
 
 def static_forces(x, torque, body, joints, work, forces):

@@ -141,7 +141,7 @@ def update(state, model, frame, workspace):
     n = len(phi)
     N = P.shape[0]
     H, gain, change = workspace.H, workspace.gain, workspace.change
-    observe_rows(phi, frame, workspace.links, workspace.seen, H)
+    observe_rows(phi, frame, workspace.sight, workspace.seen, H)
     used = 0
     square = 0.0
     logdet = 0.0
@@ -232,7 +232,7 @@ def filter_record(state, model, plan, noise, frames, out, workspace):
             chain_transition(out.transition[f], N, n, workspace.J, workspace.W)
         store(state, out.predicted[f], out.predicted_covariance[f])
         frame = FilterFrame(
-            frames.base_angle, frames.chain, frames.rows, z[f], frames.variance, out.innovation[f]
+            frames.base_angle, frames.chain, frames.wide, frames.rows, z[f], frames.variance, out.innovation[f]
         )
         used, square, logdet = update(state, model, frame, workspace)
         out.score[f, 0] = used

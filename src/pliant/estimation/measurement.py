@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE, JOINT, KINDS, TURN_X, TURN_Y, TURN_Z
+from pliant.equations.observation import JOINT, KINDS, TURN_X, TURN_Y, TURN_Z
 from pliant.errors import InputError
 from pliant.estimation.noise import Noise
 from pliant.identification.residuals import measured_turns
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Station, fixed_length
-from pliant.recording.schema import check_recording
+from pliant.recording.schema import check_recording, recorded_further
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
 from pliant.simulation import state
 
 Array = np.ndarray
-AXES = (ALONG_X, ALONG_Y, ALONG_Z)
 TURNS = (TURN_X, TURN_Y, TURN_Z)
-MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.dimensions] for d in (2, 3)}
+MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.constants] for d in (2, 3)}
 IS_TURN = np.isin(list(KINDS), TURNS)  # of each kind, by its number
 IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # of each kind, by its number
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
@@ -37,14 +37,17 @@ class Measurement(NamedTuple):
     """
 
     time: Array  # (T,) s, as stamped
-    rows: Array  # in space (m, 5), followed by aside
+    rows: Array  # in space (m, 5), followed by aside; then the constants of the kinds, where they have any
     value: Array  # NaN where a row is missing
     variance: Array
     label: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False) -> Array:
+def rows_of(
+    model: Model, stations: tuple[Station, ...], *, position: bool = True, angle: bool = False,
+    further: Mapping[str, Array] | None = None,
+) -> Array:
     """Return rows (m, 4) that define m measured quantities: x, y and optionally the angle of each station. Each row
     holds the kind, the link, and the distances along and across the link [m].
 
@@ -52,21 +55,41 @@ def rows_of(model: Model, stations: tuple[Station, ...], *, position: bool = Tru
     `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
     the link's frame (x aside, z along the link) in the base frame.
 
+    `further` holds the constants (S, k) of one row at each of S stations, by the variable of its kind in a recording.
+    They are the last columns of the rows.
+
     Raises
     ------
     InputError
         When a station sits on the base.
     """
+    dimension, width, further = mechanics_of(model).dimension, row_width(model), further or {}
+    turned = ["angle" if dimension == 2 else "quaternion"] * angle
+    extra = (0.0,) * max((c.shape[1] for c in further.values()), default=0)
     rows: list[tuple[float, ...]] = []
-    for s in stations:
+    for k, s in enumerate(stations):
         if not 0 <= s.link < model.n:
             raise InputError(f"station {s.name!r} lies on the base and does not depend on the links: leave it out")
-        if position:
-            rows += [(kind, s.link, s.along, s.across, s.aside) for kind in AXES[: mechanics_of(model).dimension]]
-        if angle:
-            rows += [(kind, s.link, 0.0, 0.0, 0.0) for kind in ((ANGLE,) if model.space is None else TURNS)]
-    wide = np.array(rows, dtype=float).reshape(-1, 5)
-    return wide[:, : row_width(model)]
+        for variable in (*["position"] * position, *turned, *further):
+            place = (0.0, 0.0, 0.0) if variable in turned else (s.along, s.across, s.aside)
+            own = further[variable][k] if variable in further else ()
+            behind = (*own, *extra)[: len(extra)]
+            rows += [(*(kind, s.link, *place)[:width], *behind) for kind in kinds_of(variable, dimension)]
+    return np.array(rows, dtype=float).reshape(-1, width + len(extra))
+
+
+def kinds_of(variable: str, dimension: int) -> list[int]:
+    """Return the numbers of the kinds of rows that measure a variable of a recording, in a space of 2 or 3 dimensions.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    kinds = [kind for kind, row in KINDS.items() if row.variable == variable and dimension in row.constants]
+    if not kinds:
+        raise InputError(f"{variable} cannot be measured in {dimension} dimensions: leave it out of the recording")
+    return kinds
 
 
 def row_width(model: Model) -> int:
@@ -86,12 +109,12 @@ def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> No
         With the reason in one sentence.
     """
     wide = row_width(model)
-    if rows.shape != (values.size, wide) or variance.shape != values.shape:
+    if rows.ndim != 2 or len(rows) != values.size or rows.shape[1] < wide or variance.shape != values.shape:
         raise InputError(
             f"a frame needs rows (m, {wide}), m values and m variances, got rows {rows.shape}, values {values.shape} "
             f"and variances {variance.shape}"
         )
-    if not has_orientations(rows.tobytes(), model.n, 2 if model.space is None else 3, wide):
+    if not has_orientations(rows.tobytes(), model.n, wide - 2, rows.shape[1]):
         return
     turned = values[IS_TURN[rows[:, 0].astype(int)]].reshape(-1, 3)
     if (np.linalg.norm(np.nan_to_num(turned), axis=1) > HALF_TURN).any():
@@ -108,7 +131,8 @@ def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> b
     Raises
     ------
     InputError
-        When a row has an unknown kind or link, or an orientation does not have three successive rows of one link.
+        When a row has an unknown kind or link, or an orientation does not have three successive rows of one link, or
+        the rows have other columns than their kinds need.
     """
     rows = np.frombuffer(content).reshape(-1, wide)
     known = np.isin(rows[:, 0], MEASURED_IN[dimension]) & np.isin(rows[:, 1], range(links))
@@ -118,6 +142,9 @@ def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> b
             f"{', '.join(f'{kind} ({KINDS[kind].meaning})' for kind in MEASURED_IN[dimension])}, and a link from 0 to "
             f"{links - 1}, got {rows[~known][0, :2].tolist()}: make rows with rows_of"
         )
+    columns = dimension + 2 + max((KINDS[kind].constants[dimension] for kind in rows[:, 0]), default=0)
+    if wide != columns:
+        raise InputError(f"a frame needs rows (m, {columns}) for what it measures, got rows {rows.shape}")
     turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
     if not turns.size:
         return False
@@ -202,27 +229,23 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
     """Return the filter's measurement of named stations: positions, and recorded angles or orientations."""
-    names = [s.name for s in stations]
-    angled = "angle" in recording and model.space is None
-    axes = recording["axis"].values
-    position = recording["position"].sel(station=names).values.astype(float)
-    columns, variance, label = [], [], []
-    turned = angles_of(recording, model, stations) if angled else None
-    vectors = {} if model.space is None else orientations_of(recording, model, stations)
-    rows = []
+    names, space = [s.name for s in stations], model.space is not None
+    further = recorded_further(recording, names)
+    recorded = {"position": recording["position"].sel(station=names).values.astype(float)}  # (T, S, k), by variable
+    if "angle" in recording and not space:
+        recorded["angle"] = angles_of(recording, model, stations)[..., None]
+    if "quaternion" in recording and space:
+        recorded["quaternion"] = orientations_of(recording, model, stations)
+    recorded |= {name: values[..., None] for name, (values, _) in further.items()}
+    columns, rows, label, variance = [], [], [], []
     for k, s in enumerate(stations):
-        columns += list(position[:, k].T)
-        variance += [noise.stations.get(s.name, noise.position) ** 2] * axes.size
-        label += [f"{s.name} {axis}" for axis in axes]
-        if turned is not None:
-            columns.append(turned[:, k])
-            variance.append(noise.angle**2)
-            label.append(f"{s.name} angle")
-        if k in vectors:
-            columns += list(vectors[k].T)
-            variance += [noise.angle**2] * 3
-            label += [f"{s.name} turn {axis}" for axis in axes]
-        rows.append(rows_of(model, (s,), angle=angled or k in vectors))
+        values = {n: v[:, k] for n, v in recorded.items() if n != "quaternion" or np.isfinite(v[:, k]).any()}
+        columns += [column for value in values.values() for column in value.T]
+        turned = bool({"angle", "quaternion"} & set(values))
+        own = rows_of(model, (s,), angle=turned, further={n: c[k : k + 1] for n, (_, c) in further.items()})
+        rows.append(own)
+        label += [f"{s.name} {KINDS[kind].name}" for kind in own[:, 0]]
+        variance += [noise.of_row(kind, s.name) ** 2 for kind in own[:, 0]]
     time, value = recording["time"].values.astype(float), np.stack(columns, axis=1)
     return Measurement(time, np.concatenate(rows), value, np.array(variance), tuple(label), ())
 
@@ -236,24 +259,20 @@ def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]
     return np.asarray(turned)
 
 
-def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> dict[int, Array]:
-    """Return the recorded orientations of the stations' links as rotation vectors (T, 3) [rad] over T frames, in a dict
-    by station index.
+def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:
+    """Return the recorded orientations (T, S, 3) [rad] of S stations' links as rotation vectors over T frames.
 
-    A recording holds rotations since its rest, in the axes of the base frame. Stations without an orientation are
-    omitted.
+    A recording holds rotations since its rest, in the axes of the base frame. Missing orientations are NaN.
     """
     from scipy.spatial.transform import Rotation
 
-    if "quaternion" not in recording:
-        return {}
     chain = SpatialChain(model)
     links = chain.posed(chain.coordinates(state.equilibrium(model))).R[[s.link + 1 for s in stations]]
     quaternion = recording["quaternion"].sel(station=[s.name for s in stations]).values.astype(float)
     turns, seen = measured_turns(quaternion)
     vectors = Rotation.from_matrix((turns @ links).reshape(-1, 3, 3)).as_rotvec().reshape(*seen.shape, 3)
     vectors[~seen] = np.nan
-    return {int(k): vectors[:, k] for k in np.flatnonzero(seen.any(axis=0))}
+    return np.asarray(vectors)
 
 
 def from_curve(recording: xr.Dataset, model: Model, noise: Noise) -> Measurement:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from pliant.equations.observation import ALONG_X, ANGLE, KINDS
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -44,6 +45,9 @@ class Noise:
         Uncertainty of the initial state, rad, rad/s, N m.
     stations : mapping
         Measured coordinate by station, m, where it differs from `position`.
+    further : mapping
+        Measured value of another kind by its variable in the recording, where it differs from the default in
+        `equations.observation.KINDS`.
 
     Raises
     ------
@@ -51,8 +55,8 @@ class Noise:
         When a number is negative or not finite, or one that must be positive is zero.
     """
 
-    position: float = 5e-4
-    angle: float = 1e-3
+    position: float = KINDS[ALONG_X].noise
+    angle: float = KINDS[ANGLE].noise
     torque: float = 3e-3
     pressure: float = 0.0
     random_walk: float = 0.0
@@ -61,10 +65,12 @@ class Noise:
     initial_rate: float = 0.2
     initial_disturbance: float = 0.0
     stations: Mapping[str, float] = field(default_factory=dict)
+    further: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        levels = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "stations"}
-        levels |= {f"stations[{name}]": value for name, value in self.stations.items()}
+        levels = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("stations", "further")}
+        for part in ("stations", "further"):
+            levels |= {f"{part}[{name}]": value for name, value in getattr(self, part).items()}
         positive = {"position", "angle", "torque", "initial_angle", "initial_rate"}
         for name, value in levels.items():
             if not (np.isfinite(value) and value >= 0) or (value == 0 and (name in positive or "[" in name)):
@@ -72,6 +78,15 @@ class Noise:
                 raise InputError(
                     f"noise {name} must be finite and {sign} (a standard deviation in SI units), got {value}"
                 )
+
+    def of_row(self, kind: int, station: str) -> float:
+        """Return the standard deviation of a measured value at a station, by its number in
+        `equations.observation.KINDS`.
+        """
+        row = KINDS[kind]
+        if row.variable == "position":
+            return self.stations.get(station, self.position)
+        return {"angle": self.angle, "quaternion": self.angle, **self.further}.get(row.variable, row.noise)
 
     def densities(self, model: Model) -> tuple[Array, Array, Array, float]:
         """Return the spectral densities of the process noise: of each joint's torque, of each chamber's torque due to

@@ -12,7 +12,7 @@ from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer import without_valves
-from pliant.estimation.measurement import Measurement, flips, measurement_of
+from pliant.estimation.measurement import Measurement, flips, measurement_of, row_width
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import (
     FilterFrame,
@@ -200,7 +200,7 @@ def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> Filter
     (T, m).
     """
     constants = mechanics_of(model).observed()[0]
-    return FilterFrame(model.base_angle, constants, rows, value, variance, np.empty(len(rows)))
+    return FilterFrame(model.base_angle, constants, row_width(model), rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:

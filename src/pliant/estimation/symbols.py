@@ -16,6 +16,7 @@ from pliant.equations.symbols import (
     Joints,
     MemoryLaw,
     ObservedChain,
+    Sight,
     SpatialBody,
     SpatialWorkspace,
     StepSlopes,
@@ -137,7 +138,8 @@ class FilterFrame(NamedTuple):
 
     base_angle: float  # rad
     chain: ObservedChain | SpatialBody
-    rows: np.ndarray  # (m, 4), in space (m, 5), see `equations.observation.observe_rows`
+    wide: int  # columns of `rows` before the constants of their kinds: 4, in space 5
+    rows: np.ndarray  # (m, wide + constants), see `equations.observation.observe_rows`
     values: np.ndarray  # (m,) m or rad, NaN where one is missing
     variance: np.ndarray  # (m,)
     innovation: np.ndarray  # (m,) output: the whitened innovations
@@ -158,7 +160,7 @@ class FilterWorkspace(NamedTuple):
     change: np.ndarray  # (N,)
     seen: np.ndarray  # (m,)
     H: np.ndarray  # (m, n)
-    links: np.ndarray | SpatialWorkspace  # scratch of `equations.observation.observe_rows`, (5, links + 1)
+    sight: Sight  # scratch of `equations.observation.observe_rows`
 
 
 class FilterOutput(NamedTuple):
@@ -178,7 +180,7 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     n, chain = model.size, mechanics_of(model)
     slopes = chain.slopes()
     shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
-    scratch: list[Any] = [*map(np.zeros, shapes), chain.observed()[1]]
+    scratch: list[Any] = [*map(np.zeros, shapes), chain.sight()]
     return FilterWorkspace(chain.workspace(), chain.held(), slopes.J, slopes, *scratch)
 
 

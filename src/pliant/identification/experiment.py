@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.drawing import body_svg
+from pliant.equations.observation import FURTHER, KINDS
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
 from pliant.preprocessing.detectors import without_spikes
@@ -23,6 +24,14 @@ UNIT = 1e-3  # largest difference of a quaternion's length from 1
 FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
 Excitation = Literal["trace", "pulse", "step", "release"]
 AngleReference = Literal["rest", "base", "joint", ""]
+
+
+class FurtherRows(NamedTuple):
+    """Measured values of one kind at S stations in T frames, with the constants of their kind."""
+
+    values: Array  # (T, S), NaN where nothing was measured
+    constants: Array  # (S, k)
+    noise: float | None = None  # known standard deviation of the values
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,6 +95,9 @@ class Experiment(Shown):
     input_kinds : dict
         Kind of each recorded input ("pressure", "tension", "displacement", "angle") by the model input that it drives;
         "" stands for the only one. Empty where the kind is unknown.
+    further : dict
+        Measured values of other kinds, `FurtherRows`, by the variable of their kind in a recording, see
+        `equations.observation.KINDS`.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     without_positions : bool
@@ -117,6 +129,7 @@ class Experiment(Shown):
     poses: bool = False
     drives: Mapping[str, Trace] = field(default_factory=dict)
     input_kinds: Mapping[str, str] = field(default_factory=dict)
+    further: Mapping[str, FurtherRows] = field(default_factory=dict)
     x_sign: int = 1
     without_positions: bool = field(init=False)
     travel: float = field(init=False)
@@ -135,6 +148,7 @@ class Experiment(Shown):
         object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
         check_extras(self)
         check_orientation(self)
+        check_further(self)
         check_poses(self)
         if self.drives:
             check_drives(self)
@@ -318,7 +332,8 @@ def check_extras(exp: Experiment) -> None:
             f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations: use one of "
             f"{', '.join(exp.stations)}"
         )
-    levels = [*exp.noise.values(), *(v for v in (exp.angle_noise, exp.orientation_noise) if v is not None)]
+    known = (exp.angle_noise, exp.orientation_noise, *(rows.noise for rows in exp.further.values()))
+    levels = [*exp.noise.values(), *(v for v in known if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
     if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
@@ -383,6 +398,19 @@ def check_orientation(exp: Experiment) -> None:
         )
     if (np.abs(np.linalg.norm(orientation, axis=2) - 1.0) > UNIT).any():
         raise InputError(f"experiment {exp.name}: orientations must be unit quaternions x, y, z, w")
+
+
+def check_further(exp: Experiment) -> None:
+    """Raise InputError if measured values of other kinds do not match the stations, or their kind does not exist."""
+    for name, rows in exp.further.items():
+        counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
+        if exp.dimension not in counts:
+            raise InputError(f"experiment {exp.name}: {name!r} is no further kind of measurement in {exp.dimension} "
+                             f"dimensions ({', '.join(FURTHER) or 'there is none'}): leave it out")
+        wanted = exp.position.shape[:2], (len(exp.stations), counts[exp.dimension])
+        if (rows.values.shape, rows.constants.shape) != wanted:
+            raise InputError(f"experiment {exp.name}: {name} must have values and constants of the shapes {wanted}, "
+                             f"got {rows.values.shape} and {rows.constants.shape}")
 
 
 def check_drives(exp: Experiment) -> None:

@@ -40,36 +40,21 @@ class Before(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Positions of the observed points on the links of a planar chain, with the offset of the recording's frame and the
-    direction from which its angles are measured.
-    """
+    """Positions of the observed points on the links of a chain, with the offset of the recording's frame."""
 
-    chain: ObservedChain
-    links: np.ndarray  # (5, n + 1) scratch of `place_links`
-    carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
-    along: np.ndarray  # (S,) m
-    across: np.ndarray  # (S,) m
-    shift_x: float  # m
-    shift_y: float  # m
-    reference: float  # rad, what angles are measured from
-
-
-class SpatialPlaces(NamedTuple):
-    """Positions of the observed points on the links of a chain in space, with the offset of the recording's frame."""
-
-    body: SpatialBody
-    work: SpatialWorkspace
+    chain: ObservedChain | SpatialBody
+    links: np.ndarray | SpatialWorkspace  # scratch of `place_links`
     carrier: np.ndarray  # (S,) index of the link that carries each point, -1 the base
     along: np.ndarray  # (S,) m
     across: np.ndarray  # (S,) m
     aside: np.ndarray  # (S,) m
-    shift: np.ndarray  # (3,) m
+    shift: np.ndarray  # (3,) of the observed coordinates: m; in the plane m, m, and rad
 
 
 class Seen(NamedTuple):
     """Observed points of the chain, with the array (rows, S, 3) to which a simulation writes their coordinates."""
 
-    places: Places | SpatialPlaces
+    places: Places
     rows: np.ndarray
 
 

@@ -18,8 +18,7 @@ from pliant.identification.observation import (
     NumberKind,
     behind_sensors,
     in_kind,
-    places_in_plane,
-    places_in_space,
+    places_of,
 )
 from pliant.identification.poses import pose_rows
 from pliant.mechanics import mechanics_of
@@ -81,7 +80,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     n, *more = chain.sizes
     rows = rows if forward.between is None else forward.between[0].size
     work = in_kind(chain.workspace(), kind)
-    places = (places_in_space if chain.dimension == 3 else places_in_plane)(forward, numbers, kind)
+    places = places_of(forward, numbers, kind)
     out: Array = kind.of(np.zeros((rows, forward.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, forward.keep, numbers.load)
     before = Before(forward.still, numbers.held, numbers.held_base)

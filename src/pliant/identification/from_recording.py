@@ -12,10 +12,10 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification.drives import drives_of, driving, one_chamber
 from pliant.identification.edges import held_pose
-from pliant.identification.experiment import Excitation, Experiment
+from pliant.identification.experiment import Excitation, Experiment, FurtherRows
 from pliant.preprocessing.side import x_sign
 from pliant.recording.inputs import recorded_inputs
-from pliant.recording.schema import check_recording
+from pliant.recording.schema import check_recording, recorded_further
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -106,6 +106,7 @@ def experiment(
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
+        further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
     )
     return replace(exp, held=held_pose(exp)) if held == "measured" else exp
 

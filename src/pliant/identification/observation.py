@@ -12,13 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.spatial_observation import angle_over_sine
-from pliant.equations.symbols import ObservedChain
-from pliant.identification.follow_loops import Places, SpatialPlaces
+from pliant.equations.observation import row_value
+from pliant.equations.spatial_observation import rotation_between
+from pliant.equations.symbols import ObservedChain, Sight
+from pliant.identification.follow_loops import Places
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.mechanics import mechanics_of
 
 Array = np.ndarray
+UNTURNED = np.eye(3)
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
 LEAST_LAG = 1e-9  # s: a shorter one is none
@@ -39,21 +41,17 @@ def in_kind(record: Any, kind: NumberKind) -> Any:
     return type(record)(*(in_kind(e, kind) if isinstance(e, tuple) else kind.of(e) for e in record))
 
 
-def places_in_plane(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Places:
-    """Return where the observed points lie on the links of a planar chain, in the number type `kind`."""
-    links = kind.of(np.zeros((5, forward.model.n + 1)))
-    return Places(
-        ObservedChain(numbers.base_length, numbers.length, numbers.share), links, forward.carrier, numbers.along,
-        numbers.across, numbers.shift[0], numbers.shift[1], numbers.reference,
-    )
-
-
-def places_in_space(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> SpatialPlaces:
-    """Return where the observed points lie on the links of a chain in space, in the number type `kind`."""
-    work = in_kind(mechanics_of(forward.model).workspace(), kind)
-    return SpatialPlaces(
-        numbers.body, work, forward.carrier, numbers.along, numbers.across, numbers.aside, numbers.shift
-    )
+def places_of(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Places:
+    """Return where the observed points lie on the links of a chain, in the number type `kind`."""
+    chain, shift = mechanics_of(forward.model), kind.of(np.zeros(3))
+    shift[: len(numbers.shift)] = numbers.shift
+    if chain.dimension == 3:
+        parts: tuple[Any, Any] = (numbers.body, in_kind(chain.workspace(), kind))
+    else:
+        shift[2] = -numbers.reference
+        links = kind.of(np.zeros((5, forward.model.n + 1)))
+        parts = (ObservedChain(numbers.base_length, numbers.length, numbers.share), links)
+    return Places(*parts, forward.carrier, numbers.along, numbers.across, numbers.aside, shift)
 
 
 def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
@@ -144,7 +142,26 @@ def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
     """
     frames = frames_of(rows, oriented)
     turned = frames @ np.swapaxes(frames[..., :1, :, :, :], -1, -2)
-    return rotation_vectors(np.swapaxes(measured, -1, -2) @ turned)
+    return rotation_vectors(np.swapaxes(measured, -1, -2), np.swapaxes(turned, -1, -2))
+
+
+def one_of_three(values: Array) -> Array:
+    """Return values (...) as (..., 3), of which the second and third are NaN."""
+    return np.asarray(values[..., None] * np.array([1.0, np.nan, np.nan]))
+
+
+def modelled_rows(rows: Array, kind: int, constants: Array, *, planar: bool) -> Array:
+    """Return modelled values (..., T, S, 3) of one of `equations.observation.KINDS`, followed by NaN, from coordinates
+    `rows` (..., T, S or more, 3) of S observed points in T frames: x, y, angle in the plane, x, y, z in space.
+
+    `constants` (S, k) are those of the kind at each station. The angle of the station before, 0 before the first,
+    stands for the angle of the link before. An orientation in space has rows of its own.
+    """
+    p = np.moveaxis(rows[..., : len(constants), :], -1, 0)
+    none = np.full((3, *p.shape[1:]), np.nan)
+    before = np.concatenate([np.zeros_like(p[2][..., :1]), p[2][..., :-1]], axis=-1)
+    place, angle = (np.stack([*p[:2], none[0]]), np.stack([p[2], before])) if planar else (p, none)
+    return one_of_three(row_value(kind, Sight(none, none, place, angle, none, none), constants.T))
 
 
 def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:
@@ -154,12 +171,11 @@ def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives:
     return np.asarray(function(rows + 1j * TINY * derivatives).imag / TINY)
 
 
-def rotation_vectors(R: Array) -> Array:
-    """Return the rotation vectors (..., 3) [rad] of rotation matrices R (..., 3, 3), which may be complex.
-
-    The rotation vector is (theta / sin theta) v, where v is the vector of the matrix's skew part.
+def rotation_vectors(E: Array, R: Array = UNTURNED) -> Array:
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices E (..., 3, 3), or of the products E R^T with
+    rotation matrices R (..., 3, 3). All may be complex.
     """
-    skew = 0.5 * (R - np.swapaxes(R, -1, -2))
-    v = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    return np.asarray(angle_over_sine(cosine)[..., None] * v)
+    end, start = (np.moveaxis(M, (-2, -1), (0, 1)) for M in (E, R))
+    vectors = np.empty((3, *np.broadcast_shapes(end.shape[2:], start.shape[2:])), dtype=np.result_type(end, start))
+    rotation_between(end, start, vectors)
+    return np.moveaxis(vectors, 0, -1)

@@ -15,7 +15,7 @@ from pliant.equations.poses import Settling, settle_all, show_all
 from pliant.errors import InputError, SimulationError
 from pliant.identification.drives import check_driven
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
-from pliant.identification.observation import TINY, NumberKind, in_kind, places_in_space
+from pliant.identification.observation import TINY, NumberKind, in_kind, places_of
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.complex_slopes import of_kind
 from pliant.mechanics.rest import settling
@@ -83,9 +83,10 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
     """
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
-    work = mechanics_of(forward.model).workspace(complex)
-    places = places_in_space(forward, numbers, COMPLEX)
-    twin(show_all)(commands(numbers), numbers.body, numbers.joints, work, poses, places, out)
+    chain = mechanics_of(forward.model)
+    places = places_of(forward, numbers, COMPLEX)
+    show = twin(show_all, *chain.sizes)
+    show(commands(numbers), numbers.body, numbers.joints, chain.workspace(complex), poses, places, out)
     return out[1:]
 
 

@@ -7,8 +7,9 @@ from functools import partial
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER, KINDS
 from pliant.identification.experiment import Experiment
-from pliant.identification.observation import rotation_vectors, slopes_through, turns_off
+from pliant.identification.observation import modelled_rows, one_of_three, rotation_vectors, slopes_through, turns_off
 from pliant.identification.prediction import referenced_angles
 from pliant.preprocessing.detectors import quantum
 
@@ -39,7 +40,7 @@ class Observations:
         self.take(np.concatenate([position, angle[..., None]], axis=2) if self.planar else position)
         self.more: list[Callable[[Array], Array]] = []  # modelled values of kinds beside positions and angles
         self.unknown: list[tuple[int, tuple[int, ...]]] = []  # their rows and channels whose noise level is not given
-        swing = angle_travel(exp)
+        swing = largest_change(exp.angle)
         stations = np.ones(len(exp.stations)) if weighting == "noise" else length_weights(exp)
         scale = {"travel": (exp.travel, swing), "metre": (1.0, swing / exp.travel), "noise": (1.0, 1.0)}[weighting]
         self.weight = np.sqrt(stations)[:, None] / np.array([scale[0], scale[0], scale[self.planar]])
@@ -47,6 +48,12 @@ class Observations:
             self.weight /= noise_levels(exp, self.data)
         if exp.orientation is not None:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
+        for name, rows in exp.further.items():
+            kind, values = FURTHER[name], one_of_three(rows.values)
+            swing = exp.travel if KINDS[kind].unit == "m" else largest_change(rows.values)
+            weight = self.weights(values, swing, stations, rows.noise, weighting)
+            of = partial(modelled_rows, kind=kind, constants=rows.constants, planar=self.planar)
+            self.add(values, weight, of, noise_known=rows.noise is not None)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
         """Add the orientations of m stations in T frames, as quaternions (T, m, 4), to the observed values. `share`
@@ -54,14 +61,19 @@ class Observations:
         """
         turn, seen = measured_turns(quaternion)
         vectors = np.where(seen[..., None], rotation_vectors(turn), np.nan)
+        known = self.exp.orientation_noise
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
+        off = partial(turns_off, oriented=self.exp.oriented, measured=turn)
+        weight = self.weights(vectors, swing, share, known, weighting)
+        self.add(0.0 * vectors, weight, off, noise_known=known is not None)
+
+    def weights(self, values: Array, swing: float, share: Array, noise: float | None, weighting: str) -> Array:
+        """Return the weights (m, 3) of m values (T, m, 3) of another kind in T frames, whose largest change is `swing`.
+        `share` (m,) holds the weights of their stations, `noise` their standard deviation if it is known.
+        """
         scale = {"travel": swing, "metre": swing / self.exp.travel, "noise": 1.0}[weighting]
         weight = np.repeat(np.sqrt(share)[:, None], 3, axis=1) / scale
-        known = self.exp.orientation_noise
-        if weighting == "noise":
-            weight /= white_noise(vectors) if known is None else known
-        off = partial(turns_off, oriented=self.exp.oriented, measured=turn)
-        self.add(0.0 * vectors, weight, off, noise_known=known is not None)
+        return weight / (white_noise(values) if noise is None else noise) if weighting == "noise" else weight
 
     def add(self, values: Array, weight: Array, modelled: Callable[[Array], Array], *, noise_known: bool) -> None:
         """Add m values (T, m, 3) of another kind in T frames, with their weights (m, 3).
@@ -154,11 +166,11 @@ def white_noise(data: Array) -> Array:
     return noise
 
 
-def angle_travel(exp: Experiment) -> float:
-    """Return the largest change [rad] of any observed angle of an experiment; 1 if none was observed."""
-    if exp.angle is None:
+def largest_change(values: Array | None) -> float:
+    """Return the largest change of any of S values (T, S) over T frames; 1 if there are none."""
+    if values is None:
         return 1.0
-    return float(max(np.nanmax(np.nanmax(exp.angle, axis=0) - np.nanmin(exp.angle, axis=0)), 1e-9))
+    return float(max(np.nanmax(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)), 1e-9))
 
 
 def length_weights(exp: Experiment) -> Array:

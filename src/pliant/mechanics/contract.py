@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from pliant.compiler.trace import CURVED, REMEMBERS
-from pliant.equations.symbols import StepSlopes
+from pliant.equations.symbols import Sight, StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
@@ -96,6 +96,14 @@ class Mechanics(ABC):
         work, still = self.workspace(), np.zeros(self.size)
         J = np.zeros((2 * self.size + len(work.tau), 2 * self.size))
         return StepSlopes(J, duals(still), duals(still), type(work)(*map(duals, work)))
+
+    def sight(self, of: Any = None) -> Sight:
+        """Return new scratch arrays for `observation.observe_rows`; `of` converts floats (default: to dual numbers)."""
+        if of is None:
+            from pliant.compiler.duals import duals as of  # loads the compiler
+        links = self.observed()[1]
+        links = of(links) if isinstance(links, np.ndarray) else type(links)(*map(of, links))
+        return Sight(of(np.zeros(self.size)), links, *(of(np.full(shape, np.nan)) for shape in (3, 2, 3, (3, 3))))
 
     @abstractmethod
     def observed(self) -> tuple[Any, Any]:

@@ -247,7 +247,8 @@ class PlanarChain(Mechanics):
         stretch = self.stretches(x)
         first = stretch[..., :1, None] * self.model.first_joint
         joints = np.concatenate([np.zeros_like(first), first, tips[..., :-1, :]], axis=-2)
-        carrier, along, across = points_of(self.model.points)
+        carrier, along, across = np.array([(p.link + 1, p.along, p.across) for p in self.model.points]).T
+        carrier = carrier.astype(int)
         along, a = along * stretch[..., carrier], self.angles(x)[..., carrier]
         px = joints[..., carrier, 0] - along * np.sin(a) - across * np.cos(a)
         py = joints[..., carrier, 1] + along * np.cos(a) - across * np.sin(a)
@@ -380,16 +381,6 @@ class PlanarChain(Mechanics):
         stiffness = self._springs(q)[1] + self.stuck_stiffness
         slope = self.load_stiffness(x, self.weight())
         return T.T @ self.inertia(x) @ T, np.diag(stiffness) - T.T @ slope @ T
-
-
-def points_of(points: tuple[Station, ...]) -> tuple[Array, Array, Array]:
-    """Return three arrays (S,) for S observed points: index of the link plus 1, and distances along and across the link
-    [m].
-    """
-    return (
-        np.array([p.link + 1 for p in points]), np.array([p.along for p in points]),
-        np.array([p.across for p in points]),
-    )
 
 
 def pull_of(x: Array, load: Array, share: Array, base_angle: Any) -> Array:

@@ -11,6 +11,7 @@ from pliant.errors import InputError
 from pliant.preprocessing.rotations import best_rotation, from_matrix
 from pliant.recording import append_history, check_recording, make_recording
 from pliant.recording.mapping import FileMapping
+from pliant.recording.schema import refuse_loss
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -97,6 +98,7 @@ def assemble(
     others = recording.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
     others = others.drop_dims("station", errors="ignore")
     assembled = others.merge(assembled, combine_attrs="override").assign_attrs(assembled.attrs)
+    refuse_loss(recording, assembled, "assembling clusters", ("quaternion",))
     rigidity = ("station", residual,
                 {"units": "m", "long_name": "deviation of the markers from a rigid body"})  # fmt: skip
     return check_recording(append_history(assembled.assign_coords(rigidity=rigidity), *history))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
 from pliant.numerics.spline import local_cubic_matrix
 from pliant.preprocessing.arc_length import station_arc_length, whole_frames
@@ -80,7 +81,7 @@ def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
         raise InputError(f"only {inside.size} station(s) lie between {base:.6g} and {tip:.6g} m, but four are "
                          "needed: move base or tip")
     cut = recording.isel(station=inside).drop_vars("strain", errors="ignore")
-    if {"quaternion", "angle"} & set(recording.data_vars):
+    if {"quaternion", "angle", *FURTHER} & set(recording.data_vars):
         at, start = s[inside], s[inside[0]]
     else:
         cut, at = _with_exact_ends(recording, cut, s, inside, (base, tip))

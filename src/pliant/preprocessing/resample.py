@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
 from pliant.preprocessing.arc_length import station_arc_length
 from pliant.preprocessing.rotations import continuous
@@ -188,9 +189,11 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
     arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
     resampled = make_recording(
         coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
-        frame=recording.attrs["frame"], attrs=dict(recording.attrs), **arrays,
+        frame=recording.attrs["frame"], attrs=dict(recording.attrs),
+        further={n: array for n, array in arrays.items() if n in FURTHER},
+        **{n: array for n, array in arrays.items() if n not in FURTHER},
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith("_constants")}
     return resampled.assign(others).assign_attrs(recording.attrs)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
 from pliant.preprocessing.detectors import by_blocks, mean_place
 from pliant.preprocessing.rest import rest_window
@@ -72,8 +73,11 @@ def planar_side(recording: xr.Dataset) -> int:
 def half_turn(recording: xr.Dataset) -> xr.Dataset:
     """Return a planar recording turned by pi about the base tangent, so that all x coordinates and angles change sign.
 
-    The attribute `x_sign` and the history record the turn.
+    The attribute `x_sign` and the history record the turn. A variable of another kind raises InputError.
     """
+    if turned := [name for name in FURTHER if name in recording]:
+        raise InputError(f"a recording with {turned[0]} cannot be turned: record it in a base frame in which the body "
+                         f"bends to the side of the model, or remove {turned[0]}")  # fmt: skip
     changed = recording.assign_attrs({ATTRIBUTE: -x_sign(recording)})
     if "position" in recording:
         changed["position"] = recording["position"] * np.array([-1.0, 1.0])

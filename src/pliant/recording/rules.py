@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER, KINDS
 from pliant.errors import InputError, clipped
 from pliant.text import is_line
 from pliant.units import KIND_OF
@@ -46,6 +47,8 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "pressure": ((("pressure_time",), ("pressure_time", "chamber")), "Pa", "gauge pressure"),
     "actuation": ((("input_time", "input"),), "SI", "inputs other than pressure, in the SI unit of their kind"),
     "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
+    **{name: ((("time", "station"),), KINDS[kind].unit, KINDS[kind].meaning) for name, kind in FURTHER.items()},
+    **{f"{name}_constants": ((("station", "constant"),), "SI", f"constants of {name}") for name in FURTHER},
 }
 
 

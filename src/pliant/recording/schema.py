@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
 from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSION, VARIABLES, check_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
@@ -49,6 +50,7 @@ def make_recording(
     source_sha256: str = "",
     history: str | Sequence[str] = (),
     attrs: dict[str, Any] | None = None,
+    further: Mapping[str, ArrayLike] | None = None,
 ) -> xr.Dataset:
     """Build a recording (`xarray.Dataset`) from arrays such as positions and pressures, which are copied and checked.
 
@@ -101,6 +103,9 @@ def make_recording(
         One line per processing step so far.
     attrs : dict, optional
         Further attributes, stored unchanged.
+    further : dict, optional
+        Values (T, S) of other kinds of measurement by their variables in `equations.observation.KINDS`, and the
+        constants (S, k) of their stations by the variable followed by ``_constants``.
 
     Returns
     -------
@@ -128,11 +133,15 @@ def make_recording(
         coords["station"] = _names(station, array.shape[1], "station", "s")
         coords["axis"] = _axes(array.shape[2])
         variables["position"] = (("time", "station", "axis"), array)
-    for name, value, ndim in (("quaternion", quaternion, 3), ("angle", angle, 2)):
+    if strange := [name for name in further or () if name.removesuffix("_constants") not in FURTHER]:
+        raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
+                         "leave it out")  # fmt: skip
+    for name, value in {"quaternion": quaternion, "angle": angle, **(further or {})}.items():
         if value is not None:
-            array = _floats(name, value, ndim)
+            array = _floats(name, value, len(VARIABLES[name][0][0]))
             variables[name] = (VARIABLES[name][0][0], array)
-            coords.setdefault("station", _names(station, array.shape[1], "station", "s"))
+            count = array.shape[VARIABLES[name][0][0].index("station")]
+            coords.setdefault("station", _names(station, count, "station", "s"))
     if quaternion is not None:
         coords["component"] = list(COMPONENTS)
     if arc_length is not None:
@@ -152,6 +161,16 @@ def make_recording(
     if nominal_pressure is not None:
         recording.attrs["nominal_pressure"] = float(nominal_pressure)
     return check_recording(recording)
+
+
+def recorded_further(recording: xr.Dataset, stations: Sequence[str]) -> dict[str, tuple[NDArray, NDArray]]:
+    """Return the values (T, S) and the constants (S, k) of S stations in T frames for each measured variable beside
+    positions, angles and orientations that a recording holds, by the name of the variable.
+    """
+    found = [name for name in FURTHER if name in recording]
+    shown = recording.sel(station=list(stations)) if found else recording
+    none = np.zeros((len(stations), 0))
+    return {n: (shown[n].values, shown[m].values if (m := f"{n}_constants") in shown else none) for n in found}
 
 
 NEEDED = {"position": "positions", "quaternion": "orientations", "pressure": "a pressure", "strain": "strain"}
