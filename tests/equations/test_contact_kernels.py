@@ -6,10 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles.chains import SIZES, random_chain, random_state, workspace
+from oracles.chains import SIZES, random_chain, random_state, station, workspace
 from oracles.derivatives import complex_step
 
-from pliant.equations.chain import station
 from pliant.equations.contact import add_link_loads, momentum, momentum_rate, point_force
 from pliant.equations.elastic import joint_torques
 from pliant.equations.inertia import inertia_absolute

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.chains import SIZES, random_chain, random_state, workspace
+from oracles.chains import SIZES, random_chain, random_state, station, workspace
 from oracles.derivatives import complex_step
 
 from pliant import basic
-from pliant.equations.chain import station
 from pliant.equations.elastic import gravity_absolute, to_joint_torques
 from pliant.equations.energy import (
     add_step_work,

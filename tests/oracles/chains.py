@@ -119,3 +119,13 @@ def paper_chain(mass="tip", n=5, m_tip=0.0, **changes):
     inertia = m * l**2 / 12 if mass == "rod" else 0 * one
     chain = Chain(l, 0 * one, m, c, inertia, 1.6067 * one, 8e-3 * one, one, m_tip)
     return chain._replace(**changes)
+
+
+def station(phi, l, first, base_angle, point, p):
+    """Write the position p (2,) [m] of a point at (link, along, across) of a chain with absolute link angles phi (n,)."""
+    link, along, across = point
+    joint = np.array(first) if link >= 0 else np.zeros(2)
+    for i in range(link):
+        joint = joint + l[i] * np.array([-np.sin(phi[i]), np.cos(phi[i])])
+    s, c = (f(phi[link] if link >= 0 else base_angle) for f in (np.sin, np.cos))
+    p[:] = joint + along * np.array([-s, c]) - across * np.array([c, s])

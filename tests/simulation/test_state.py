@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.chains import station
 from scipy.optimize import root
 
 from pliant.errors import InputError, SimulationError
@@ -174,9 +175,7 @@ def test_stations_and_tips_agree_along_a_trajectory(awkward):
     assert run.station_angle.values == pytest.approx(phi, abs=1e-14)
 
 
-def test_the_kernel_for_stations_says_the_same(awkward, rng):
-    from pliant.equations.chain import station
-
+def test_stations_lie_where_a_sum_over_the_links_has_them(awkward, rng):
     phi = rng.normal(size=3)
     points = [("a", -1, 0.013, 0.004), ("b", 0, 0.02, -0.01), ("c", 2, 0.06, 0.03)]
     position, _ = mechanics_of(awkward.with_(stations=points)).stations(phi)
