@@ -122,7 +122,7 @@ def paper_chain(mass="tip", n=5, m_tip=0.0, **changes):
 
 
 def station(phi, l, first, base_angle, point, p):
-    """Write the position p (2,) [m] of a point at (link, along, across) of a chain with absolute link angles phi (n,)."""
+    """Write the position p (2,) [m] of a point (link, along, across) of a chain with absolute link angles phi (n,)."""
     link, along, across = point
     joint = np.array(first) if link >= 0 else np.zeros(2)
     for i in range(link):
