@@ -48,7 +48,6 @@ def kinematic_cases(chain, q, dq, phi, w):
         (section.torque, (1.5, np.array([0.3, 0.2]))),
         (chain_kernels.forward, (q, theta0, l, *pose)),
         (chain_kernels.tips, (phi, l, 0.1, 0.2, np.zeros((n, 2)))),
-        (chain_kernels.station, (phi, l, (0.1, 0.2), 0.3, (n - 1, 0.01, 0.002), np.zeros(2))),
         (velocity.body_velocities, (q, dq, theta0, l, np.zeros(n), np.zeros((n, 2)))),
         (velocity.body_hessian, (q, theta0, l, chain.c, np.zeros((n, 2, n, n)))),
         (inertia.inertia_absolute, (c, s, body.B, body.I, np.zeros((n, n)))),
