@@ -133,7 +133,7 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """Sizes for which kernels are compiled: links, segments that lengthen and, in space, joint angles and tendons."""
+        """Sizes for which kernels are compiled: links, extensible segments and, in space, joint angles and tendons."""
 
     # coordinates
 
