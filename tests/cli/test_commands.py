@@ -159,7 +159,7 @@ def test_a_study_runs_from_file_to_report(study: Path, tmp_path: Path) -> None:
 
 def test_a_model_is_simulated_saved_and_drawn(model: Path, tmp_path: Path) -> None:
     out, figure = tmp_path / "path.nc", tmp_path / "path.svg"
-    result = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.5", "--start", "0.1", "--width", "0.2",
+    result = invoke("simulate", model, "--level", "80", "--duration", "0.5", "--start", "0.1", "--width", "0.2",
                     "-o", out, "--figure", figure, "--json")
     assert result.exit_code == 0, result.output
     numbers = json.loads(result.stdout)
@@ -190,15 +190,15 @@ def test_a_pulse_needs_no_option(model: Path) -> None:
 
 
 def test_a_vacuum_is_not_told_as_no_pressure(model: Path) -> None:
-    numbers = json.loads(invoke("simulate", model, "--level-kpa", "-20", "--duration", "0.5", "--json").stdout)
+    numbers = json.loads(invoke("simulate", model, "--level", "-20", "--duration", "0.5", "--json").stdout)
     assert numbers["largest_pressure_kpa"] == pytest.approx(-20)
     assert numbers["largest_tip_displacement_mm"] > 0.1
 
 
 @pytest.mark.slow
 def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
-    plain = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "-o", tmp_path / "a.csv", "--json")
-    loaded = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "--load-g", "30", "--film",
+    plain = invoke("simulate", model, "--level", "80", "--duration", "0.6", "-o", tmp_path / "a.csv", "--json")
+    loaded = invoke("simulate", model, "--level", "80", "--duration", "0.6", "--load-g", "30", "--film",
                     tmp_path / "motion.gif", "-o", tmp_path / "b.nc", "--json")
     assert (plain.exit_code, loaded.exit_code) == (0, 0), plain.output + loaded.output
     rows = pd.read_csv(tmp_path / "a.csv")
@@ -213,7 +213,7 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     told = json.loads(loaded.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * heavy.tip_position.to_numpy()[-1, -1], abs=1e-6)
     assert (tmp_path / "motion.gif").read_bytes()[:6] == b"GIF89a"
-    pushed = invoke("simulate", model, "--level-kpa", "0", "--duration", "0.6", "--force", "0.1,0", "--json")
+    pushed = invoke("simulate", model, "--level", "0", "--duration", "0.6", "--force", "0.1,0", "--json")
     force = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.0, 0.0]])
     pull = PointForce(np.array([0.12, 0.12, 2.88, 2.88]), force, own.points[-1].name)
     alone = simulate(own, Pulse(0.0), duration=0.6, forces=[pull])

@@ -225,7 +225,7 @@ def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
     """Return (chamber, name of its tendon in the MJCF, name of its first control) for each chamber of a model."""
     actuation = model.actuation
-    names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
+    names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "{kind}"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
