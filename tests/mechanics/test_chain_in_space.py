@@ -22,7 +22,7 @@ def pair(**more):
 def turned_chain(rng, *, twist=True):
     space = Space(
         stiffness_ratio=1.4, twist_ratio=0.8 * twist, radius=0.02, rest_turn=rng.normal(0, 0.2, (5, 3)),
-        base_tilt=rng.normal(0, 0.3, 2),
+        base_tilt=rng.normal(0, 0.3, 3),
     )
     return pliant.chain_model(**BODY, gravity=(1.0, -2.0, -9.0), space=space, cubic_stiffening=0.4)
 
@@ -104,8 +104,8 @@ def test_kinetic_energy_is_half_of_v_inertia_v_along_whole_motions():
 def test_a_body_turned_with_gravity_rests_in_the_turned_shape():
     """The base tilted by some angle under gravity turned the same way: the same joint angles, the shape turned."""
     model = pliant.chain_model(**BODY, gravity=(2.0, 1.0, 6.0), space=True)
-    tilt = np.array([0.4, -0.7])
-    R = Rotation.from_rotvec([*tilt, 0.0])
+    tilt = np.array([0.4, -0.7, 0.5])
+    R = Rotation.from_rotvec(tilt)
     turned = model.with_(gravity=R.as_matrix() @ model.gravity, space=Space(base_tilt=tilt))
     q, same = pliant.equilibrium(model, 60e3), pliant.equilibrium(turned, 60e3)
     assert np.allclose(q, same, atol=1e-11)

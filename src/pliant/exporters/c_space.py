@@ -102,7 +102,7 @@ class SpatialText(Text):
             if any(e.curved for e in self.model.extensions):
                 self.curved_spring(w, s, self.model.size - len(self.model.extensions) + s, "axial_")
         self.cap(w)
-        w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
+        w.call(turn_matrix, *(Real(f"p->base_tilt[{i}]") for i in range(3)), body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def joint(self, w: CWriter, k: int) -> None:
