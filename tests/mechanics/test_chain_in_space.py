@@ -112,6 +112,18 @@ def test_a_body_turned_with_gravity_rests_in_the_turned_shape():
     assert np.allclose(R.apply(mechanics_of(model).tips(q)), mechanics_of(turned).tips(same), atol=1e-12)
 
 
+def test_a_turn_of_the_base_about_its_tangent_is_a_turn_of_all_azimuths():
+    def pulled(turn, **space):
+        cords = [Tendon.at_azimuth(a + turn, np.ones(5), name=f"{a}", lever=0.01) for a in (0.5, 2.6)]
+        return pliant.chain_model(**{k: v for k, v in BODY.items() if k != "torque"}, chambers=cords,
+                                  gravity=(0.0, 0.0, 6.0), space=Space(**space))  # fmt: skip
+
+    moved, turned = pulled(-0.3), pulled(0.0, base_tilt=(0.0, 0.0, -0.3))
+    tips = [mechanics_of(m).tips(pliant.equilibrium(m, [9.0, 4.0])) for m in (moved, turned)]
+    assert np.allclose(*tips, atol=1e-10)
+    assert np.abs(tips[0] - mechanics_of(moved).tips(pliant.equilibrium(pulled(0.0), [9.0, 4.0]))).max() > 1e-2
+
+
 def test_a_force_at_the_tip_of_a_round_section_bends_it_in_the_plane_of_the_force():
     model = pliant.chain_model(**BODY, space=True)
     q = pliant.equilibrium(model, 0.0, np.array([0.3, 0.4, 0.0])).reshape(5, 2)
