@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pliant.cli.terminal import answer, progress_lines
+from pliant.errors import InputError
+from pliant.units import KIND_OF, shown_in
 
 if TYPE_CHECKING:
     from pliant.identification.design import Design
@@ -15,9 +19,10 @@ if TYPE_CHECKING:
 
 def design(
     study: Annotated[Path, typer.Argument(help="Study file (TOML) with the existing recordings.")],
-    max_kpa: Annotated[
-        float | None, typer.Option("--max-kpa", help="Highest pressure, kPa gauge; default: the highest recorded.")
-    ] = None,
+    highest: Annotated[
+        str, typer.Option("--max", help="Highest input with its unit, as 30kPa (gauge), or as 5N,3mm of inputs of "
+                                        "several units. Default: the highest recorded.")
+    ] = "",
     criterion: Annotated[
         str, typer.Option("--criterion", help="Reduce the largest uncertainty (E) or the mean uncertainty (D).")
     ] = "E",
@@ -25,15 +30,31 @@ def design(
 ) -> None:
     """Rank pulses and chirps by how much one more recording of each would reduce the parameters' standard errors.
 
-    Example: pliant design study.toml --max-kpa 30
+    Example: pliant design study.toml --max 30kPa
     """
     from pliant.study import load_study
     from pliant.study.design import design_study
 
-    highest = None if max_kpa is None else max_kpa * 1e3
+    limits = highest_levels(highest) if highest else None
     with progress_lines() as notify:
-        plan = design_study(load_study(study), highest=highest, criterion=criterion, progress=notify)
+        plan = design_study(load_study(study), highest=limits, criterion=criterion, progress=notify)
     answer(plan.to_dict(), design_table(plan), as_json=json, indent=2)
+
+
+def highest_levels(text: str) -> dict[str, float]:
+    """Return levels [SI] by SI unit from a text such as "30kPa" or "5N,3mm"."""
+    si = {shown_in(unit)[1]: unit for unit in KIND_OF}
+    levels = {}
+    for part in text.split(","):
+        found = re.fullmatch(rf"\s*([\d.eE+-]+)\s*({'|'.join(si)})\s*", part)
+        try:
+            unit = si[found[2]] if found else ""
+            levels[unit] = float(found[1]) * (1.0 / shown_in(unit)[0]) if found else math.nan
+        except ValueError:
+            levels[""] = math.nan
+    if "" in levels:
+        raise InputError(f"--max must be numbers with units, as 30kPa or 5N,3mm (kPa, N, mm or rad), got {text!r:.80}")
+    return levels
 
 
 def design_table(plan: Design) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,25 +10,28 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.identification.experiment import Experiment
+from pliant.identification.prediction import compared_of
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.model import Model
 from pliant.simulation import Chirp, Pulse, Trace, modes, simulate
 from pliant.simulation.inputs import Input
+from pliant.units import in_words, input_words, shown_in
 
 Array = np.ndarray
 CRITERIA = ("E", "D")
-LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the highest pressure
+LEVELS = (0.25, 0.5, 0.75, 1.0)  # of the highest level
 WIDTHS = (0.1, 0.3, 1.0, 3.0)  # s
 BEFORE, AFTER = 0.2, 2.0  # s of rest around an excitation
 CHIRP = 6.0  # s
+BOTH_SIGNS = ("m", "rad")  # units of inputs that act on both sides of 0
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A pressure input that could be recorded next: description, input function, duration [s] and peak pressure [Pa].
+    """An input that could be recorded next: description, input function, duration [s] and peak level [SI].
 
-    Of several chambers, the pressure drives those named in `chambers`; the others stay at 0 Pa.
+    Of a model's inputs, it drives those named in `chambers`, which have the same unit; the others stay at 0.
     """
 
     words: str
@@ -40,7 +43,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Expected standard errors of the parameters after one more recording, made with a given pressure input.
+    """Expected standard errors of the parameters after one more recording, made with a given input.
 
     Attributes
     ----------
@@ -62,7 +65,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Design:
-    """Result of `design`: proposed pressure inputs, best first, and the standard errors without a further recording."""
+    """Result of `design`: proposed inputs, best first, and the standard errors without a further recording."""
 
     now: Proposal
     direction: tuple[str, ...]  # parameters of the least certain direction now
@@ -77,10 +80,10 @@ class Design:
 
 
 def design(
-    fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | None = None, criterion: str = "E",
-    time_step: float | None = None, candidates: Sequence[Candidate] | None = None,
+    fitted: FitResult, experiments: Sequence[Experiment], *, highest: float | Mapping[str, float] | None = None,
+    criterion: str = "E", time_step: float | None = None, candidates: Sequence[Candidate] | None = None,
 ) -> Design:
-    """Rank pressure inputs for the next recording by the standard errors that the parameters would have after it.
+    """Rank inputs for the next recording by the standard errors that the parameters would have after it.
 
     The Fisher information of the fit and that of a recording simulated under each candidate are added. The simulated
     recording has noise of the size of the fit's residuals, whose correlation in time is taken into account.
@@ -90,20 +93,21 @@ def design(
     fitted : FitResult
     experiments : sequence of Experiment
         The experiments of the fit. The simulated recording takes its stations, frame rate and excitation from them.
-    highest : float, optional
-        Highest pressure that the actuator may get, Pa; default: the highest recorded one.
+    highest : float or mapping, optional
+        Highest level that an input may get, SI: one number if all inputs have the same unit, else one for each unit,
+        such as ``{"N": 5.0, "m": 3e-3}``. Default: for each unit the highest recorded level.
     criterion : {"E", "D"}
         "E" minimises the error along the least certain direction, "D" the geometric mean over all directions.
     time_step : float, optional
         Longest time step, s; default: that of the fit.
     candidates : sequence of Candidate, optional
-        Default: pulses of four pressure levels and four widths and, where the pressure is measured, chirps through the
-        first mode. With several chambers, each excitation drives every chamber alone, then all together.
+        Default: pulses of four levels and four widths and, where the inputs are measured, chirps through the first
+        mode. With several inputs, each excitation drives every input alone, then all of one unit together.
 
     Raises
     ------
     InputError
-        When the fit has no free shared parameter, or the limit of the pressure is missing or passed.
+        When the fit has no free shared parameter, or the limit of an input is missing or passed.
     """
     if criterion not in CRITERIA:
         raise InputError(f"unknown criterion {criterion!r}: use E (weakest direction) or D (all directions)")
@@ -115,13 +119,10 @@ def design(
     if not names:
         raise InputError("a design needs a free parameter that all recordings share, and this fit has none: "
                          "let one be free, such as stiffness")
-    limit = highest if highest is not None else max(highest_of(e) for e in experiments)
-    offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limit)
-    if not limit > 0:
-        raise InputError(f"the highest pressure of a design must be positive, got {limit} Pa: set highest")
-    if high := [c for c in offered if c.level > limit * (1 + 1e-9)]:
-        raise InputError(f"candidate {high[0].words!r} reaches {high[0].level} Pa, but must not exceed the highest "
-                         f"pressure of {limit} Pa: lower its level, or raise highest")  # fmt: skip
+    limits = limits_of(fitted.model, experiments, highest)
+    offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limits)
+    for one in offered:
+        check_level(fitted.model, one, limits)
     scales = {p.name: p.scale or 1.0 for p in fitted.parameters}
     sizes = {n: abs(fitted.values[n]) or scales[n] for n in names}
     unit = np.array(list(sizes.values()))
@@ -139,25 +140,78 @@ def design(
     return Design(now, direction, tuple(found), tuple(refused))
 
 
-def standard(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default pressure inputs to rank, for each chamber alone and all together: pulses and chirps up to
-    `limit` [Pa].
+def limits_of(
+    model: Model, experiments: Sequence[Experiment], highest: float | Mapping[str, float] | None,
+) -> dict[str, float]:
+    """Return the highest level that inputs of each unit may get, by SI unit: the stated one, or the highest recorded.
+
+    Displacements and angles, which have both signs, count by their size.
     """
-    names = [c.name for c in model.chambers]
-    if len(names) > 1:
-        return [
-            replace(one, words=f"{', '.join(driven)}: {one.words}", chambers=driven)
-            for driven in (*((name,) for name in names), tuple(names)) for one in courses(model, like, limit)
-        ]
-    return courses(model, like, limit)
+    unit_of = dict(zip(model.actuation.names, model.actuation.units, strict=True))
+    units = list(dict.fromkeys(unit_of.values()))
+    if isinstance(highest, Mapping):
+        stated = dict(highest)
+    elif highest is None or len(units) == 1:
+        stated = {} if highest is None else {units[0]: highest}
+    else:
+        raise InputError(f"the inputs of model {model.name!r} have the units {', '.join(units)}: give the highest "
+                         "level of each")  # fmt: skip
+    if strange := sorted(set(stated) - set(units)):
+        raise InputError(f"no input of model {model.name!r} has the unit {strange[0]!r}: state the highest levels in "
+                         f"{', '.join(units)}")  # fmt: skip
+    limits = {}
+    for unit in units:
+        peaks = [[p for name, p in peaks_of(e).items() if unit_of.get(name, units[0]) == unit] for e in experiments]
+        own = [abs(most) if unit in BOTH_SIGNS else most for most in (max(p, key=abs) for p in peaks if p)]
+        limits[unit] = stated[unit] if unit in stated else max(own, default=0.0)
+        if not limits[unit] > 0:
+            word = input_words([unit])[0]
+            raise InputError(f"the highest {word} of a design must be positive, got {in_words(limits[unit], unit)}: "
+                             "set highest")  # fmt: skip
+    return limits
 
 
-def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
-    """Return the default pressure inputs to rank for one chamber: pulses up to `limit` [Pa] and, for recordings with a
-    measured pressure, chirps.
+def peaks_of(exp: Experiment) -> dict[str, float]:
+    """Return the value [SI] of each input of an experiment that is farthest from 0, by the name of the input, which is
+    "" for the only one. If none was measured, it is the nominal level.
     """
+    return {name: trace.peak for name, trace in exp.traces.items()} or {"": exp.level}
+
+
+def check_level(model: Model, candidate: Candidate, limits: Mapping[str, float]) -> None:
+    """Raise InputError if a candidate exceeds the highest level [SI] of its inputs, which `limits` gives by unit."""
+    unit_of = dict(zip(model.actuation.names, model.actuation.units, strict=True))
+    for unit in dict.fromkeys(unit_of[name] for name in candidate.chambers or unit_of):
+        if abs(candidate.level) > limits[unit] * (1 + 1e-9):
+            raise InputError(
+                f"candidate {candidate.words!r} reaches {in_words(candidate.level, unit)}, but must not exceed the "
+                f"highest {input_words([unit])[0]} of {in_words(limits[unit], unit)}: lower its level, or raise highest"
+            )
+
+
+def standard(model: Model, like: Experiment, limits: Mapping[str, float]) -> list[Candidate]:
+    """Return the default inputs to rank, for each input of the model alone and all of one unit together: pulses and
+    chirps up to the level [SI] that `limits` gives for the unit.
+    """
+    names, units = model.actuation.names, model.actuation.units
+    if len(names) == 1:
+        return courses(model, like, limits[units[0]], units[0])
+    together = {unit: tuple(n for n, own in zip(names, units, strict=True) if own == unit) for unit in limits}
+    driven: list[tuple[tuple[str, ...], str]] = [((name,), unit) for name, unit in zip(names, units, strict=True)]
+    driven += [(group, unit) for unit, group in together.items() if len(group) > 1]
+    return [
+        replace(one, words=f"{', '.join(group)}: {one.words}", chambers=group)
+        for group, unit in driven for one in courses(model, like, limits[unit], unit)
+    ]
+
+
+def courses(model: Model, like: Experiment, limit: float, unit: str) -> list[Candidate]:
+    """Return the default time series to rank for one input: pulses up to `limit` in its SI `unit` and, for recordings
+    with measured inputs, chirps.
+    """
+    factor, shown = shown_in(unit)
     offered = [
-        Candidate(f"pulse, {share * limit * 1e-3:.3g} kPa for {width:g} s", Pulse(share * limit, BEFORE, width),
+        Candidate(f"pulse, {share * limit * factor:.3g} {shown} for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)
         for share in LEVELS for width in WIDTHS
     ]
@@ -165,7 +219,8 @@ def courses(model: Model, like: Experiment, limit: float) -> list[Candidate]:
         first = float(modes(model)[0][0])
         offered += [
             Candidate(
-                f"chirp, 0 to {share * limit * 1e-3:.3g} kPa, {0.1 * first:.2g} to {1.5 * first:.2g} Hz in {CHIRP:g} s",
+                f"chirp, 0 to {share * limit * factor:.3g} {shown}, {0.1 * first:.2g} to {1.5 * first:.2g} Hz in "
+                f"{CHIRP:g} s",
                 Chirp(0.5 * share * limit, 0.5 * share * limit, 0.1 * first, 1.5 * first, CHIRP, BEFORE),
                 BEFORE + CHIRP + AFTER, share * limit,
             ) for share in LEVELS[1::2]
@@ -203,8 +258,8 @@ def information_gain(
     values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **own}
     every = {**sizes, **dict.fromkeys(own, 0.01)}
     _, slopes = sensitivities(model, exp, values, every, time_step)
-    J = slopes[..., :2].reshape(len(every), -1) * np.array(list(every.values()))[:, None]
-    noise = np.sqrt(np.mean([v**2 for v in fitted.rmse.values()]) / 2)
+    J = compared_of(like, slopes).reshape(len(every), -1) * np.array(list(every.values()))[:, None]
+    noise = np.sqrt(np.mean([v**2 for v in fitted.rmse.values()]) / like.compared.shape[2])
     assert fitted.covariance is not None
     frames = max(1.0, fitted.covariance.correlated / interval)
     whole = J @ J.T / (noise**2 * frames)
@@ -215,7 +270,7 @@ def information_gain(
 
 
 def sampled(candidate: Candidate) -> Trace:
-    """Return the pressure input of a candidate as a `Trace`: a pulse as four samples at its two jumps, any other input
+    """Return the input of a candidate as a `Trace`: a pulse as four samples at its two jumps, any other input
     sampled at 1 kHz.
     """
     if isinstance(candidate.pressure, Pulse):
@@ -247,10 +302,3 @@ def summary(words: str, information: Array, names: Sequence[str]) -> tuple[Propo
         float(np.exp(-0.5 * np.mean(np.log(values)))),
     )
     return proposal, tuple(n for n, p in zip(names, part, strict=True) if p)
-
-
-def highest_of(exp: Experiment) -> float:
-    """Return the pressure [Pa] of an experiment that is farthest from 0, or the nominal pressure if
-    none was measured.
-    """
-    return max([trace.peak for trace in exp.traces.values()], key=abs, default=exp.level)

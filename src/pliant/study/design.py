@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pliant.identification.design import Design, design
 from pliant.study.fits import run_fit, run_model_selection, selection_fit
@@ -12,7 +12,8 @@ from pliant.study.schema import Study
 
 
 def design_study(
-    study: Study, *, highest: float | None = None, criterion: str = "E", progress: Callable[[str], None] | None = None,
+    study: Study, *, highest: float | Mapping[str, float] | None = None, criterion: str = "E",
+    progress: Callable[[str], None] | None = None,
 ) -> Design:
     """Fit a study's model and rank candidate recordings by how much each would reduce the uncertainty of the
     parameters.
@@ -20,8 +21,7 @@ def design_study(
     Parameters
     ----------
     study : Study
-    highest : float, optional
-        Highest permitted pressure [Pa]. Default: the highest pressure of the training recordings.
+    highest : float or mapping, optional
     criterion : {"E", "D"}
         As in `pliant.identification.design.design`.
 
