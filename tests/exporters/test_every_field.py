@@ -24,7 +24,7 @@ from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tend
 PARTS = (Model, Chamber, Valve, Memory, Extension, Station, Space, Tendon)
 ENDS = {name: e.suffixes[0] for name, e in exporters().items()} | {"state-space": ".npz"}
 OPTIONS: dict[str, dict[str, Any]] = {"state-space": {"pressure": [2e4, 3e4]}, "mjcf": {"highest": 2e5}}
-IN_SPACE = {**OPTIONS, "state-space": {"pressure": [2e-3, 0.3, 1.0]}}
+IN_SPACE = {**OPTIONS, "state-space": {"pressure": [2e-3, 0.3, 1.0]}, "mjcf": {"highest": [4e-3, 0.5, 3.0]}}
 
 
 @pytest.fixture(scope="module", autouse=True)

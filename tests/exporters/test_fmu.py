@@ -137,7 +137,9 @@ def test_a_body_in_space_under_tendons(made, tmp_path):
     known = {v.name: v for v in variables(model, 0.0)}
     names = ["displacement_long", "angle_pair", "tension_short"]
     assert [known[name].unit for name in names] == ["m", "rad", "N"]
-    assert [known[f"torque[{c},1]"].unit for c in (1, 2, 3)] == ["N/m", "N/rad", "m"]
+    assert [known[f"torque[{c},1]"].unit for c in (1, 2, 3)] == ["N/m", "N/rad", ""]
+    assert [known[f"valve[{c},3]"].unit for c in (1, 2, 3)] == ["m/s", "rad/s", "N/s"]
+    assert known["joint_gain[1,1]"].unit == "m"
     run, stiff = Session(file, "2.0", tmp_path), model.with_(space=replace(model.space, stiffness_ratio=2.0))
     for body in (model, stiff):
         stepper = Stepper(model, 1e-3, np.zeros(3))

@@ -11,6 +11,7 @@ from target_models import in_space, longer, pulled, tied, twisting
 
 import pliant
 from pliant.errors import InputError
+from pliant.exporters.c99 import code
 from pliant.exporters.features import without
 from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance
@@ -277,3 +278,34 @@ def test_a_rest_shape_that_turns_by_a_right_angle(tmp_path):
     model = in_space()
     turned = model.with_(space=replace(model.space, rest_turn=[0.0, np.pi / 2, 0.0]))
     pliant.export(turned, "urdf", tmp_path / "arm.urdf")
+
+
+def test_the_control_of_each_input_reaches_its_own_level(tmp_path):
+    """A displacement in m, an angle in rad and a tension in N: one number does not do for all."""
+    model = pulled()
+    mujoco, m, _ = compiled(model)
+    ends = [2.0 * typical_pressure(model, c) for c in range(3)]
+    ranges = [m.actuator(f"{kind}_{name}").ctrlrange for kind, name in zip(
+        ("displacement", "angle", "tension"), ("long", "pair", "short"), strict=True)]  # fmt: skip
+    np.testing.assert_allclose(ranges, [[-ends[0], ends[0]], [-ends[1], ends[1]], [0.0, ends[2]]], rtol=1e-9)
+    written = pliant.export(model, "mjcf", tmp_path / "a.xml", approximate=True, highest=[0.004, 0.5, 3.0])
+    m = mujoco.MjModel.from_xml_path(str(written.files[0]))
+    assert [m.actuator(a).ctrlrange[1] for a in range(3)] == [0.004, 0.5, 3.0]
+    assert not any("controls range" in line for line in written.notes)
+    notes = pliant.export(model, "mjcf", tmp_path / "b.xml", approximate=True).notes
+    upper = f"{1e3 * ends[0]:.4g} mm (long), {ends[1]:.4g} rad (pair), {ends[2]:.4g} N (short)"
+    assert f"controls range from 0 to {upper}: set highest (m, rad, N) for another range" in notes
+    with pytest.raises(InputError, match=r"the inputs long \[m\], pair \[rad\], short \[N\]: give one for each"):
+        pliant.export(model, "mjcf", tmp_path / "c.xml", approximate=True, highest=1e5)
+
+
+def test_the_header_and_the_origin_state_the_unit_of_each_input():
+    model = pulled(2)
+    origin = Provenance(model, "c99", "test")
+    assert origin.to_dict()["frame"].endswith("its tangent along +z; inputs: long [m], pair [rad], short [N]")
+    made = code(model, origin, time_step=1e-3, precision="double", pressure=[2e-3, 0.0, 1.0], prefix="arm")
+    assert "equilibrium under 0.002 m, 0 rad, 1 N, for" in made.header
+    declared = made.header.partition("typedef")[2]
+    assert "/* N/m (input in m), N/rad (input in rad), 1 (input in N) */" in declared
+    assert "/* s, s, m/s or rad/s or N/s, m/s or rad/s or N/s */" in declared
+    assert "Pa/s" not in declared

@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, UNIT, Text, parameters
 from pliant.exporters.c_space import text_of
+from pliant.exporters.control_range import stated_levels
 from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -72,10 +74,12 @@ def defaults(text: Text) -> str:
     return text.function("void", "defaults", f"{text.prefix}_parameters *p", w)
 
 
-def start(text: Text, pressure: float, queue: int) -> str:
-    """Return the source of the C function that sets the state to the equilibrium at `pressure` [Pa]."""
+def start(text: Text, pressure: ArrayLike, queue: int) -> str:
+    """Return the source of the C function that sets the state to the equilibrium at `pressure` [SI], one number or one
+    for each input.
+    """
     model, w = text.model, text.writer()
-    levels = np.full(model.actuation.count, pressure)
+    levels = np.broadcast_to(pressure, model.actuation.count).astype(float)
     q = state.equilibrium(model, levels)
     values: dict[str, Array] = {
         "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.size), "pressure": levels,
@@ -158,8 +162,9 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         strains = f"; 1, {axial} of each segment" if axial else ""
         rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner}{strains} */")
     if queue:
-        rows += [f"{kind} queue[{queue}][{C}]; /* Pa, delayed commands */", "int next; /* index of the next command */"]
-    notes = dict.fromkeys(DERIVED, "derived") | {
+        rows += [f"{kind} queue[{queue}][{C}]; /* {inputs}, delayed commands */",
+                 "int next; /* index of the next command */"]  # fmt: skip
+    notes = dict.fromkeys(DERIVED, "derived") | units_of_inputs(text.model) | {
         "tendon_stiffness": "N/m, also in `torque`",
         "share": "fraction of each link, the base part first, in each segment",
         "tied": "1 where the strain of a segment changes the stiffness of a joint",
@@ -171,8 +176,30 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]
 
 
+def at_start(model: Model, pressure: ArrayLike) -> str:
+    """Return the inputs at which a model starts as text, such as "0 Pa" or "0.002 m, 0 rad"."""
+    levels, units = np.unique(pressure), list(dict.fromkeys(model.actuation.units))
+    if levels.size == 1 and (len(units) == 1 or not levels[0]):
+        return f"{levels[0]:g} {units[0]}" if len(units) == 1 else "zero inputs"
+    each = zip(np.broadcast_to(pressure, model.actuation.count), model.actuation.units, strict=True)
+    return ", ".join(f"{level:g} {unit}" for level, unit in each)
+
+
+def units_of_inputs(model: Model) -> dict[str, str]:
+    """Return comments with the units of the parameters that depend on the kind of an input, if one is a tendon."""
+    if set(model.actuation.kinds) == {"pressure"}:
+        return {}
+    units, law = list(dict.fromkeys(model.actuation.units)), {"Pa": "N m/Pa^k", "N": "1", "m": "N/m", "rad": "N/rad"}
+    rates = " or ".join(f"{unit}/s" for unit in units)
+    gains = "m of tendons" + (", 1 of chambers" if "Pa" in units else "")
+    return {
+        "torque": ", ".join(f"{law[unit]} (input in {unit})" for unit in units), "joint_gain": gains,
+        "valve": f"s, s, {rates}, {rates}",
+    }
+
+
 def code(
-    model: Model, provenance: Provenance, *, time_step: float, precision: str, pressure: float, prefix: str,
+    model: Model, provenance: Provenance, *, time_step: float, precision: str, pressure: ArrayLike, prefix: str,
 ) -> Code:
     """Return the C header and C source of an exported model as text."""
     if precision not in ("double", "single"):
@@ -195,8 +222,8 @@ def code(
         "POSE": text.pose, "AXES": "x, y and z" if model.space else "x and y", "PLACES": len(model.gravity),
         "COMMANDS": "inputs" if model.actuation.units != ("Pa",) * model.actuation.count else "pressures [Pa gauge]",
         "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(time_step)),
-        "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held, "PRESSURE": f"{pressure:g}",
-        "POINTS": ", ".join(p.name for p in model.points),
+        "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held,
+        "PRESSURE": at_start(model, pressure), "POINTS": ", ".join(p.name for p in model.points),
     }
     linearise = text.linearise()
     words["LINEARISE"] = filled(LINEARISE, words) if linearise else ""
@@ -227,7 +254,8 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
             f"the file name {shown(path.name)} holds a character that cannot stand in an #include line of C: use only "
             "letters, digits, spaces, ., -, + and _"
         )
-    made = code(model, provenance, **{**options, "prefix": options["prefix"] or path.stem})
+    level = stated_levels("c99", "pressure", options["pressure"], model)
+    made = code(model, provenance, **{**options, "pressure": level, "prefix": options["prefix"] or path.stem})
     header = path.with_suffix(".h")
     source = made.source.replace(f'#include "{made.prefix}.h"', f'#include "{header.name}"')
     return write_text(path, source), write_text(header, made.header)
@@ -235,5 +263,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "c99", "C99: one .c and one .h, no dependencies, allocation or globals", (".c",), CAN, write,
-    {"time_step": 0.0, "precision": "double", "pressure": 0.0, "prefix": ""},
+    {"time_step": 0.0, "precision": "double", "pressure": "0", "prefix": ""},
 )

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.model import Model
 from pliant.simulation import Pulse, simulate
 from pliant.simulation.state import typical_pressure
+from pliant.units import in_words
 
 START, WIDTH, DURATION, STEP = 0.1, 1.0, 2.0, 1e-3  # s, of the reference input and of its simulation
 
@@ -37,8 +38,7 @@ class Difference(NamedTuple):
         """Description of the reference input in words."""
         if not self.level:
             return f"release from 0.1 rad at every joint, {DURATION:g} s"
-        level = f"{1e-3 * self.level:.4g} kPa" if self.unit == "Pa" else f"{self.level:.4g} {self.unit}"
-        return f"a pulse of {level} from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
+        return f"a pulse of {in_words(self.level, self.unit)} from {START:g} s for {WIDTH:g} s, {DURATION:g} s"
 
     def __str__(self) -> str:
         return (

@@ -22,6 +22,7 @@ from xml.etree import ElementTree as ET
 
 from pliant.errors import InputError
 from pliant.exporters import c99
+from pliant.exporters.control_range import stated_levels
 from pliant.exporters.fmu_variables import pose_of, unit_definitions, variables
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
@@ -36,13 +37,13 @@ STAMP = (1980, 1, 1, 0, 0, 0)  # time of the files in the archive, so that the s
 
 
 class Identity(NamedTuple):
-    """Name, FMI version, token, time step and initial pressure of an exported FMU."""
+    """Name, FMI version, token, time step and initial inputs of an exported FMU."""
 
     name: str  # model identifier, in the names of file, functions and binary
     version: str  # FMI version
     token: str  # GUID or instantiation token
     time_step: float  # s
-    pressure: float  # Pa, initial pressure
+    pressure: tuple[float, ...]  # SI, initial value of each input
 
 
 def root_of(provenance: Provenance, this: Identity) -> ET.Element:
@@ -115,7 +116,7 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     )
     rows = variables(model, this.pressure)
     count = {kind: sum(v.causality == kind for v in rows) for kind in ("input", "output", "parameter")}
-    start = "\n".join(f"    i->now.command[{c}] = {this.pressure!r};" for c in range(count["input"]))
+    start = "\n".join(f"    i->now.command[{c}] = {level!r};" for c, level in enumerate(this.pressure))
     number, folder = this.version[0], files("pliant.exporters") / "templates"
     shared, wrapper = ((folder / f).read_text(encoding="utf-8") for f in ("fmu.c", f"fmi{number}.c"))
     words = {
@@ -168,7 +169,8 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
     token = "{" + hashlib.sha256("\n".join([version, *provenance.lines("line")]).encode()).hexdigest()[:32] + "}"
     name = escaped(path.stem, "identifier")
     time_step = float(options["time_step"]) or shared_step([model])
-    this = Identity(name, version, token, time_step, float(options["pressure"]))
+    level = stated_levels("fmu", "pressure", options["pressure"], model)
+    this = Identity(name, version, token, time_step, tuple(map(float, level)))
     text = sources(model, provenance, this)
     with tempfile.TemporaryDirectory() as folder:
         binary, why = compiled(text, Path(folder), version[0])
@@ -193,5 +195,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "fmu", "FMU for co-simulation, FMI 2.0 or 3.0", (".fmu",), c99.CAN, write,
-    {"fmi": "2.0", "time_step": 0.0, "pressure": 0.0},
+    {"fmi": "2.0", "time_step": 0.0, "pressure": "0"},
 )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pliant.equations.laws import LAWS
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
@@ -23,6 +24,7 @@ BASE = {  # exponents of kg, m, s and rad
     "m": (0, 1, 0, 0), "kg": (1, 0, 0, 0), "s": (0, 0, 1, 0), "rad": (0, 0, 0, 1), "Pa": (1, -1, -2, 0),
     "J": (1, 2, -2, 0), "m/s2": (0, 1, -2, 0), "Pa/s": (1, -1, -3, 0), "1/rad": (0, 0, 0, -1),
     "N": (1, 1, -2, 0), "N.s": (1, 1, -1, 0), "N/m": (1, 0, -2, 0), "N/rad": (1, 1, -2, -1), "1/rad2": (0, 0, 0, -2),
+    "m/s": (0, 1, -1, 0), "rad/s": (0, 0, -1, 1), "N/s": (1, 1, -3, 0),
     "N.m/rad": (1, 2, -2, -1), "N.m.s/rad": (1, 2, -1, -1),
 }
 
@@ -36,7 +38,7 @@ class Variable(NamedTuple):
     start: float | None = None
 
 
-def variables(model: Model, pressure: float) -> list[Variable]:
+def variables(model: Model, pressure: ArrayLike) -> list[Variable]:
     """Return all variables of the FMU in the order of their value references, with unique names."""
     model = with_identifiers(model)
     chambers = model.actuation.labels("{kind}")
@@ -51,7 +53,8 @@ def variables(model: Model, pressure: float) -> list[Variable]:
     stations = identifiers([point.name for point in model.points], taken)
     rows = [Variable("time", "independent", "s")]
     inputs = list(zip(chambers, behind, model.actuation.units, strict=True))
-    rows += [Variable(name, "input", unit, pressure) for name, _, unit in inputs]
+    start = np.broadcast_to(pressure, len(inputs))
+    rows += [Variable(name, "input", unit, float(p)) for (name, _, unit), p in zip(inputs, start, strict=True)]
     for station in stations:
         rows += [Variable(f"{station}.{k}", "output", unit) for k, unit in pose_of(model)]
     rows += [Variable(name, "output", coordinate_unit(name)) for name in scalars[: model.size]]
@@ -80,12 +83,16 @@ def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
     if field == "torque":
         chamber = model.chambers[index[0]]
         if isinstance(chamber, Tendon):
-            return {"N": "m", "m": "N/m", "rad": "N/rad"}[chamber.unit]
+            return {"N": "", "m": "N/m", "rad": "N/rad"}[chamber.unit]
         own = {law.name: [fmu_unit(row.unit) for row in law.parameters.values()] for law in LAWS}
         if units := own.get(chamber.law):
             return units[index[-1]] if index[-1] < len(units) else ""
         return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
+    if field == "joint_gain" and isinstance(model.chambers[index[0]], Tendon):
+        return "m"
     columns = UNIT[field].split(", ")
+    if field == "valve":
+        columns = [unit.replace("Pa", model.chambers[index[0]].unit) for unit in columns]
     return fmu_unit(columns[index[-1]] if len(columns) > 1 else columns[0])
 
 

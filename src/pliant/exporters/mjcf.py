@@ -19,9 +19,11 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
+from pliant.exporters.control_range import default_levels, range_note, stated_levels
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -38,7 +40,7 @@ from pliant.exporters.rigid_chain import (
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Tendon
-from pliant.simulation.state import equilibrium, typical_pressure
+from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
 Array = np.ndarray
@@ -80,16 +82,16 @@ def quaternion(turn: Array) -> str:
 
 def mjcf(
     model: Model, provenance: Provenance, *, prefix: str = "", time_step: float = 0.0, radius: float = 0.0,
-    integrator: str = "", highest: float = 0.0,
+    integrator: str = "", highest: ArrayLike = 0.0,
 ) -> str:
     """Return the MJCF text of a model.
 
     The model must have only features that MJCF can express.
 
     The `integrator` is one of `INTEGRATORS`; "" means implicitfast, and Euler for a body that lengthens.
-    The time step `time_step` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the pressure
-    `highest` [Pa]; 0 means twice the typical pressure. With a prefix, for worlds of several bodies, there is no
-    keyframe, since a keyframe holds the state of a whole world.
+    The time step `time_step` [s] is checked against the stiffest mode; 0 chooses it. Controls reach up to the level
+    `highest` [SI], one number or one for each input; 0 means `default_levels`. With a prefix, for worlds of several
+    bodies, there is no keyframe, since a keyframe holds the state of a whole world.
     """
     size = radius or 0.08 * model.length
     model = with_identifiers(model)
@@ -116,7 +118,7 @@ def mjcf(
         parent = link(parent, model, bodies, i, (prefix, size))
     tendons(root, model, prefix)
     contacts(root, prefix)
-    actuators(root, model, prefix, time_step, highest or 2.0 * typical_pressure(model))
+    actuators(root, model, prefix, time_step, default_levels(model) if not np.any(highest) else highest)
     sensors(root, model, prefix)
     if not prefix:
         keyframe(root, model, provenance)
@@ -328,24 +330,24 @@ def controls(model: Model, prefix: str = "") -> list[tuple[str, int, int]]:
     return [(name, c, power) for name, (_, c, power) in zip(names, powers, strict=True)]
 
 
-def actuators(root: ET.Element, model: Model, prefix: str, time_step: float, highest: float) -> None:
+def actuators(root: ET.Element, model: Model, prefix: str, time_step: float, highest: ArrayLike) -> None:
     """Add one actuator for each input, and for each power of the pressure in its torque law, to the MJCF.
 
-    Controls reach up to the pressure `highest` [Pa].
+    Controls reach up to the level `highest` [SI], one number or one for each input.
 
     A tendon that is wound in and out takes controls of both signs.
     """
     group = ET.SubElement(root, "actuator")
-    several = chamber_names(model, prefix)
+    several, levels = chamber_names(model, prefix), np.broadcast_to(highest, model.actuation.count)
     for name, c, power in controls(model, prefix):
         chamber, tendon, _ = several[c]
         valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
         words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
         if isinstance(chamber, Tendon):
             words |= of_tendon(chamber)
-        if highest > 0:
-            lowest = -highest if "biasprm" in words else 0.0
-            words["ctrlrange"] = number(lowest, control(highest, power))
+        if levels[c] > 0:
+            lowest = -levels[c] if "biasprm" in words else 0.0
+            words["ctrlrange"] = number(lowest, control(levels[c], power))
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
@@ -398,17 +400,15 @@ def keyframe(root: ET.Element, model: Model, provenance: Provenance) -> None:
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write a model as MJCF to `path`, and return the path."""
-    if not min(options["time_step"], options["radius"], options["highest"]) >= 0:
-        raise InputError(f"mjcf options time_step (s), radius (m) and highest (Pa) must be >= 0, got {dict(options)}")
+    highest = stated_levels("mjcf", "highest", options["highest"], model)
+    if not min(options["time_step"], options["radius"], *highest) >= 0:
+        raise InputError(f"mjcf options time_step (s), radius (m) and highest (SI) must be >= 0, got {dict(options)}")
     if options["integrator"] not in ("", *INTEGRATORS):
         raise InputError(
             f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
         )
-    highest = options["highest"] or 2.0 * typical_pressure(model)
-    if not options["highest"] and highest:
-        unit = model.actuation.units[0]
-        level = f"{1e-3 * highest:.4g} kPa" if unit == "Pa" else f"{highest:.4g} {unit}"
-        provenance.messages.append(f"controls range from 0 to {level}: set highest ({unit}) for another range")
+    if not highest.any() and (highest := default_levels(model)).any():
+        provenance.messages.append(range_note(model, highest))
     if model.extensions:
         provenance.messages.append(
             "equality constraints couple the slides of a segment that lengthens: simulate with Euler or RK4, since "
@@ -424,5 +424,5 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
 
 EXPORTER = Exporter(
     "mjcf", "MuJoCo model (XML)", (".xml", ".mjcf"), CAN, write,
-    {"prefix": "", "time_step": 0.0, "radius": 0.0, "integrator": "", "highest": 0.0},
+    {"prefix": "", "time_step": 0.0, "radius": 0.0, "integrator": "", "highest": "0"},
 )

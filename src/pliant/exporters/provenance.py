@@ -16,11 +16,8 @@ from pliant.model.file import UNITS, model_to_dict
 from pliant.text import Form, escaped
 from pliant.version import __version__
 
-FRAME = (
-    "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x; "
-    "pressure is gauge, in Pa"
-)
-SPACE_FRAME = "base at the origin, its tangent along +z; pressure is gauge, in Pa"
+FRAME = "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x"
+SPACE_FRAME = "base at the origin, its tangent along +z"
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class Provenance:
             content.pop(name)
         return {
             "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
-            "command": self.command, "frame": SPACE_FRAME if self.model.space else FRAME,
+            "command": self.command, "frame": frame_of(self.model),
             "units": UNITS, "parameters": content, "source": self.model.source,
             "standard_errors": dict(self.std) or "not known: the model file has none and no fit was given",
             "left_out": list(self.left_out), "notes": list(self.notes),
@@ -79,6 +76,15 @@ class Provenance:
         """
         left_out = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
         return [*left_out, *([str(self.difference)] if self.difference else []), *self.notes]
+
+
+def frame_of(model: Model) -> str:
+    """Return a text that states the base frame of an exported model and the units of its inputs."""
+    inputs = "pressure is gauge, in Pa"
+    if set(model.actuation.kinds) != {"pressure"}:
+        units = (unit.replace("Pa", "Pa gauge") for unit in model.actuation.units)
+        inputs = f"inputs: {', '.join(f'{n} [{u}]' for n, u in zip(model.actuation.names, units, strict=True))}"
+    return f"{SPACE_FRAME if model.space else FRAME}; {inputs}"
 
 
 def command_of(source: Sequence[str], target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:

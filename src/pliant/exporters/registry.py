@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference, difference
@@ -209,3 +211,12 @@ def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, A
         except (TypeError, ValueError):
             raise InputError(f"{exporter.name} option {name} must be a {kind.__name__}, got {value!r}") from None
     return known
+
+
+def levels_in(target: str, option: str, text: str) -> np.ndarray:
+    """Return the levels (C,) [SI] that the text of an option states: one number, or numbers separated by commas."""
+    try:
+        return np.array([float(part) for part in text.strip("[]() ").split(",")])
+    except ValueError:
+        raise InputError(f"{target} option {option} must be a number in Pa for each chamber (N, m or rad for each "
+                         f"tendon), separated by commas, got {text!r:.60}") from None  # fmt: skip

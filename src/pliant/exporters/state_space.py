@@ -18,7 +18,7 @@ from pliant.errors import InputError
 from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, levels_in
 from pliant.files import whole
 from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel
@@ -151,22 +151,12 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
                      "use another target")
 
 
-def pressures_of(text: str) -> Array:
-    """Return the pressures (C,) [Pa] written in a text: one number, or one for each chamber separated by commas."""
-    try:
-        return np.array([float(part) for part in text.strip("[]() ").split(",")])
-    except ValueError:
-        raise InputError(
-            "state-space option pressure must be a number in Pa for each chamber, separated by commas, got "
-            f"{text!r:.60}"
-        ) from None
-
-
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Write the state-space matrices of a model to a .mat or .npz file, and return its path."""
     if options["period"] < 0:
         raise InputError(f"state-space option period must be 0 (continuous) or > 0 s, got {options['period']}")
-    content = matrices(model, pressures_of(options["pressure"]), options["period"]) | {"pliant": provenance.json()}
+    level = levels_in("state-space", "pressure", options["pressure"])
+    content = matrices(model, level, options["period"]) | {"pliant": provenance.json()}
     with whole(path) as draft, draft.open("wb") as file:
         if path.suffix == ".npz":
             arrays: dict[str, Any] = {k: np.asarray(v) for k, v in content.items()}

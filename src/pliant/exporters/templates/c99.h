@@ -24,7 +24,7 @@ typedef struct {
 void @P@_defaults(@P@_parameters *p);
 void @P@_update(@P@_parameters *p);
 
-/* Set the state to the equilibrium under @PRESSURE@ Pa, for the parameters of @P@_defaults. */
+/* Set the state to the equilibrium under @PRESSURE@, for the parameters of @P@_defaults. */
 void @P@_init(@P@_state *s);
 
 /* Advance the state by @UP@_STEP under commanded @COMMANDS@ that are held constant. Returns 0 if the step succeeded.
