@@ -13,10 +13,11 @@ from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, de
 from pliant.identification.design import Candidate, information_gain
 from pliant.identification.drives import at_rest, findings_of_chambers, hardly_driven
 from pliant.identification.from_recording import experiment
-from pliant.identification.parameters import apply
+from pliant.identification.parameters import apply, check_names
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Chamber, Model, Station, Tendon, Valve
+from pliant.identification.stages import each_chamber
+from pliant.model import Chamber, Model, Space, Station, Tendon, Valve, chain_model
 from pliant.model.actuation import Actuation
 from pliant.recording.schema import make_recording
 from pliant.simulation import Pulse, Trace, simulate
@@ -283,3 +284,35 @@ def test_tendons_that_recordings_do_not_tell_apart_are_called_tendons() -> None:
     weak = SimpleNamespace(time=exp.time, drives={"m1": pull, "m2": Trace(pull.time, 0.01 * np.array(pull.pressure))})
     [note] = hardly_driven(["m2.lever"], model, [weak])
     assert note.startswith("Tendon m2 was hardly driven: its tension changes by only 1 % as much as that of m1")
+
+
+@pytest.mark.parametrize(("name", "who"), [
+    ("pull.torque_1", "torque_1 has no effect on 'pull', a tendon driven by its tension: use lever, taper, friction$"),
+    ("long.torque_2", "torque_2 has no effect on 'long', a tendon driven by its displacement: use lever, taper, line"),
+    ("pull.line_stiffness", "line_stiffness has no effect on 'pull', a tendon driven by its tension"),
+    ("long.saturating_lever", "saturating_lever has no effect on 'long'"),
+    ("bellow.lever", "lever has no effect on 'bellow', a chamber driven by its pressure: use torque_<k>$"),
+])  # fmt: skip
+def test_a_parameter_that_changes_nothing_is_refused(name: str, who: str) -> None:
+    ahead = {"joint_gain": [-1.0, -1.0], "cross_gain": [0.0, 0.0], "lever": 0.01}
+    pull, long = Tendon(**ahead, name="pull"), Tendon(**ahead, name="long", driven_by="displacement",
+                                                      line_stiffness=2e3)  # fmt: skip
+    bellow = Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellow")
+    model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(),
+                        chambers=[pull, long, bellow])  # fmt: skip
+    with pytest.raises(InputError, match=f"parameter {name}: {who}"):
+        check_names([Parameter(name)], model, set(), set())
+    shared = name.partition(".")[2]
+    check_names([Parameter(shared), Parameter("pull.lever"), Parameter("bellow.valve_rise")], model, set(), set())
+    alone = model.with_(chambers=[next(c for c in model.chambers if c.name == name.partition(".")[0])])
+    with pytest.raises(InputError, match=f"parameter {shared}: {who}"):
+        check_names([Parameter(shared)], alone, set(), set())
+
+
+def test_a_stage_frees_torque_laws_of_chambers_alone() -> None:
+    ahead = {"joint_gain": [-1.0, -1.0], "cross_gain": [0.0, 0.0]}
+    inputs = [Tendon(**ahead, lever=0.01, name="pull"), Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellow")]
+    model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(), chambers=inputs)
+    assert each_chamber("*.torque_1", model) == ("bellow.torque_1",)
+    assert each_chamber("*.gain_x", model) == ("pull.gain_x", "bellow.gain_x")
+    assert each_chamber("*.torque_1", model.with_(chambers=inputs[:1])) == ()

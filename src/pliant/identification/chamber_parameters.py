@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Protocol
@@ -144,8 +144,8 @@ def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Arr
 
 
 def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) -> None:
-    """Raise InputError for a parameter that no chamber has, for a gain without a chamber's name in a model of several
-    chambers, or for a chamber named like a recording or station.
+    """Raise InputError for a parameter that no chamber has or that changes nothing, for a gain without a chamber's name
+    in a model of several chambers, or for a chamber named like a recording or station.
     """
     mine = owners(model)
     if both := set(mine) & others:
@@ -161,11 +161,35 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
                 f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {own!r}. Use torque_<k>, "
                 f"gain, joint_gain_<i>, axial_gain, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
             )
+        meant = [model.chambers[mine.index(owner)]] if dot and owner in mine else model.chambers
+        check_effect(name, own if dot else name, meant)
         if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
             raise InputError(
                 f"parameter {name}: in a model of several chambers, name the chamber of a gain, such as "
                 f"{mine[0]}.{own or name}; the chambers are {', '.join(mine)}"
             )
+
+
+def check_effect(name: str, own: str, chambers: Sequence[Chamber]) -> None:
+    """Raise InputError if a parameter, called `own` without the name of its owner, belongs to the law of a chamber or
+    tendon, but has no effect on any of `chambers`. `name` is its full name.
+    """
+    if not (OWN.fullmatch(own) or own in law_parameters()) or any(has_effect(own, c) for c in chambers):
+        return
+    who = " and ".join(f"{c.name!r}, a {'tendon' if isinstance(c, Tendon) else 'chamber'} driven by its {c.kind}"
+                       for c in chambers)  # fmt: skip
+    known = [n for n in (*TENDON, "torque_<k>") if any(has_effect(n.replace("<k>", "1"), c) for c in chambers)]
+    raise InputError(f"parameter {name}: {own} has no effect on {who}: use {', '.join(known)}")
+
+
+def has_effect(own: str, chamber: Chamber) -> bool:
+    """Return whether a parameter changes the law of a pressure chamber or of a tendon."""
+    if not isinstance(chamber, Tendon):
+        return own not in TENDON
+    if own in TENDON:
+        elastic = chamber.elastic or own not in ("line_stiffness", "pretension", "imbalance", "pulley")
+        return elastic and (own != "pulley" or chamber.driven_by == "angle") and (own != "imbalance" or chamber.pair)
+    return bool(re.fullmatch(GAINS, own)) or own in VALVE
 
 
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:

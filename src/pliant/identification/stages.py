@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from pliant.identification.chamber_parameters import prefixes
+from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
 
@@ -29,11 +29,13 @@ class Stage(NamedTuple):
 
 
 def each_chamber(entry: Entry, model: Model) -> tuple[Entry, ...]:
-    """Expand a parameter name ``*.name`` to one entry for each chamber of the model, ``chamber.name``."""
+    """Expand a parameter name ``*.name`` to one entry for each chamber of the model that has it, ``chamber.name``."""
     name = entry if isinstance(entry, str) else entry.name
     if not name.startswith("*."):
         return (entry,)
-    names = [f"{start}{name[2:]}" for start in (prefixes(model) if model.actuation.count > 1 else ("",))]
+    starts = prefixes(model) if model.actuation.count > 1 else ("",)
+    owners = zip(starts, model.chambers, strict=True)
+    names = [f"{start}{name[2:]}" for start, chamber in owners if has_effect(name[2:], chamber)]
     return tuple(n if isinstance(entry, str) else replace(entry, name=n) for n in names)
 
 

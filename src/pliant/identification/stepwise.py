@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import FitError, InputError
+from pliant.identification.chamber_parameters import has_effect
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FIT_OPTIONS, FitOptions
 from pliant.identification.fit_step import starting_step
@@ -128,7 +129,8 @@ def select_model(
                          "rename one")  # fmt: skip
     free = {entry_name(e): e for e in common}
     if "torque_1" not in free and any(e.excitation != "release" for e in train):
-        laws = zip(each_chamber("*.torque_1", model), model.chambers, strict=True)
+        pressed = [c for c in model.chambers if has_effect("torque_1", c)]
+        laws = zip(each_chamber("*.torque_1", model), pressed, strict=True)
         free |= {entry_name(e): e for e, c in laws if not c.torque.any() and entry_name(e) not in free}
     each = [of_chambers(r, model) for r in stages]
     first = {**free, **{entry_name(e): e for choice in each[0].frees[:1] for e in choice}}
