@@ -9,9 +9,11 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.failures import Failures
 from pliant.identification import Experiment, FitResult
+from pliant.model import Space, Station, Tendon, chain_model
 from pliant.simulation import Pulse, Trace, simulate
 from pliant.study.forecast import check_forecasts, other_pressures, run_forecasts, tip_lacks
 from pliant.study.schema import ForecastEntry, Study
+from pliant.view.rows import known_unit
 
 TIME = np.arange(0.0, 1.0, 0.01)
 SEEN = np.stack([np.sin(TIME), 1.0 + 0.0 * TIME], axis=-1)[:, None]
@@ -82,3 +84,27 @@ def test_the_band_of_a_forecast_grows_beyond_the_taught_levels():
     ends = [np.abs(row[-1]).max() for row in lacks]
     assert ends[0] < 1e-6
     assert ends[2] > 2 * ends[1] > 1e-4
+
+
+def test_a_forecast_of_a_tendon_is_in_its_own_unit():
+    """`pressure_unit` scales pressures, not a tension or a displacement."""
+    tendons = [Tendon.at_azimuth(0.3, np.ones(2), name="pull", lever=8e-3),
+               Tendon.at_azimuth(2.0, np.ones(2), name="long", lever=8e-3, driven_by="displacement",
+                                 line_stiffness=2e3, pretension=2.0)]  # fmt: skip
+    model = chain_model(length=0.2, mass=0.05, links=2, joint_placement="midsegment", stiffness=0.3, damping=4e-3,
+                        space=Space(), chambers=tendons, stations=[Station("tip", 1, 0.1)])  # fmt: skip
+    knots = np.array([0.0, 0.1, 0.6, 0.7])
+    drives = {"pull": Trace(knots, np.array([0.0, 1.0, 1.0, 0.0])),
+              "long": Trace(knots, np.array([0.0, 1e-3, 1e-3, 0.0]))}  # fmt: skip
+    seen = simulate(model, list(drives.values()), times=TIME)["station_position"].values
+    like = Experiment("r", TIME, seen, ("tip",), "trace", drives=drives)
+    entry = ForecastEntry(like="r", pressures={"pull": 2.0, "long": 3e-3}, pressure_unit="kPa")
+    study = Study.model_construct(forecasts={"f": entry})
+    result = FitResult(model, (), "", {"r": 1e-3}, 1, 0.0, converged=True)
+    failures = Failures("", lambda _: None)
+    (found,) = run_forecasts(study, {"r": like}, {"": result}, failures)
+    assert found.stated == {"pull.tension": 2.0, "long.displacement": 3e-3}
+    assert [known_unit(name) for name in (*found.stated, "left.pressure", "left.valve_rise")] == ["N", "m", "Pa", "s"]
+    inputs = [Trace(knots, np.array([0.0, p, p, 0.0])) for p in (2.0, 3e-3)]
+    run = simulate(model, inputs, times=TIME)["station_position"].values[:, 0]
+    np.testing.assert_allclose(found.tip, run, atol=1e-4)

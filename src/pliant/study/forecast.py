@@ -71,7 +71,10 @@ def run_forecast(
     if entry.fit not in results:
         raise SimulationError(f"the forecast uses fit {entry.fit}, which could not be computed: correct this fit first")
     result, template = results[entry.fit], experiments[entry.like]
-    driven = {c: p * pascal_per(entry.pressure_unit) for c, p in entry.pressures.items()}
+    inputs = result.model.actuation
+    kinds = dict(zip(inputs.names, inputs.kinds, strict=True))
+    driven = {c: p * (pascal_per(entry.pressure_unit) if kinds.get(c, "pressure") == "pressure" else 1.0)
+              for c, p in entry.pressures.items()}  # fmt: skip
     case = case_of(name, entry, template, driven)
     recorded = edges(template)  # times at which the pressure rises and falls, from the recorded motion
     own = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
@@ -102,7 +105,7 @@ def run_forecast(
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
     stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | {
-        f"{chamber}.pressure": p for chamber, p in driven.items()}
+        f"{chamber}.{kinds.get(chamber, 'pressure')}": p for chamber, p in driven.items()}
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width,
@@ -111,7 +114,7 @@ def run_forecast(
 
 def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:
     """Return the experiment of a forecast: the recording `template` with other loads, another pressure level or the
-    chamber pressures `driven` [Pa].
+    inputs `driven` [SI].
     """
     level = template.level if entry.level is None else entry.level * pascal_per(entry.pressure_unit)
     case = replace(template, name=name, level=level, known={**template.known, **entry.known})

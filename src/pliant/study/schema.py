@@ -279,8 +279,8 @@ class ForecastEntry(StudyEntry):
     fit: str = ""  # fit whose model predicts; default: the first
     known: dict[str, float] = {}
     level: float | None = None
-    pressures: dict[str, float] = {}  # chamber -> peak, with the recording's time series; others stay constant
-    pressure_unit: str = "Pa"
+    pressures: dict[str, float] = {}  # input -> peak, with the recording's time series; others stay constant
+    pressure_unit: str = "Pa"  # of pressures; those of tendons are in N, m or rad
 
 
 class Targets(StudyEntry):

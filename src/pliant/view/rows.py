@@ -16,6 +16,7 @@ from pliant.identification.stepwise import ModelSelection
 from pliant.model import Model
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.simulation import modes
+from pliant.units import KIND_OF
 from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
@@ -178,9 +179,12 @@ def bounds(p: Parameter) -> str:
 
 
 def known_unit(parameter: str) -> str:
-    """Return the unit of a parameter or of a pressure level; "" for an unknown name."""
+    """Return the unit of a parameter, or of the level of an input such as ``left.pressure``; "" for an unknown name."""
+    levels = {f".{kind}": unit for unit, kind in KIND_OF.items()}
+    if unit := levels.get(parameter[parameter.rfind(".") :]) if "." in parameter else None:
+        return unit
     try:
-        return "Pa" if parameter == "level" or parameter.endswith(".pressure") else kind_of(parameter).unit
+        return "Pa" if parameter == "level" else kind_of(parameter).unit
     except InputError:
         return ""
 
