@@ -458,3 +458,24 @@ def test_playback_at_its_rate():
         clock.sleep_until(clock.now() + 10_000_000)
     assert (names.count("shape"), names.count("pressure")) == (5, 10)
     assert clock.now() >= 450_000_000
+
+
+def test_a_playback_sends_recorded_tensions_in_newtons():
+    time_s = np.arange(5) * 0.1
+    pulls = np.stack([np.arange(5.0), 2.0 * np.arange(5)], axis=1)
+    position = np.arange(15.0).reshape(5, 1, 3) * 1e-3
+    given = {"station": ["tip"], "frame": "spatial", "input_time": time_s, "input_names": ["a", "b"]}
+    recording = make_recording(time_s, position, actuation=pulls, input_kind=["tension", "tension"], **given)
+    clock = VirtualClock()
+    play = Playback(recording, clock)
+    clock.sleep_until(1_000_000_000)
+    sent = []
+    while not play.finished:
+        sent.append(play.read())
+    readings = [one for one in sent if one.name == "pressure"]
+    assert {one.unit for one in readings} == {"N"}
+    np.testing.assert_array_equal([one.array for one in readings], pulls)
+    assert {one.unit for one in sent if one.name == "shape"} == {"m"}
+    mixed = make_recording(time_s, position, actuation=pulls, input_kind=["tension", "angle"], **given)
+    with pytest.raises(InputError, match="sends inputs of one unit, and this recording has N, rad: drop actuation"):
+        Playback(mixed, clock)

@@ -15,12 +15,12 @@ import pliant.view
 from pliant.identification import Experiment
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, Tendon, chain_model
-from pliant.simulation import equilibrium
+from pliant.simulation import Trace, equilibrium
 from pliant.validation.outcome import RecordOutcome
 from pliant.view.data import Pack, modelled_of, unpack
 from pliant.view.live import Live, PageContent, PageRequest, Pull, sliders_of
 from pliant.view.report import report_page
-from pliant.view.server import live_page
+from pliant.view.server import BARE_KPA, live_page, ranges
 
 NODE = shutil.which("node")
 FIGURES = Path(pliant.view.__file__).with_name("assets") / "figures.js"
@@ -117,6 +117,12 @@ def test_tendons_are_moved_in_their_units(arm):
     assert data["lowest"][1:] == [0.0, 0.0]
     assert data["lowest"][0] == -data["highest"][0] < 0
     assert len(data["gravity"]) == 3
+    time = np.linspace(0.0, 1.0, 12)
+    drawn = {"cord": Trace(time, 5e-3 * time), "bellows": Trace(time, 3e4 * time)}
+    for names, most in (("cord", BARE_KPA), ("cord bellows", 37.5)):
+        seen = Experiment("r", time, time[:, None, None] * np.ones((1, 1, 3)), ("tip",), "trace",
+                          drives={name: drawn[name] for name in names.split()})  # fmt: skip
+        assert ranges(PageContent(model, (), {"r": seen}), 3)["highest"][2] == pytest.approx(most)
 
 
 @pytest.fixture(scope="module")

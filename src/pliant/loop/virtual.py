@@ -10,6 +10,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.loop.clock import Clock
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, nanoseconds, sample
+from pliant.recording.inputs import recorded_inputs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +20,8 @@ BEHIND = 50  # most periods simulated at once; if the plant is slower than the c
 
 
 class Playback:
-    """Source that returns a recording's shapes and pressures when the clock reaches their times.
+    """Source that returns a recording's shapes and inputs when the clock reaches their times. Recorded tensions,
+    displacements or angles are sent as samples named "pressure" in their own unit, as from `VirtualActuator`.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ class Playback:
     Raises
     ------
     InputError
-        When the recording holds no positions, or the speed is not positive.
+        When the recording holds no positions, inputs of several units, or the speed is not positive.
     """
 
     def __init__(self, recording: xr.Dataset, clock: Clock, *, speed: float = 1.0) -> None:
@@ -43,12 +45,18 @@ class Playback:
         self._clock, self._next = clock, 0
         time = np.asarray(recording["time"].values, dtype=float)
         rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]
-        if "pressure" in recording:
-            clock_p = np.asarray(recording["pressure_time"].values, dtype=float)
-            rows += [(t, PRESSURE, p) for t, p in zip(clock_p, recording["pressure"].values, strict=True)]
+        held = [name for name in ("pressure", "actuation") if name in recording]
+        units = list(dict.fromkeys(one.unit for one in recorded_inputs(recording)))
+        if len(units) > 1:
+            raise InputError(f"a playback sends inputs of one unit, and this recording has {', '.join(units)}: drop "
+                             f"{' or '.join(held)}")  # fmt: skip
+        for name in held:
+            clock_p = np.asarray(recording[f"{'pressure' if name == 'pressure' else 'input'}_time"].values, dtype=float)
+            rows += [(t, PRESSURE, p) for t, p in zip(clock_p, recording[name].values, strict=True)]
         rows.sort(key=lambda row: row[0])
         origin = rows[0][0]
-        self._rows = [sample(name, value, nanoseconds((t - origin) / speed)) for t, name, value in rows]
+        self._rows = [sample(name, value, nanoseconds((t - origin) / speed), units[0] if name == PRESSURE else None)
+                      for t, name, value in rows]  # fmt: skip
         self._start = clock.now()
 
     def read(self) -> Sample | None:

@@ -65,7 +65,11 @@ def chamber_names(model: Model, count: int) -> list[str]:
 
 def highest(content: PageContent) -> float:
     """Return the upper end of the pressure sliders [kPa]: 25 % above the highest recorded pressure."""
+    named = dict(zip(content.model.actuation.names, content.model.actuation.units, strict=True))
     peaks = [e.peak for e in content.records.values()]
+    if set(named.values()) != {"Pa"}:
+        peaks = [trace.peak for e in content.records.values() for name, trace in e.traces.items()
+                 if named.get(name) == "Pa"]  # fmt: skip
     return 1.25e-3 * max(peaks) if peaks and max(peaks) > 0 else BARE_KPA
 
 
