@@ -14,6 +14,9 @@ from cycler import cycler
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from pliant.recording.inputs import recorded_inputs
+from pliant.units import input_words, shown_in
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
@@ -234,11 +237,13 @@ def snapshots(
 
 
 def recording_overview(recording: Any, *, most: int = 5) -> Figure:
-    """Return a figure of a recording: motion of its stations against time, and the pressure below.
+    """Return a figure of a recording: motion of its stations against time, and the recorded inputs below.
 
-    Displacements have one panel for each axis. At most `most` stations are drawn, evenly spread from base to tip.
+    Displacements have one panel for each axis, inputs one for each unit. At most `most` stations are drawn, evenly
+    spread from base to tip.
     """
-    has_pressure = "pressure" in recording
+    inputs = recorded_inputs(recording)
+    units = list(dict.fromkeys(one.unit for one in inputs))
     if "position" in recording:
         places, labels = (
             1e3 * recording["position"].values,
@@ -249,7 +254,7 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
     names = [str(s) for s in recording["station"].values]
     shown = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
     moved = places - np.nanmedian(places[: 10 if "position" in recording else 3], axis=0)
-    rows = len(labels) + has_pressure
+    rows = len(labels) + len(units)
     with style():
         figure, panels = new_figure(rows, 1, height=1.3 * rows + 0.6, sharex=True, squeeze=False)
         for k, (ax, label) in enumerate(zip(panels[:, 0], labels, strict=False)):
@@ -257,9 +262,14 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
                 ax.plot(recording["time"].values, moved[:, i, k], label=names[i])
             ax.set_ylabel(label)
         panels[0, 0].legend(ncols=len(shown), loc="lower right", bbox_to_anchor=(1, 1))
-        if has_pressure:
-            panels[-1, 0].plot(recording["pressure_time"].values, 1e-3 * recording["pressure"].values)
-            panels[-1, 0].set_ylabel("gauge pressure (kPa)")
+        for ax, unit in zip(panels[len(labels) :, 0], units, strict=True):
+            factor, shown_unit = shown_in(unit)
+            own = [one for one in inputs if one.unit == unit]
+            for one in own:
+                ax.plot(one.time, factor * one.values, label=one.name)
+            if len(own) > 1:
+                ax.legend(ncols=len(own), loc="lower right", bbox_to_anchor=(1, 1))
+            ax.set_ylabel(f"{input_words([unit])[0].replace('pressure', 'gauge pressure')} ({shown_unit})")
         panels[-1, 0].set_xlabel("time (s)")
         figure.align_ylabels()
     return figure

@@ -19,6 +19,7 @@ from pliant.model import Model, Space, Station, Tendon, Valve, chain_model, save
 from pliant.recording import make_recording, write
 from pliant.simulation import Pulse, Trace, simulate
 from pliant.simulation.forces import PointForce
+from pliant.validation.motion import motion_figure
 
 CLOCK = np.linspace(0.0, 0.4, 41)
 DRAWN = np.stack([3e-3 * np.sin(4.0 * CLOCK) ** 2, 0.15 * CLOCK / 0.4], axis=1)  # m, rad
@@ -147,6 +148,24 @@ def test_a_film_shows_a_body_in_space_from_two_sides(model, tmp_path, monkeypatc
         ends = 1e3 * run.tip_position.to_numpy()[150][:, [across, 2]]
         np.testing.assert_allclose(ax.lines[1].get_xydata()[2:], ends, atol=1e-6)
         np.testing.assert_allclose(ax.lines[1].get_xydata()[:2], [[0, 0], [0, 50]], atol=1e-9)
+
+
+def test_a_figure_of_a_motion_names_the_unit_of_each_input():
+    run = simulate(arm(), [Pulse(3e-3), Pulse(0.2)], duration=0.02)
+    below = motion_figure(run).axes[-1]
+    assert below.get_ylabel() == "input (mm, rad)"
+    assert [line.get_label() for line in below.lines] == ["displacement, long (mm)", "motor angle, pair (rad)"]
+    alone = arm().with_(chambers=arm().chambers[:1])
+    below = motion_figure(simulate(alone, Pulse(3e-3), duration=0.02)).axes[-1]
+    assert below.get_ylabel() == "displacement (mm)"
+
+
+def test_messages_about_inputs_state_their_units():
+    for values in ([1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(InputError, match=r"expected 2 value\(s\), one for each input \(long \[m\], pair \[rad\]\)"):
+            arm().actuation.pressures(values)
+    with pytest.raises(InputError, match=r"needs 2 inputs, one for each \(long, pair\) in this order, got 1"):
+        simulate(arm(), Pulse(1e-3), duration=0.02)
 
 
 def levels_of(side):

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pliant.identification import Experiment
 from pliant.numerics.joint_rotations import link_frames, swings_along
+from pliant.plotting import recording_overview
 from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
+from pliant.simulation import Trace
 from pliant.validation.figures import path_figure, record_figure, residual_figure
 from pliant.validation.metrics import joint_errors
 from pliant.validation.outcome import RecordOutcome, Shape
 from pliant.validation.selection_figures import chain_through, shape_figure
-from pliant.validation.store import experiment_of, recorded
+from pliant.validation.store import experiment_of, modelled, modelled_inputs, recorded
 
 TIME = np.arange(60) / 30
 ROUND = np.stack([0.3 * np.sin(5 * TIME), 0.4 * np.cos(4 * TIME) - 0.4], -1)  # rad, of every joint
@@ -81,3 +84,50 @@ def test_a_shape_in_space_is_drawn_from_the_side():
     np.testing.assert_allclose(flat.rest_bend, flat.rest_angle)
     bent = replace(shape.links, rest_angle=np.array([0.3, 0.4, 0, 0, 0.6, -0.8]))
     np.testing.assert_allclose(bent.rest_bend, [0.5, 0, 1.0])
+
+
+def test_inputs_of_several_units_keep_these_in_files_and_figures():
+    """A displacement [m], a motor angle [rad] and a pressure [Pa]: each in its unit, under a name that says so."""
+    clock = TIME[::2]
+    values = np.outer(np.sin(clock), [3e-3, 0.2, 4e4])
+    units = {"long": "m", "pair": "rad", "bellow": "Pa"}
+    drives = {name: Trace(clock, column) for name, column in zip(units, values.T, strict=True)}
+    exp = Experiment("round", TIME, chain(ROUND), ("a", "b", "c"), "trace", drives=drives)
+    seen = np.outer(np.sin(TIME), [3e-3, 0.2, 4e4])
+    record = RecordOutcome("round", "train", exp, chain(ROUND), seen, {"rmse_mm": 1.0, "max_mm": 2.0,
+                           "rmse_percent_of_travel": 3.0}, inputs=units)  # fmt: skip
+    kept = recorded(exp, record.unit_of)
+    assert "pressure" not in kept
+    assert kept["actuation"].dims == ("input_time", "driven")
+    assert kept["actuation"].attrs == {"units": "m, rad, Pa", "long_name": "measured input"}
+    again = experiment_of(kept)
+    for name, trace in drives.items():
+        np.testing.assert_array_equal(again.drives[name].pressure, trace.pressure)
+        np.testing.assert_array_equal(again.drives[name].time, clock)
+    fit = SimpleNamespace(name="f", records=[record])
+    added = kept.assign(modelled([fit], exp))
+    assert "modelled_pressure" not in added
+    assert added["modelled_actuation"].attrs["units"] == "m, rad, Pa"
+    np.testing.assert_array_equal(modelled_inputs(added.isel(fit=0)), seen)
+    ax = record_figure(record).axes[-1]
+    drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
+    np.testing.assert_allclose(drawn["measured displacement, long (mm)"], 1e3 * values[:, 0])
+    np.testing.assert_allclose(drawn["measured motor angle, pair (rad)"], values[:, 1])
+    np.testing.assert_allclose(drawn["measured pressure, bellow (kPa)"], 1e-3 * values[:, 2])
+    assert ax.get_ylabel() == "input\n(mm, rad, kPa)"
+
+
+def test_the_overview_of_a_recording_draws_inputs_of_each_unit():
+    ds = make_recording(
+        TIME, chain(ROUND), station=["a", "b", "c"], frame="spatial", pressure=4e4 * np.sin(TIME), pressure_time=TIME,
+        actuation=np.outer(np.sin(TIME), [3e-3, 2e-3, 0.2]), input_time=TIME, input_names=["long", "short", "pair"],
+        input_kind=["displacement", "displacement", "angle"],
+    )
+    axes = recording_overview(ds).axes
+    assert [ax.get_ylabel() for ax in axes[3:]] == ["gauge pressure (kPa)", "displacement (mm)", "motor angle (rad)"]
+    np.testing.assert_allclose(axes[3].lines[0].get_ydata(), 40.0 * np.sin(TIME))
+    assert [line.get_label() for line in axes[4].lines] == ["long", "short"]
+    np.testing.assert_allclose(axes[4].lines[1].get_ydata(), 2.0 * np.sin(TIME))
+    np.testing.assert_allclose(axes[5].lines[0].get_ydata(), 0.2 * np.sin(TIME))
+    only = recording_overview(ds.drop_vars(["pressure", "pressure_time"]))
+    assert [ax.get_ylabel() for ax in only.axes[3:]] == ["displacement (mm)", "motor angle (rad)"]

@@ -81,6 +81,14 @@ class Actuation:
         """Name of the variable that holds the inputs in datasets: "pressure" if all are pressures, else "actuation"."""
         return "pressure" if set(self.kinds) <= {"pressure"} else "actuation"
 
+    @property
+    def wanted(self) -> str:
+        """Text that states how many values the inputs need, and of which units."""
+        if self.variable == "pressure":
+            return f"{self.count} pressure(s) in Pa, one for each chamber ({self.listing})"
+        named = (f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True))
+        return f"{self.count} value(s), one for each input ({', '.join(named)})"
+
     def labels(self, quantity: str) -> list[str]:
         """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.
 
@@ -211,9 +219,7 @@ class Actuation:
         if p.shape == (1,) and p[0] == 0.0:
             return np.zeros(self.count)
         if p.shape != (self.count,):
-            raise InputError(
-                f"expected {self.count} pressure(s) in Pa, one for each chamber ({self.listing}), got shape {p.shape}"
-            )
+            raise InputError(f"expected {self.wanted}, got shape {p.shape}")
         return p
 
     def torques(self, pressure: Any) -> Float[Array, " C"]:

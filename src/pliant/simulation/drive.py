@@ -177,10 +177,10 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
         if not all(hasattr(one, name) for name in ("__call__", "jumps", "breakpoints")):
             raise InputError(f"pressure must be an input, like Pulse(level) or Trace(time, pressure), got {one!r:.60}")
     if len(many) != model.actuation.count:
-        raise InputError(
-            f"model {model.name!r} needs {model.actuation.count} pressure input(s), one for each chamber "
-            f"({model.actuation.listing}) in this order, got {len(many)}"
-        )
+        pressed = model.actuation.variable == "pressure"
+        one = "pressure input(s), one for each chamber" if pressed else "inputs, one for each"
+        raise InputError(f"model {model.name!r} needs {model.actuation.count} {one} ({model.actuation.listing}) in "
+                         f"this order, got {len(many)}")  # fmt: skip
     return many
 
 

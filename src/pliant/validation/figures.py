@@ -301,9 +301,13 @@ def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
     """
     exp = record.experiment
     word, unit = input_words(record.units)
+    mixed = len(set(record.units)) > 1
     for k, (name, trace) in enumerate(exp.traces.items()):
         near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
-        line = MEASURED | {"label": f"measured {word}{name and f', {name}'}", "color": f"{0.57 - 0.12 * (k % 4):.2f}"}
+        own, shown = input_words([record.unit_of(name)])
+        unit_of_line = f" ({shown})" if mixed else ""
+        line = MEASURED | {"label": f"measured {own}{name and f', {name}'}{unit_of_line}",
+                           "color": f"{0.57 - 0.12 * (k % 4):.2f}"}  # fmt: skip
         ax.plot(*thin(trace.time[near], shown_in(record.unit_of(name))[0] * trace.pressure[near]), **line)
     if exp.pressure is None:
         ax.axhline(shown_in(record.units[0])[0] * exp.level, color="0.5", linestyle=":", linewidth=1.2,

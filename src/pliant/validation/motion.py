@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,12 @@ def inputs_shown(trajectory: xr.Dataset) -> tuple[np.ndarray, str]:
     return values * [shown_in(unit)[0] for unit in units], f"{word} ({shown})"
 
 
+def named_input(name: str, unit: str, units: Sequence[str]) -> str:
+    """Return the label of an input in a legend: its kind and `name`, with its unit if the `units` differ."""
+    word, shown = input_words([unit])
+    return f"{word}, {name}" + (f" ({shown})" if len(set(units)) > 1 else "")
+
+
 def motion_figure(trajectory: xr.Dataset) -> Figure:
     """Draw the simulated coordinates of the tips of up to six links against time, with the inputs below.
 
@@ -37,8 +44,8 @@ def motion_figure(trajectory: xr.Dataset) -> Figure:
         From `pliant.simulate`: tip_position (time, link, axis) in m, pressure or actuation (time, input).
     """
     values, label = inputs_shown(trajectory)
-    inputs, word = trajectory["input"].values, label.partition(" (")[0]
-    names = [f"{word}, {name}" for name in inputs] if inputs.size > 1 else [None]
+    inputs, units = trajectory["input"].values, inputs_in(trajectory)[1]
+    names = [named_input(name, unit, units) for name, unit in zip(inputs, units, strict=True)]
     time, tips = trajectory["time"].values, trajectory["tip_position"].transpose("time", "link", "axis").values
     greys = [f"{grey:.2f}" for grey in np.linspace(0.6, 0.0, 6)]
     with drawing():
@@ -50,7 +57,8 @@ def motion_figure(trajectory: xr.Dataset) -> Figure:
             ax.set_ylabel(f"{'XYZ'[axis]} of the link tips (mm)")
         below = figure.axes[-1]
         for name, dash, p in zip(names, cycle(DASHES), values.T):
-            below.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9, label=name)
+            below.plot(*thin(time, p), color="black", linestyle=dash, linewidth=0.9,
+                       label=name if inputs.size > 1 else None)  # fmt: skip
         below.set_ylabel(label)
         figure.align_ylabels()
         legend(figure, [axes[0, 0], below])

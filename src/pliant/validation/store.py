@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -83,6 +83,11 @@ def of_inputs(units: Sequence[str]) -> dict[str, str]:
     return {"units": ", ".join(listed), "long_name": f"measured {kind}"}
 
 
+def names_of_inputs(units: Collection[str]) -> tuple[str, str]:
+    """Return the name of the variable that holds inputs of these SI units, and that of their time, as in recordings."""
+    return ("pressure", "pressure_time") if set(units) <= {"Pa"} else ("actuation", "input_time")
+
+
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
     """Return the measured motion and inputs of a recording; `unit_of` returns the SI unit of an input by name."""
     variables: dict[str, Any] = {}
@@ -96,9 +101,10 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
         if exp.drives:
             samples = np.stack([t.pressure for t in exp.drives.values()], axis=1)
             variables["driven"] = ("driven", list(exp.drives), {"long_name": "input of the model"})
-        dims, units = ("pressure_time", "driven")[: samples.ndim], [unit_of(name) for name in exp.drives or ("",)]
-        variables["pressure"] = (dims, samples, of_inputs(units))
-        variables["pressure_time"] = ("pressure_time", exp.pressure.time, {"units": "s"})
+        units = [unit_of(name) for name in exp.drives or ("",)]
+        name, clock = names_of_inputs(units)
+        variables[name] = ((clock, "driven")[: samples.ndim], samples, of_inputs(units))
+        variables[clock] = (clock, exp.pressure.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign,
              "poses": int(exp.poses)}
     axes = ["angle"] if exp.without_positions else list("xyz"[: exp.dimension])
@@ -122,7 +128,8 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
     units = next(r.units for r in rows if r)
-    stack("modelled_pressure", ("time", "input"), of_inputs(units)["units"], [r.pressure if r else None for r in rows])
+    held, listed = f"modelled_{names_of_inputs(units)[0]}", of_inputs(units)["units"]
+    stack(held, ("time", "input"), listed, [r.pressure if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
@@ -250,11 +257,12 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
     """Return a recording stored in results.nc as the `Experiment` that the fits used."""
     found = {str(name): variable.values for name, variable in recording.variables.items()}
     trace, drives = None, {}
+    name, clock = ("actuation", "input_time") if "actuation" in found else ("pressure", "pressure_time")
     if "driven" in found:
-        columns = zip(found["driven"], found["pressure"].T, strict=True)
-        drives = {str(name): Trace(found["pressure_time"], samples) for name, samples in columns}
-    elif "pressure" in found:
-        trace = Trace(found["pressure_time"], found["pressure"])
+        columns = zip(found["driven"], found[name].T, strict=True)
+        drives = {str(one): Trace(found[clock], samples) for one, samples in columns}
+    elif name in found:
+        trace = Trace(found[clock], found[name])
     stations = tuple(str(s) for s in found["station"])
     angles: dict[str, Any] = {}
     if "angle" in found:
@@ -282,9 +290,14 @@ def fit_of(
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
         body = under_fit["body"].values if "body" in under_fit and under_fit["body"].notnull().any() else None
         records.append(RecordOutcome(record, numbers["role"], exp, under_fit["modelled"].values,
-                                     under_fit["modelled_pressure"].values, metrics, band_of(under_fit, exp), body,
+                                     modelled_inputs(under_fit), metrics, band_of(under_fit, exp), body,
                                      dict(zip(actuation.names, actuation.units, strict=True))))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
+
+
+def modelled_inputs(recording: xr.Dataset) -> Array:
+    """Return the modelled inputs (T, C) [SI] of a recording stored in results.nc."""
+    return recording["modelled_actuation" if "modelled_actuation" in recording else "modelled_pressure"].values
 
 
 def failures_of(entry: Mapping[str, Any]) -> tuple[NotComputed, ...]:
