@@ -17,11 +17,12 @@ import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.identification import Parameter, experiment
-from pliant.model import Chamber, Space, chain_model
+from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
 from pliant.sweep import run_sweep, scheduler, store, tasks
 from pliant.sweep.spec import fixed, sweep_from, table
+from pliant.sweep.sweep import unit_of
 from pliant.validation.use_figures import sweep_figure
 
 
@@ -342,3 +343,25 @@ def test_a_sweep_in_space_keeps_three_coordinates_of_the_tip(tmp_path):
         alone = simulate(own, Pulse(3e4, 0.0), times=np.arange(11) / 50.0, time_step=2e-3)
         np.testing.assert_array_equal(samples.tip.values[i], alone.tip_position.values[:, -1])
     assert sweep_figure(samples).axes[-1].get_legend_handles_labels()[1][-1] == "tip z, median and 95 %"
+
+
+def test_levels_of_tendons_are_in_their_own_units(tmp_path):
+    """No common level for a displacement and a tension, and no default of 119 kPa for a tendon alone."""
+    same = {"joint_gain": [-1.0, -1.0], "cross_gain": [0.0, 0.0], "lever": 8e-3}
+    cords = [Tendon(**same, name="long", driven_by="displacement", line_stiffness=2e3), Tendon(**same, name="pull")]
+    model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(), chambers=cords)
+    sweep = {"kind": "design", "duration": 0.1, "rate": 20.0}
+
+    def refused(body, **parameters):
+        with pytest.raises(InputError) as error:
+            run_sweep(sweep_from({**sweep, "parameters": parameters}), body, tmp_path / "no")
+        return str(error.value)
+
+    stiff = {"values": [0.3, 0.4]}
+    assert "a sweep of several inputs needs the level of at least one: long.level, in m" in refused(
+        model, stiffness=stiff)
+    assert "no common level: give some of long.level [m], pull.level [N]" in refused(model, level={"values": [0.1, 1]})
+    alone = model.with_(chambers=cords[1:])
+    assert "a sweep of a tendon needs its level: pull.level, in N" in refused(alone, stiffness=stiff)
+    names = ("parameter_long.level", "parameter_pull.level", "parameter_level", "parameter_stiffness", "tip")
+    assert [unit_of(name, model) for name in names] == ["m", "N", "m", "N m/rad", "m"]

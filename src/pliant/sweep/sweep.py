@@ -24,7 +24,7 @@ from pliant.version import __version__
 Array = np.ndarray
 QUANTILES = (0.025, 0.5, 0.975)
 UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "failed": "1",
-         "parameter_level": "Pa", "parameter_start": "s", "parameter_width": "s"}
+         "parameter_start": "s", "parameter_width": "s"}
 
 
 @dataclass(frozen=True)
@@ -145,20 +145,23 @@ def run_sweep(
         clock, axes = np.arange(samples.sizes["time"]) / sweep.rate, list("xyz"[: samples.sizes["axis"]])
         samples = samples.assign_coords(time=clock, axis=axes)
     for variable, a in samples.data_vars.items():
-        a.attrs["units"] = unit_of(str(variable))
+        a.attrs["units"] = unit_of(str(variable), model)
     result = SweepResult(samples, account, Path(folder))
     write_dataset(samples, Path(folder) / "samples.nc")
     store.note({"identity": identity, **result.summary()})
     return result
 
 
-def unit_of(name: str) -> str:
-    """Return the unit of a result variable of a sweep, such as "Pa"; "1" if unknown."""
+def unit_of(name: str, model: Model) -> str:
+    """Return the unit of a result variable of a sweep of a model, such as "Pa"; "1" if unknown."""
     from pliant.identification.parameters import kind_of
 
     parameter = name.removeprefix("parameter_")
+    owner, _, what = parameter.rpartition(".")
+    if what == "level" and parameter != name:
+        return dict(zip(model.actuation.names, model.actuation.units, strict=True)).get(owner, model.actuation.units[0])
     try:
-        return UNITS.get(name) or UNITS.get(f"parameter_{parameter.rpartition('.')[2]}") or kind_of(parameter).unit
+        return UNITS.get(name) or UNITS.get(f"parameter_{what}") or kind_of(parameter).unit
     except InputError:
         return "1"
 
@@ -174,10 +177,16 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
             raise InputError(f"a {sweep.kind} sweep needs the recordings of a fit: give experiments")
         return
     pulses = (*PULSE, *(f"{c.name}.{k}" for c in model.chambers for k in PULSE))
-    if model.actuation.count > 1 and not any(name.endswith("level") for name in pulses if name in sweep.parameters):
-        raise InputError(
-            f"a sweep of several chambers needs the level of at least one: {model.chambers[0].name}.level, in Pa"
-        )
+    inputs = model.actuation
+    several = "several " + ("chambers" if inputs.variable == "pressure" else "inputs")
+    if (inputs.count > 1 or inputs.variable != "pressure") and not any(
+        name.endswith("level") for name in pulses if name in sweep.parameters
+    ):
+        who, which = (several, "the level of at least one") if inputs.count > 1 else ("a tendon", "its level")
+        raise InputError(f"a sweep of {who} needs {which}: {inputs.names[0]}.level, in {inputs.units[0]}")
+    if "level" in sweep.parameters and len(set(inputs.units)) > 1:
+        levels = ", ".join(f"{name}.level [{unit}]" for name, unit in zip(inputs.names, inputs.units, strict=True))
+        raise InputError(f"a sweep of {several} with different units has no common level: give some of {levels}")
     for name, r in sweep.parameters.items():
         if name in pulses:
             continue
