@@ -276,7 +276,7 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
 
 
 def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure: ArrayLike, delay: float,
-                 drift: float = 0.0, title: str = "") -> Figure:
+                 drift: float = 0.0, title: str = "", word: str = "pressure") -> Figure:
     """Return a figure of motion and pressure against time, before and after the pressure's clock is corrected.
 
     The left panel shows the whole recording, the right one the steepest edge of the pressure.
@@ -289,6 +289,8 @@ def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure:
         Time on the clock of the pressure log [s], and the pressure in any unit.
     delay, drift : float
         Offset [s] and relative rate error; the corrected times are ``clock * (1 + drift) + delay``.
+    word : str
+        Name of `pressure` in the legend, for other inputs.
     """
     t, y, c, p = (np.asarray(a, dtype=float) for a in (time, motion, clock, pressure))
     moved = c * (1.0 + drift) + delay
@@ -302,11 +304,11 @@ def clock_figure(time: ArrayLike, motion: ArrayLike, clock: ArrayLike, pressure:
         figure, (whole, close) = new_figure(1, 2, height=2.4, width_ratios=[3, 2])
         for ax in (whole, close):
             ax.plot(t, y, color="0.6", linestyle="-", linewidth=2.2, label="motion")
-            ax.plot(moved, p, color="black", linestyle="-", linewidth=0.9, label="pressure, clock corrected")
-            ax.plot(c, p, color="0.35", linestyle=":", linewidth=0.9, label="pressure, as logged")
+            ax.plot(moved, p, color="black", linestyle="-", linewidth=0.9, label=f"{word}, clock corrected")
+            ax.plot(c, p, color="0.35", linestyle=":", linewidth=0.9, label=f"{word}, as logged")
             ax.set(xlabel="time on the shape's clock (s)", yticks=[0, 1])
         whole.set(ylabel="fraction of range", xlim=(t[0] - 0.05 * np.ptp(t), t[-1] + 0.05 * np.ptp(t)))
-        close.set(xlim=(edge - 0.3, edge + 0.7), title="steepest edge of the pressure")
+        close.set(xlim=(edge - 0.3, edge + 0.7), title=f"steepest edge of the {word}")
         whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
         figure.suptitle(title, fontsize=9)
     return figure

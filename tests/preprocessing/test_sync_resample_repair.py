@@ -272,3 +272,31 @@ def test_a_station_that_was_seen_twice_is_filled_between_and_nowhere_else():
     assert np.isfinite(made["position"][:, 1, 0]).sum() == 1
     assert "filled 2 drop-out(s)" in made.attrs["history"]
     assert "7 are left" in made.attrs["history"]
+
+
+def test_clocks_of_tensions_and_motor_angles_are_compared_as_those_of_pressures():
+    """The same course as a pressure, as a tension, and as both of them with a motor that rests."""
+    bent = body(ringing(0.3), np.random.default_rng(7))
+    found = sync(bent)
+    course = pulses(CLOCK) * 5e-5
+    given = {"position": bent["position"].values, "time": TIME, "input_time": CLOCK}
+    pulled = make_recording(actuation=course[:, None], input_names=["m1"], input_kind=["tension"], **given)
+    told = sync(pulled)
+    assert told.delay_s == pytest.approx(found.delay_s, abs=1e-9)
+    assert told.summary().startswith("the tension's clock is moved by +29")
+    assert "the tension log covers 97 % of the shape's frames" in told.summary()
+    both = make_recording(
+        actuation=np.stack([course, 0.2 + 0.0 * CLOCK], axis=1), input_names=["m1", "m2"],
+        input_kind=["tension", "angle"], pressure=pulses(CLOCK), pressure_time=CLOCK, **given,
+    )
+    assert sync(both).delay_s == pytest.approx(found.delay_s, abs=1e-3)
+    moved = shift_pressure(both, 0.3, 1e-3)
+    for name in ("input_time", "pressure_time"):
+        np.testing.assert_allclose(moved[name], CLOCK * 1.001 + 0.3)
+    assert moved["input_time"].attrs == both["input_time"].attrs
+    assert "clock of the input moved by +300.00 ms" in moved.attrs["history"]
+    np.testing.assert_array_equal(moved["actuation"], both["actuation"])
+    apart = both.assign_coords(input_time=both["input_time"].copy(data=CLOCK + 1.0))
+    np.testing.assert_array_equal(shift_pressure(apart, 0.3)["input_time"], CLOCK + 1.0)
+    with pytest.raises(InputError, match="pressure or other inputs, but the recording lacks one"):
+        sync(make_recording(TIME, bent["position"].values))

@@ -14,7 +14,7 @@ from pliant.cli.terminal import answer
 def sync(
     shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
     pressure: Annotated[
-        Path | None, typer.Argument(help="Log of the pressure; default: the pressure in the shape's file.")
+        Path | None, typer.Argument(help="Log of the pressure; default: the inputs in the shape's file.")
     ] = None,
     mapping: Annotated[Path | None, typer.Option(help="TOML file that describes the shape's columns.")] = None,
     pressure_mapping: Annotated[
@@ -49,8 +49,9 @@ def sync(
         from pliant.validation.outcome import Clocks
 
         c = Clocks.of(recording, offset)
-        title = f"the pressure's clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * offset.uncertainty_s:.1f} ms"
-        write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title), figure)
+        title = f"the {offset.input}'s clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * offset.uncertainty_s:.1f} ms"
+        write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title, offset.input),
+                     figure)  # fmt: skip
     if output is not None:
         write(shift_pressure(recording, offset.delay_s, offset.drift), output)
     answer(

@@ -10,6 +10,8 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing.detectors import without_spikes
+from pliant.recording.inputs import inputs_on_one_clock
+from pliant.units import input_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,21 +93,26 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
-    """Return the pressure over time, with gaps interpolated. The first column is the first principal component of all
-    chambers. Each further column is a chamber's rise above its minimum, scaled by the range of all chambers.
+    """Return the pressure, or other inputs, over time, with gaps interpolated. The first column is the first principal
+    component of all inputs. Each further column is an input's rise above its minimum, scaled by the range of all inputs
+    of its unit.
     """
-    values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
-    clock = recording["pressure_time"].values
+    inputs = inputs_on_one_clock(recording)
+    clock, values = inputs[0].time, np.stack([one.values for one in inputs], axis=1)
+    word = input_words([one.unit for one in inputs])[0]
     seen = np.isfinite(values).all(1)
     if seen.sum() < FEWEST:
-        raise InputError(f"comparing clocks needs at least {FEWEST} samples of pressure: set clock to the offset in "
+        raise InputError(f"comparing clocks needs at least {FEWEST} samples of {word}: set clock to the offset in "
                          "seconds")
     values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
     if not (np.ptp(values, axis=0) > 0).any():
-        raise InputError("the pressure is constant, so its clock cannot be compared with the shape's: set clock to "
+        raise InputError(f"the {word} is constant, so its clock cannot be compared with the shape's: set clock to "
                          "the offset in seconds")
-    values = values[:, np.ptp(values, axis=0) > 0]
-    values = (values - values.min(0)) / np.ptp(values)
+    moving = np.ptp(values, axis=0) > 0
+    values, units = values[:, moving], np.array([one.unit for one in inputs])[moving]
+    for unit in set(units):
+        own = units == unit
+        values[:, own] = (values[:, own] - values[:, own].min(0)) / np.ptp(values[:, own])
     main, _ = first_component(values)
     return TimeSeries(clock, np.column_stack([main, values]), np.ones(len(clock)))
 

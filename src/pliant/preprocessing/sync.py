@@ -10,7 +10,9 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.preprocessing.lag_model import Fitted, TimeSeries, body_course, fit_lag, holes, pressure_course
+from pliant.recording.inputs import inputs_on_one_clock
 from pliant.recording.schema import append_history, check_holds, check_recording
+from pliant.units import input_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,6 +52,8 @@ class Delay(Shown):
         Natural frequency and damping ratio of the modelled response of the body.
     warnings : tuple of str
         One sentence for each reason why the offset may be wrong.
+    input : str
+        What was compared with the motion: "pressure", "tension", "displacement", "motor angle" or "input".
     """
 
     delay_s: float
@@ -60,13 +64,14 @@ class Delay(Shown):
     frequency_hz: float
     damping_ratio: float
     warnings: tuple[str, ...] = ()
+    input: str = "pressure"
 
     def summary(self) -> str:
         """Return the clock offset, its uncertainty and the warnings as text."""
         drift = f", a drift of {1e6 * self.drift:+.0f} +- {1e6 * self.drift_uncertainty:.0f} ppm" if self.drift else ""
         moved = f"{1e3 * self.delay_s:+.1f} +- {1e3 * self.uncertainty_s:.1f} ms{drift}"
-        how = f"estimated from pressure and motion ({100 * self.explained:.1f} % of the motion explained)"
-        return ". ".join([f"the pressure's clock is moved by {moved}, {how}", *self.warnings])
+        how = f"estimated from {self.input} and motion ({100 * self.explained:.1f} % of the motion explained)"
+        return ". ".join([f"the {self.input}'s clock is moved by {moved}, {how}", *self.warnings])
 
     def card(self) -> Card:
         """Return the clock offset, its uncertainty and the warnings for display in a notebook."""
@@ -84,7 +89,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     Parameters
     ----------
     recording : xarray.Dataset
-        Recording with pressure and with position or angle.
+        Recording with pressure, or other inputs, and with position or angle.
     largest_s : float, optional
         Largest offset that is tried, of either sign. Default: every offset at which half of the shorter recording
         overlaps with the other.
@@ -99,13 +104,15 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
         it equally well, as with a periodic pressure.
     """
     check_recording(recording)
-    if not ({"position", "angle"} & set(recording)) or "pressure" not in recording:
-        raise InputError("sync compares motion with pressure, but the recording lacks one of them: add the missing "
-                         "one, or skip the synchronisation")
+    inputs = inputs_on_one_clock(recording)
+    if not ({"position", "angle"} & set(recording)) or not inputs:
+        raise InputError("sync compares motion with pressure or other inputs, but the recording lacks one of them: add "
+                         "the missing one, or skip the synchronisation")  # fmt: skip
     body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)
-    warnings = doubts(best, pressure)
+    word = input_words([one.unit for one in inputs])[0]
+    warnings = doubts(best, pressure, word)
     clear = fit_lag(
         body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60
     ) if drift else best
@@ -115,7 +122,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
             warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
                             "stated rates")
     return Delay(best.delay, best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
-                 best.explained, best.frequency, best.damping, tuple(warnings))
+                 best.explained, best.frequency, best.damping, tuple(warnings), word)
 
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:
@@ -139,21 +146,21 @@ def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> No
         )
 
 
-def doubts(best: Fitted, pressure: TimeSeries) -> list[str]:
-    """Return one sentence for each reason why the fitted clock offset `best` may be wrong, such as gaps in the pressure
-    log.
+def doubts(best: Fitted, pressure: TimeSeries, word: str = "pressure") -> list[str]:
+    """Return one sentence for each reason why the fitted clock offset `best` may be wrong, such as gaps in the log of
+    the pressure or of other inputs, which `word` names.
     """
     said = []
     if best.uncertainty > DOUBTFUL_S:
-        said.append(f"WARNING: the offset is uncertain by {1e3 * best.uncertainty:.0f} ms; a recording whose pressure "
+        said.append(f"WARNING: the offset is uncertain by {1e3 * best.uncertainty:.0f} ms; a recording whose {word} "
                     "changes fast, more than once, determines it better")  # fmt: skip
     if best.inside < 0.98:
-        said.append(f"the pressure log covers {100 * best.inside:.0f} % of the shape's frames")
+        said.append(f"the {word} log covers {100 * best.inside:.0f} % of the shape's frames")
     if best.after_motion:
-        said.append("WARNING: the pressure is already high when its log begins: the first rise is not recorded")
+        said.append(f"WARNING: the {word} is already high when its log begins: the first rise is not recorded")
     if gaps := holes(pressure.time):
         longest = max(gaps, key=lambda gap: gap[1] - gap[0])
-        said.append(f"the pressure log has {len(gaps)} gap(s), the longest {longest[1] - longest[0]:.3g} s at "
+        said.append(f"the {word} log has {len(gaps)} gap(s), the longest {longest[1] - longest[0]:.3g} s at "
                     f"{longest[0]:.3g} s of its clock; they were left out here, and are interpolated linearly in a "
                     "simulation")  # fmt: skip
     return said
@@ -223,12 +230,20 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
 
 
 def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) -> xr.Dataset:
-    """Return the recording with the pressure's sample times t [s] replaced by ``t * (1 + drift) + delay_s``."""
-    check_holds(recording, "pressure", "shift_pressure")
+    """Return the recording with the sample times t [s] of the pressure, and of other inputs with the same clock,
+    replaced by ``t * (1 + drift) + delay_s``.
+    """
+    check_recording(recording)
+    inputs = inputs_on_one_clock(recording)
+    if not inputs:
+        check_holds(recording, "pressure", "shift_pressure")
     if not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError(f"delay_s (in seconds) and drift must be finite, not {delay_s!r} and {drift!r}")
-    clock = recording["pressure_time"].copy(data=recording["pressure_time"].values * (1.0 + drift) + delay_s)
-    shifted = recording.assign_coords(pressure_time=clock.values)
-    shifted["pressure_time"].attrs = dict(recording["pressure_time"].attrs)
+    names = dict.fromkeys("pressure_time" if one.kind == "pressure" else "input_time" for one in inputs)
+    shifted = recording
+    for name in names:
+        shifted = shifted.assign_coords({name: recording[name].values * (1.0 + drift) + delay_s})
+        shifted[name].attrs = dict(recording[name].attrs)
+    word = input_words([one.unit for one in inputs])[0]
     rate = f" and its rate by {1e6 * drift:+.0f} ppm" if drift else ""
-    return append_history(shifted, f"clock of the pressure moved by {1e3 * delay_s:+.2f} ms{rate}")
+    return append_history(shifted, f"clock of the {word} moved by {1e3 * delay_s:+.2f} ms{rate}")

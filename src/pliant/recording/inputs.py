@@ -38,6 +38,15 @@ def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
     return found
 
 
+def inputs_on_one_clock(recording: xr.Dataset) -> list[RecordedInput]:
+    """Return the measured inputs whose clock is compared with that of the shape: all if they share their sample times,
+    else the pressures.
+    """
+    inputs = recorded_inputs(recording)
+    shared = all(np.array_equal(one.time, inputs[0].time) for one in inputs)
+    return inputs if shared else [one for one in inputs if one.kind == "pressure"]
+
+
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
     """Return all inputs of a recording, with their names and times, as keyword arguments for `make_recording`, so that
     a new recording receives the same inputs.

@@ -15,7 +15,9 @@ from pliant.errors import InputError, inside
 from pliant.preprocessing.align import alignment_of
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history
+from pliant.recording.inputs import inputs_on_one_clock
 from pliant.study.schema import Recording
+from pliant.units import input_words
 from pliant.validation.outcome import Clocks
 
 Array = np.ndarray
@@ -85,7 +87,7 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
 def on_one_clock(
     recording: xr.Dataset, entry: Recording, name: str
 ) -> tuple[xr.Dataset, Clocks | None, tuple[str, ...]]:
-    """Return the recording with its pressure moved to the shape's clock, the estimated offset between the two clocks,
+    """Return the recording with its inputs moved to the shape's clock, the estimated offset between the two clocks,
     and sentences on this offset for the report.
 
     The offset is None if nothing was estimated, since the clocks are stated to be equal or the offset is stated.
@@ -93,10 +95,12 @@ def on_one_clock(
     wanted = entry.clock if entry.clock is not None else "align" if entry.pressure_file else "same"
     if wanted == "same":
         return recording, None, ()
-    if "pressure" not in recording:
-        raise InputError(f"recording {name}: clock is stated, but there is no measured pressure: remove clock")
+    if not (inputs := inputs_on_one_clock(recording)):
+        raise InputError(f"recording {name}: clock is stated, but there is no measured pressure or other input: remove "
+                         "clock")  # fmt: skip
     if not isinstance(wanted, str):
-        finding = f"the pressure's clock is moved by {1e3 * wanted:+.6g} ms, as stated"
+        word = input_words([one.unit for one in inputs])[0]
+        finding = f"the {word}'s clock is moved by {1e3 * wanted:+.6g} ms, as stated"
         return shift_pressure(recording, wanted), None, (finding,)
     with inside(f"recording {name}"):
         offset = sync(recording, drift=True)
