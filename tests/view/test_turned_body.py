@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import pliant.view
+from pliant.errors import InputError
 from pliant.identification import Experiment
+from pliant.loop.log import LoopLog
+from pliant.loop.run import log_columns
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.simulation import Trace, equilibrium
@@ -21,6 +24,7 @@ from pliant.view.data import Pack, modelled_of, unpack
 from pliant.view.live import Live, PageContent, PageRequest, Pull, sliders_of
 from pliant.view.report import report_page
 from pliant.view.server import BARE_KPA, live_page, ranges
+from pliant.view.watched import WatchedLoop
 
 NODE = shutil.which("node")
 FIGURES = Path(pliant.view.__file__).with_name("assets") / "figures.js"
@@ -123,6 +127,33 @@ def test_tendons_are_moved_in_their_units(arm):
         seen = Experiment("r", time, time[:, None, None] * np.ones((1, 1, 3)), ("tip",), "trace",
                           drives={name: drawn[name] for name in names.split()})  # fmt: skip
         assert ranges(PageContent(model, (), {"r": seen}), 3)["highest"][2] == pytest.approx(most)
+
+
+def test_a_loop_of_tendons_in_space_is_watched_by_its_log(arm, tmp_path):
+    """Inputs in mm, of columns in m; joints where the coordinates of the log place them."""
+    cords = [Tendon.at_azimuth(k, np.ones(2), driven_by="displacement", lever=8e-3, line_stiffness=2e3, name=f"c{k}")
+             for k in range(2)]  # fmt: skip
+    model = arm.with_(chambers=cords)
+    columns = log_columns(model.size, 2, ("tip_x", "tip_z"), "m")
+    log = LoopLog(tmp_path / "loop.csv", columns)
+    x = np.array([0.1, -0.2, 0.3, 0.05])
+    values = {"displacement_1_m": 1e-3, "displacement_2_m": -2e-3, "command_2_m": -2.5e-3, "target_tip_z_m": 0.01,
+              **{f"phi_{k + 1}_rad": float(v) for k, v in enumerate(x)}}  # fmt: skip
+    for second in (0.0, 3.0):
+        log.write([(dict.fromkeys(columns, 0.0) | values | {"time_s": second})[c] for c in columns])
+    log.close()
+    watched = WatchedLoop(tmp_path / "loop.csv", model, touch=0.01)
+    assert np.shape(watched.frame()["body"]) == (4, 3)
+    watched.advance(0.016)
+    frame = watched.frame()
+    assert (frame["kpa"], frame["command"], frame["touch"]) == ([1.0, -2.0], [0.0, -2.5], None)
+    np.testing.assert_allclose(frame["body"], 1e3 * mechanics_of(model).nodes(x), atol=1e-3)
+    assert "tip z target 10.00 mm" in frame["message"]
+    data = json.loads(live_page(PageContent(model, (), {}, log=tmp_path / "loop.csv"), watched)
+                      .split('id="data">')[1].split("</script>")[0])  # fmt: skip
+    assert (data["units"], data["chambers"]) == (["mm", "mm"], ["c0", "c1"])
+    with pytest.raises(InputError, match="has 4 joint coordinates, but the model has 6"):
+        WatchedLoop(tmp_path / "loop.csv", arm.with_(space=Space(twist_ratio=0.8, radius=0.01)))
 
 
 @pytest.fixture(scope="module")

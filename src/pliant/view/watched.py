@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.loop.log import MARK
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
+from pliant.units import shown_in
 from pliant.view.live import PageRequest
 
 BEHIND = 0.7  # s, lag of the page: the log reaches the disk at most 0.5 s after the loop wrote it
@@ -28,7 +29,7 @@ class WatchedLoop:
     path : Path
         The ``log.csv`` that `pliant control` is writing.
     model : Model
-        Model of the body, with as many links as the log has angles.
+        Model of the body, with as many links, or in space joint coordinates, as the log has angles.
     touch : float
         Unexplained joint torque [N m] above which the page shows the single force that would explain the torques of all
         joints. It should be larger than the unexplained torque in free motion. With 0, no force is shown.
@@ -52,21 +53,37 @@ class WatchedLoop:
             raise InputError(f"{path} is not the log of a control loop: name the log.csv that `pliant control` writes")
         self.columns = names.split(",")
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
-        if len(self.angles) != model.n:
-            raise InputError(f"the log {path} has {len(self.angles)} links, but the model has {model.n}: use the model "
-                             "of that loop")
-        self.model, self.rows, self.rest = fixed_length(model), deque[list[float]](maxlen=KEPT), b""
+        if model.space and model.extensions:
+            raise InputError("the log of a control loop holds joint angles alone: watch a model whose length is fixed")
+        self.model = model if model.space else fixed_length(model)
+        self.rows, self.rest = deque[list[float]](maxlen=KEPT), b""
+        if len(self.angles) != self.model.size:
+            what = "joint coordinates" if model.space else "links"
+            raise InputError(f"the log {path} has {len(self.angles)} {what}, but the model has {self.model.size}: use "
+                             "the model of that loop")  # fmt: skip
+        self.unit = model.actuation.units[0]  # of all inputs of a task
         self.shown, self.message, self.fault, self.touch = -np.inf, "", "", touch
         self.design = ""  # stability margins and simulated test of the loop
         self.since = np.inf  # s, time of the first row after the last fault
-        self.chambers = len(self.named("pressure"))
+        self.chambers = len(self.inputs)
         self.pending = False  # no model is ever built
 
+    @property
+    def inputs(self) -> list[int]:
+        """Indices of the log's columns that hold the measured input of each chamber or tendon."""
+        return self.named(self.model.actuation.kinds[0])
+
     def named(self, what: str) -> list[int]:
-        """Return the indices of the log's columns that hold one quantity of each chamber: its pressure or its command,
-        as `what` says.
+        """Return the indices of the log's columns that hold one quantity of each input: its command, or its measured
+        value, such as the pressure, as `what` says.
         """
-        return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith("pa")]
+        ending = f"_{self.unit.lower()}"
+        return [k for k, n in enumerate(self.columns) if n.startswith(f"{what}_") and n.endswith(ending)]
+
+    def values_of(self, row: list[float], columns: list[int]) -> list[float]:
+        """Return the values of some inputs in a row of the log, in the unit that the page shows; 0 where unknown."""
+        factor, _ = shown_in(self.unit)
+        return [round(float(np.nan_to_num(factor * row[k])), 4) for k in columns]
 
     def receive(self, request: PageRequest) -> None:
         """Ignore a request of the page, since a watched loop must not be changed."""
@@ -94,10 +111,12 @@ class WatchedLoop:
             self.shown = float(np.clip(self.shown + elapsed, newest - 2 * BEHIND, newest))
 
     def frame(self) -> dict[str, Any]:
-        """Return the state at the displayed time for drawing: positions [mm], pressures [kPa], status."""
+        """Return the state at the displayed time for drawing: positions [mm], inputs [kPa; for tendons N,
+        mm or rad], status.
+        """
         row = next((r for r in reversed(self.rows) if r[0] <= self.shown), None)
         if row is None:
-            still = [[0.0, 0.0]] * (self.model.n + 2)
+            still = [[0.0] * mechanics_of(self.model).dimension] * (self.model.n + 2)
             return {"t": 0.0, "body": still, "message": "waiting for the first row of the log", "measured": None,
                     "kpa": [0.0] * self.chambers, "command": [0.0] * self.chambers, "force": [0, 0]}
         m, phi = self.model, np.array([row[k] for k in self.angles])
@@ -110,8 +129,7 @@ class WatchedLoop:
         return {
             "t": round(row[0], 6), "body": np.nan_to_num(np.round(1e3 * joints, 3)).tolist(), "message": message,
             "measured": None, "force": [0, 0],
-            "kpa": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("pressure")],
-            "command": [round(float(np.nan_to_num(1e-3 * row[k])), 4) for k in self.named("command")],
+            "kpa": self.values_of(row, self.inputs), "command": self.values_of(row, self.named("command")),
             "touch": self.touching(value),
         }
 
@@ -127,8 +145,10 @@ class WatchedLoop:
 
     def touching(self, value: dict[str, float]) -> list[float] | None:
         """Return the position [mm] and components [N] of the single contact force that explains the disturbance
-        torques; None if there is none.
+        torques; None if there is none, or in space.
         """
+        if self.model.space:
+            return None
         n = self.model.n
         angle, torque, sd = (np.array([value.get(name.format(i + 1), np.nan) for i in range(n)])
                              for name in ("phi_{}_rad", "torque_{}_nm", "torque_sd_{}_nm"))
