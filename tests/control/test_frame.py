@@ -158,5 +158,5 @@ def test_a_law_that_begins_with_the_square_is_observed(body):
 
 
 def test_a_regulator_of_what_no_small_pressure_moves_is_refused(body):
-    with pytest.raises(InputError, match="a small pressure does not move the tip"):
+    with pytest.raises(InputError, match="a small change of the inputs does not move the tip"):
         design_lqr(frozen(body.with_(torque=np.array([0.0, 1e-11]))), 6e4, PERIOD)

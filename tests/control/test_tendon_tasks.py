@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.cli.control import control, reached
+from pliant.cli.control import control, meanings, reached
 from pliant.control import Limits, Mpc, design_outputs, read_task
 from pliant.control.model_plant import ModelPlant
 from pliant.control.rehearsal import range_of
@@ -99,6 +99,14 @@ def test_what_the_loop_says_has_the_unit_of_the_input():
     dog.reset()
     dog.command(0, np.array([13.0]))
     assert dog.fault == "the command of 13.0 N is outside 0 ... 12.0 N"
+    motor = Watchdog(Bounds(0.44, lowest_pressure=-0.02, unit="rad"))
+    motor.pressure(0, np.array([0.46]))
+    assert motor.fault == "the angle of 0.460 rad is outside -0.020 ... 0.440 rad"
+    motor.reset()
+    motor.command(0, np.array([0.46]))
+    assert motor.fault == "the command of 0.460 rad is outside 0 ... 0.440 rad"
+    assert meanings("m")["command_sd_rest_mm"] == meanings("Pa")["command_sd_rest_kpa"]
+    assert set(meanings("m")) & set(meanings("Pa")) == set(meanings("N")) & set(meanings("rad"))
     dog.reset()
     dog.frozen(0, 0, 251)
     assert dog.fault.startswith("frozen tension: 251 consecutive readings")

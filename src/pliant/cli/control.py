@@ -91,11 +91,19 @@ def control(
         for ending in (".png", ".svg"):
             write_figure(figure, output / f"control{ending}")
     numbers = reached(done)
-    lines = [f"stability margins of {plant} by pressure, full state known, no limits:", str(done.prepared.design),
-             *unmodelled(done), str(done.prepared.rehearsal), number_table(numbers, "results of the run", MEANING),
+    table = number_table(numbers, "results of the run", meanings(done.unit))
+    lines = [f"stability margins of {plant} by {KIND_OF[done.unit]}, full state known, no limits:",
+             str(done.prepared.design), *unmodelled(done), str(done.prepared.rehearsal), table,
              f"log, report and figures: {output}"]  # fmt: skip
     answer({"plant": plant, "folder": str(output), **numbers, **done.summary, "settling_s": settling(done)},
            "\n".join(lines), as_json=json, default=float)
+
+
+def meanings(unit: str) -> dict[str, str]:
+    """Return the meaning of each result of a run whose inputs have the SI unit `unit`, by the name of the result."""
+    ending = shown_in(unit)[1].lower()
+    return {(f"{name.removesuffix('_kpa')}_{ending}" if name.endswith("_kpa") else name): text
+            for name, text in MEANING.items()}  # fmt: skip
 
 
 def columns(log: Any, name: str) -> Any:
@@ -176,12 +184,13 @@ def unmodelled(done: TaskResult) -> list[str]:
 
 def report(plant: str, done: TaskResult) -> str:
     """Return the summary of a control run as Markdown text."""
-    lines = [f"# Control of {plant}", "", "Stability margins by pressure, full state known, no limits:", ""]
+    kind = KIND_OF[done.unit]
+    lines = [f"# Control of {plant}", "", f"Stability margins by {kind}, full state known, no limits:", ""]
     lines += ["```", str(done.prepared.design), "```", "", *unmodelled(done), "",
               *(f"{line}  " for line in str(done.prepared.rehearsal).splitlines()), ""]
     lines += ["| | value | unit | |", "|---|---|---|---|"]
     for name, value in reached(done).items():
         words, unit = quantity(name)
         lines.append(f"| {words} | {value if isinstance(value, str) else f'{value:.4g}'} | {unit} | "
-                     f"{MEANING.get(name, '')} |")
+                     f"{meanings(done.unit).get(name, '')} |")
     return "\n".join(lines) + "\n"

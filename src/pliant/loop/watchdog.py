@@ -136,8 +136,9 @@ class Watchdog:
                 self.trip(f"the {KIND_OF[b.unit]} reading is {p}", now)
             elif not b.lowest_pressure <= p <= b.highest_pressure:
                 factor, unit = shown_in(b.unit)
-                self.trip(f"the {KIND_OF[b.unit]} of {factor * p:.1f} {unit} is outside "
-                          f"{factor * b.lowest_pressure:.1f} ... {factor * b.highest_pressure:.1f} {unit}", now)
+                digits = 3 if b.unit == "rad" else 1
+                value, low, high = (f"{factor * v:.{digits}f}" for v in (p, b.lowest_pressure, b.highest_pressure))
+                self.trip(f"the {KIND_OF[b.unit]} of {value} {unit} is outside {low} ... {high} {unit}", now)
 
     def estimate(self, now: int, state: State) -> None:
         """Set a fault if the estimated state is not finite, out of limits, or inconsistent with the readings."""
@@ -175,8 +176,9 @@ class Watchdog:
                 self.trip(f"the command is {p}", now)
             elif not 0.0 <= p <= self.bounds.highest_pressure:
                 factor, unit = shown_in(self.bounds.unit)
-                most = factor * self.bounds.highest_pressure
-                self.trip(f"the command of {factor * p:.1f} {unit} is outside 0 ... {most:.1f} {unit}", now)
+                digits = 3 if unit == "rad" else 1
+                value, most = (f"{factor * v:.{digits}f}" for v in (p, self.bounds.highest_pressure))
+                self.trip(f"the command of {value} {unit} is outside 0 ... {most} {unit}", now)
         if not self.fault:
             return command
         return np.zeros(command.size)
