@@ -113,6 +113,22 @@ def test_a_scenario_and_a_shape_are_told_as_json(tmp_path: Path) -> None:
     assert dict(read(tmp_path / "deep.nc").sizes) == {"time": 60, "station": 3, "axis": 3}
 
 
+def test_a_body_that_never_rests_and_whose_base_no_station_shows(tmp_path):
+    time = np.linspace(0.0, 1.0, 101)
+    swing = np.stack([30.0 + 20.0 * np.sin(9.0 * time), 0.0 * time, 80.0 + 3.0 * np.cos(9.0 * time)], axis=1)
+    places = np.stack([1e-3 * swing, 1.1e-3 * swing], axis=1)
+    file = write(make_recording(time, places, station=["a", "b"]), tmp_path / "swing.nc")
+    words = ("shape", file, "-o", tmp_path / "clean.nc", "--space", "--tangent", "0,0,1", "--plane", "+y", "--json")
+    assert "never at rest" in str(invoke(*words).exception)
+    told = json.loads(invoke(*words, "--rest", "0,0.02", "--origin", "0.03,0,-0.01").stdout)
+    assert any("rest 0 to 0.02 s" in line for line in told["history"])
+    clean = read(tmp_path / "clean.nc")
+    heights = clean["position"].sel(station="a", axis="z").to_numpy()
+    np.testing.assert_allclose(heights, 1e-3 * swing[:, 2] + 0.01, atol=1e-12)
+    assert "--rest must be START,STOP in s, got '3'" in str(invoke(*words, "--rest", "3").exception)
+    assert "--origin must be X,Y,Z in m" in str(invoke(*words, "--rest", "0,0.02", "--origin", "0,high,0").exception)
+
+
 def swinging() -> np.ndarray:
     """Points (60, 3, 3) of a body that rests for half a second and then bends."""
     kappa = 1e-6 + 4 * np.clip(np.arange(60) / 50 - 0.5, 0, None)[:, None]

@@ -161,7 +161,8 @@ def filtered_free_motion(
     """
     parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
-    answer = innovation_response(model, noise, measurement, time_step=options.get("time_step", 5e-3))
+    step = min(part.estimated.attrs["step_s"] for part in parts)
+    answer = innovation_response(model, noise, measurement, time_step=step)
     for part in parts:
         check_frame_rate(part.estimated, answer.period)
     return FilteredFreeMotion(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
@@ -218,7 +219,7 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = estimated["time"].values - options.get("latency", 0.0)
-    run = simulate(held, source, times=times, time_step=options.get("time_step", 5e-3), check=False)
+    run = simulate(held, source, times=times, time_step=estimated.attrs["step_s"], check=False)
     chain, inputs = mechanics_of(model), estimated[model.actuation.variable].values
     features = features_of(model, times, inputs, chain.gathered(run, 0), chain.gathered(run, 1))
     torque, x = chain.gathered(estimated, 2) * chain.lever, chain.coordinates(chain.gathered(estimated, 0))

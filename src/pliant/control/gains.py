@@ -64,8 +64,8 @@ def regulator(rest: Rest, weight: Array, highest: Array, clock: tuple[float, flo
     if r == 0:
         raise InputError(
             f"at rest under {', '.join(f'{p:.4g}' for p in rest.pressure)} (SI units) a small change of the inputs "
-            "does not move the tip or any other output of the task, which happens if the torque law has no linear term: fit the model with the "
-            "linear term torque_1, or choose other outputs"
+            "does not move the tip or any other output of the task, which happens if the torque law has no linear "
+            "term: fit the model with the linear term torque_1, or choose other outputs"
         )
     basis, n, N, m = U[:, :r], linear.position.size, plant.A.shape[0], len(weight)
     unit = np.where(np.arange(N) < 2 * n, 1.0, KILO)

@@ -34,6 +34,7 @@ from pliant.simulation.result import about_inputs, inputs_of
 from pliant.version import __version__
 
 Array = np.ndarray
+STEPS = (5e-3, 2e-3, 1e-3, 5e-4)  # s, of predictions, tried in turn
 
 
 def estimate(
@@ -46,7 +47,7 @@ def estimate(
     disturbance: bool = True,
     stations: tuple[str, ...] | None = None,
     latency: float = 0.0,
-    time_step: float = 5e-3,
+    time_step: float | None = None,
     lag: int = 10,
     pressure_window: float = 8e-3,
 ) -> xr.Dataset:
@@ -75,8 +76,9 @@ def estimate(
         Stations to use. Default: all that recording and model share.
     latency : float
         Delay of the shape's time stamps on the clock of the pressure, s.
-    time_step : float
-        Longest integration step of a prediction, s.
+    time_step : float, optional
+        Longest integration step of a prediction, s. Default: 5 ms, or 2, 1 or 0.5 ms if a prediction with longer steps
+        fails, as for stiff bodies. The attribute `step_s` of the result states it.
     lag : int
         Number of later frames that the smoothed states use.
     pressure_window : float
@@ -120,9 +122,16 @@ def estimate(
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
-    plan = drive_plan(held, source, times, time_step)
-    out = run(held, measurement, plan, settings)
-    return described(held, measurement, out, settings, plan, lag)
+    steps = STEPS if time_step is None else (time_step,)
+    for step in steps:
+        plan = drive_plan(held, source, times, step)
+        try:
+            out = run(held, measurement, plan, settings)
+            break
+        except SimulationError:
+            if step == steps[-1]:
+                raise
+    return described(held, measurement, out, settings, plan, lag).assign_attrs(step_s=step)
 
 
 def input_of(

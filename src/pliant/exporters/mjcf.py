@@ -409,7 +409,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         )
     if not highest.any() and (highest := default_levels(model)).any():
         provenance.messages.append(range_note(model, highest))
-    if model.extensions:
+    if mechanics_of(model).lengthens:
         provenance.messages.append(
             "equality constraints couple the slides of a segment that lengthens: simulate with Euler or RK4, since "
             "MuJoCo's implicit integrators follow them at short steps only"

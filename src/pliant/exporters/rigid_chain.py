@@ -117,7 +117,7 @@ def rigid_chain(model: Model) -> RigidChain:
         for i in range(model.n)
     )
     chain = RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
-    return lengthening(model, chain) if model.extensions else chain
+    return lengthening(model, chain) if mechanics_of(model).lengthens else chain
 
 
 def lengthening(model: Model, chain: RigidChain) -> RigidChain:
