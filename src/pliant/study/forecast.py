@@ -71,10 +71,8 @@ def run_forecast(
     if entry.fit not in results:
         raise SimulationError(f"the forecast uses fit {entry.fit}, which could not be computed: correct this fit first")
     result, template = results[entry.fit], experiments[entry.like]
-    inputs = result.model.actuation
-    kinds = dict(zip(inputs.names, inputs.kinds, strict=True))
-    driven = {c: p * (pascal_per(entry.pressure_unit) if kinds.get(c, "pressure") == "pressure" else 1.0)
-              for c, p in entry.pressures.items()}  # fmt: skip
+    kinds = dict(zip(result.model.actuation.names, result.model.actuation.kinds, strict=True))
+    driven = stated_inputs(entry, kinds)
     case = case_of(name, entry, template, driven)
     recorded = edges(template)  # times at which the pressure rises and falls, from the recorded motion
     own = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
@@ -110,6 +108,15 @@ def run_forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width,
     )
+
+
+def stated_inputs(entry: ForecastEntry, kinds: Mapping[str, str]) -> dict[str, float]:
+    """Return the inputs [SI] that a forecast states, by name. `kinds` maps each input of the model to its kind, such as
+    tension; the forecast's `pressure_unit` is that of pressures alone.
+    """
+    pascal = pascal_per(entry.pressure_unit)
+    return {name: p * (pascal if kinds.get(name, "pressure") == "pressure" else 1.0)
+            for name, p in entry.pressures.items()}  # fmt: skip
 
 
 def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:

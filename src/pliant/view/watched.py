@@ -53,7 +53,7 @@ class WatchedLoop:
             raise InputError(f"{path} is not the log of a control loop: name the log.csv that `pliant control` writes")
         self.columns = names.split(",")
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
-        if model.space and model.extensions:
+        if model.space and mechanics_of(model).lengthens:
             raise InputError("the log of a control loop holds joint angles alone: watch a model whose length is fixed")
         self.model = model if model.space else fixed_length(model)
         self.rows, self.rest = deque[list[float]](maxlen=KEPT), b""
