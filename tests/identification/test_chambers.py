@@ -291,19 +291,19 @@ def test_tendons_that_recordings_do_not_tell_apart_are_called_tendons() -> None:
     ("long.torque_2", "torque_2 has no effect on 'long', a tendon driven by its displacement: use lever, taper, line"),
     ("pull.line_stiffness", "line_stiffness has no effect on 'pull', a tendon driven by its tension"),
     ("long.saturating_lever", "saturating_lever has no effect on 'long'"),
-    ("bellow.lever", "lever has no effect on 'bellow', a chamber driven by its pressure: use torque_<k>$"),
+    ("bellows.lever", "lever has no effect on 'bellows', a chamber driven by its pressure: use torque_<k>$"),
 ])  # fmt: skip
 def test_a_parameter_that_changes_nothing_is_refused(name: str, who: str) -> None:
     ahead = {"joint_gain": [-1.0, -1.0], "cross_gain": [0.0, 0.0], "lever": 0.01}
     pull, long = Tendon(**ahead, name="pull"), Tendon(**ahead, name="long", driven_by="displacement",
                                                       line_stiffness=2e3)  # fmt: skip
-    bellow = Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellow")
+    bellows = Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellows")
     model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(),
-                        chambers=[pull, long, bellow])  # fmt: skip
+                        chambers=[pull, long, bellows])  # fmt: skip
     with pytest.raises(InputError, match=f"parameter {name}: {who}"):
         check_names([Parameter(name)], model, set(), set())
     shared = name.partition(".")[2]
-    check_names([Parameter(shared), Parameter("pull.lever"), Parameter("bellow.valve_rise")], model, set(), set())
+    check_names([Parameter(shared), Parameter("pull.lever"), Parameter("bellows.valve_rise")], model, set(), set())
     alone = model.with_(chambers=[next(c for c in model.chambers if c.name == name.partition(".")[0])])
     with pytest.raises(InputError, match=f"parameter {shared}: {who}"):
         check_names([Parameter(shared)], alone, set(), set())
@@ -311,8 +311,8 @@ def test_a_parameter_that_changes_nothing_is_refused(name: str, who: str) -> Non
 
 def test_a_stage_frees_torque_laws_of_chambers_alone() -> None:
     ahead = {"joint_gain": [-1.0, -1.0], "cross_gain": [0.0, 0.0]}
-    inputs = [Tendon(**ahead, lever=0.01, name="pull"), Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellow")]
+    inputs = [Tendon(**ahead, lever=0.01, name="pull"), Chamber(torque=[2e-6], joint_gain=[1.0, 1.0], name="bellows")]
     model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(), chambers=inputs)
-    assert each_chamber("*.torque_1", model) == ("bellow.torque_1",)
-    assert each_chamber("*.gain_x", model) == ("pull.gain_x", "bellow.gain_x")
+    assert each_chamber("*.torque_1", model) == ("bellows.torque_1",)
+    assert each_chamber("*.gain_x", model) == ("pull.gain_x", "bellows.gain_x")
     assert each_chamber("*.torque_1", model.with_(chambers=inputs[:1])) == ()

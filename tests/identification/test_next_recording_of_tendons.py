@@ -41,11 +41,11 @@ def recorded(model: Model, levels: dict[str, list[float]], noise: float = 2e-4) 
 
 
 def test_each_input_is_proposed_in_its_unit_up_to_its_own_limit() -> None:
-    further = (Chamber(torque=[2e-6], joint_gain=np.ones(2), name="bellow"),
+    further = (Chamber(torque=[2e-6], joint_gain=np.ones(2), name="bellows"),
                Tendon.at_azimuth(1.0, np.ones(2), name="short", lever=8e-3, line_stiffness=2e3,
                                  driven_by="displacement"))  # fmt: skip
     model = arm(*further)
-    traces = {"long": Trace(KNOTS, [0.0, -4e-3, 1e-3, 0.0]), "bellow": Trace(KNOTS, [0.0, 3e4, 2e4, 0.0]),
+    traces = {"long": Trace(KNOTS, [0.0, -4e-3, 1e-3, 0.0]), "bellows": Trace(KNOTS, [0.0, 3e4, 2e4, 0.0]),
               "pair": Trace(KNOTS, [0.0, 0.2, -0.4, 0.0])}  # fmt: skip
     seen = [SimpleNamespace(traces=traces, excitation="pulse", level=0.0)]
     limits = limits_of(model, seen, None)
@@ -54,9 +54,9 @@ def test_each_input_is_proposed_in_its_unit_up_to_its_own_limit() -> None:
     offered = {one.words: one for one in standard(model, seen[0], limits)}
     most = offered["long: pulse, 4 mm for 1 s"], offered["pair: pulse, 0.4 rad for 1 s"]
     assert [one.level for one in most] == [4e-3, 0.4]
-    assert offered["bellow: pulse, 30 kPa for 1 s"].level == 3e4
+    assert offered["bellows: pulse, 30 kPa for 1 s"].level == 3e4
     assert offered["long, short: pulse, 2 mm for 1 s"].chambers == ("long", "short")
-    assert {words.partition(":")[0] for words in offered} == {"long", "pair", "bellow", "short", "long, short"}
+    assert {words.partition(":")[0] for words in offered} == {"long", "pair", "bellows", "short", "long, short"}
     for one in offered.values():
         check_level(model, one, limits)
     strong = Candidate("too much", Pulse(6e-3), 1.0, 6e-3, ("short",))

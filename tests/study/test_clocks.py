@@ -12,7 +12,10 @@ from command_line import invoke
 from small_study import HEADER, LEVELS_KPA, STIFFNESS, TORQUE, changed, table, write_recording, write_study
 
 from pliant.errors import InputError
+from pliant.recording import make_recording
+from pliant.recording.inputs import recorded_inputs
 from pliant.study import load_study, run_study
+from pliant.study.aligned import with_pressure
 from pliant.validation.metrics_file import MetricsFile
 
 OFFSETS = {"low": 5.3, "middle": -0.697, "high": 12.0}
@@ -116,3 +119,19 @@ def test_a_log_on_a_later_clock_is_judged_as_one_on_the_right_clock(tmp_path: Pa
         steady = record.metrics["steady_state_mm"]
         assert steady["measured"] > 0.4 * record.metrics["travel_mm"]
         assert abs(record.metrics["steady_state_error_mm"]) < 0.02 * record.metrics["travel_mm"]
+
+
+def test_a_separate_log_may_hold_tensions() -> None:
+    clock, time = np.arange(50) * 0.02, np.arange(40) * 0.025
+    shape = make_recording(time, np.zeros((40, 1, 3)) + time[:, None, None], station=["tip"], frame="spatial")
+    log = make_recording(actuation=np.stack([clock, 2 * clock], axis=1), input_time=clock, input_names=["a", "b"],
+                         input_kind=["tension", "angle"])  # fmt: skip
+    joined = with_pressure(shape, log, "r", "log.csv")
+    found = [(one.name, one.unit) for one in recorded_inputs(joined)]
+    assert found == [("a", "N"), ("b", "rad")]
+    np.testing.assert_array_equal(joined["actuation"], log["actuation"])
+    assert "actuation from log.csv" in joined.attrs["history"]
+    with pytest.raises(InputError, match="recording r holds inputs already"):
+        with_pressure(joined, log, "r", "log.csv")
+    with pytest.raises(InputError, match="holds no pressure or other input: state its columns"):
+        with_pressure(shape, shape, "r", "log.csv")

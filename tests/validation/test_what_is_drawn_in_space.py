@@ -90,7 +90,7 @@ def test_inputs_of_several_units_keep_these_in_files_and_figures():
     """A displacement [m], a motor angle [rad] and a pressure [Pa]: each in its unit, under a name that says so."""
     clock = TIME[::2]
     values = np.outer(np.sin(clock), [3e-3, 0.2, 4e4])
-    units = {"long": "m", "pair": "rad", "bellow": "Pa"}
+    units = {"long": "m", "pair": "rad", "bellows": "Pa"}
     drives = {name: Trace(clock, column) for name, column in zip(units, values.T, strict=True)}
     exp = Experiment("round", TIME, chain(ROUND), ("a", "b", "c"), "trace", drives=drives)
     seen = np.outer(np.sin(TIME), [3e-3, 0.2, 4e4])
@@ -113,7 +113,7 @@ def test_inputs_of_several_units_keep_these_in_files_and_figures():
     drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
     np.testing.assert_allclose(drawn["measured displacement, long (mm)"], 1e3 * values[:, 0])
     np.testing.assert_allclose(drawn["measured motor angle, pair (rad)"], values[:, 1])
-    np.testing.assert_allclose(drawn["measured pressure, bellow (kPa)"], 1e-3 * values[:, 2])
+    np.testing.assert_allclose(drawn["measured pressure, bellows (kPa)"], 1e-3 * values[:, 2])
     assert ax.get_ylabel() == "input\n(mm, rad, kPa)"
 
 

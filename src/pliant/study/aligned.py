@@ -70,18 +70,21 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
 
 
 def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) -> xr.Dataset:
-    """Return the recording with the pressure added from a separate log file. The pressure stays on the log's
+    """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
-    if "pressure" not in log:
-        raise InputError(f"recording {name}: {file} holds no pressure: state its pressure column in pressure_mapping")
-    if "pressure" in recording:
-        raise InputError(f"recording {name} holds a pressure already: remove pressure_file, or the pressure in its "
-                         "mapping")  # fmt: skip
-    joined = recording.assign({"pressure": log["pressure"]})
+    inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
+    if not inputs:
+        raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "
+                         "pressure_mapping")  # fmt: skip
+    if already := [variable for variable in ("pressure", "actuation") if variable in recording]:
+        raise InputError(f"recording {name} holds inputs already ({already[0]}): remove pressure_file, or the inputs "
+                         "in its mapping")  # fmt: skip
+    joined = recording.assign(inputs)
     digest = log.attrs.get("source_sha256", "")
     lines = str(log.attrs.get("history", "")).splitlines()
-    return append_history(joined, *(f"{file}: {line}" for line in lines), f"pressure from {file} sha256 {digest}")
+    added = f"{' and '.join(inputs)} from {file} sha256 {digest}"
+    return append_history(joined, *(f"{file}: {line}" for line in lines), added)
 
 
 def on_one_clock(

@@ -14,6 +14,7 @@ from pliant.identification import Experiment, FitResult, predict
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.prediction_bands import half_widths
+from pliant.model import Model
 from pliant.simulation import Trace
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
@@ -71,8 +72,7 @@ def run_forecast(
     if entry.fit not in results:
         raise SimulationError(f"the forecast uses fit {entry.fit}, which could not be computed: correct this fit first")
     result, template = results[entry.fit], experiments[entry.like]
-    kinds = dict(zip(result.model.actuation.names, result.model.actuation.kinds, strict=True))
-    driven = stated_inputs(entry, kinds)
+    driven, named = stated_inputs(entry, result.model)
     case = case_of(name, entry, template, driven)
     recorded = edges(template)  # times at which the pressure rises and falls, from the recorded motion
     own = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
@@ -102,21 +102,22 @@ def run_forecast(
         return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
-    stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | {
-        f"{chamber}.{kinds.get(chamber, 'pressure')}": p for chamber, p in driven.items()}
+    stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | named
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width,
     )
 
 
-def stated_inputs(entry: ForecastEntry, kinds: Mapping[str, str]) -> dict[str, float]:
-    """Return the inputs [SI] that a forecast states, by name. `kinds` maps each input of the model to its kind, such as
-    tension; the forecast's `pressure_unit` is that of pressures alone.
+def stated_inputs(entry: ForecastEntry, model: Model) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the inputs [SI] that a forecast states twice: by name, and by a name with the kind, such as
+    ``left.pressure``. The forecast's `pressure_unit` is that of pressures alone.
     """
+    kinds = dict(zip(model.actuation.names, model.actuation.kinds, strict=True))
     pascal = pascal_per(entry.pressure_unit)
-    return {name: p * (pascal if kinds.get(name, "pressure") == "pressure" else 1.0)
-            for name, p in entry.pressures.items()}  # fmt: skip
+    kind_of = {name: kinds.get(name, "pressure") for name in entry.pressures}
+    driven = {n: p * (pascal if kind_of[n] == "pressure" else 1.0) for n, p in entry.pressures.items()}
+    return driven, {f"{name}.{kind_of[name]}": p for name, p in driven.items()}
 
 
 def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mapping[str, float]) -> Experiment:
