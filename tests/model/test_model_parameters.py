@@ -164,5 +164,5 @@ def test_torques_over_a_record_take_one_pressure_for_each_chamber():
         Chamber(torque=[6e-7], name="a"), Chamber(torque=[4e-7], name="b"))).actuation  # fmt: skip
     np.testing.assert_allclose(torques_over(two, [[1e5, 2e5]]), [[0.06, 0.08]], rtol=1e-12)
     for wrong in ([1e5, 2e5], np.zeros((3, 1)), np.zeros((1, 2, 2))):
-        with pytest.raises(InputError, match=r"expected pressures \(T, 2\) in Pa"):
+        with pytest.raises(InputError, match=r"expected pressures \(T, 2\): 2 pressure\(s\) in Pa"):
             torques_over(two, wrong)

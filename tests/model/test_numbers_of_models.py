@@ -382,7 +382,7 @@ def test_pressures_of_several_inputs():
     np.testing.assert_allclose(torques_over(both, p), [torque, [0, -5e-3]])
     np.testing.assert_allclose(joint_torques_over(both, p), [torque, [0, -5e-3]])
     np.testing.assert_allclose(torques_over(Actuation(two_chambers()[1:], 2), [1e4, 2e4]), [[-5e-3], [-1e-2]])
-    with pytest.raises(InputError, match=r"expected pressures \(T, 2\) in Pa"):
+    with pytest.raises(InputError, match=r"expected pressures \(T, 2\): 2 pressure\(s\) in Pa"):
         torques_over(both, [1e4, 2e4])
     one = Actuation(two_chambers()[:1], 2)
     with pytest.raises(InputError, match=r"got shape \(1, 1, 1\)"):

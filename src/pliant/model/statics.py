@@ -23,7 +23,8 @@ def torques_over(actuation: Actuation, pressure: Any) -> Array:
     p = np.asarray(pressure, dtype=float)
     p = p[:, None] if p.ndim == 1 else p
     if p.ndim != 2 or p.shape[1] != actuation.count:
-        raise InputError(f"expected, at each of T times, {actuation.wanted}, got shape {p.shape}")
+        word = "pressures" if actuation.variable == "pressure" else "inputs"
+        raise InputError(f"expected {word} (T, {actuation.count}): {actuation.wanted}, got shape {p.shape}")
     return np.stack([np.asarray(c.torque_at(p[:, k])) for k, c in enumerate(actuation.inputs)], axis=1)
 
 
