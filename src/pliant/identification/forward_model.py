@@ -175,8 +175,8 @@ def no_drive(model: Model) -> Drive:
 def actuation_steps(
     model: Model, exp: Experiment, params: Mapping[str, float], times: Array, time_step: float, plans: Plans,
 ) -> Drive:
-    """Return the time steps and torques with which to simulate an experiment under its inputs. Steps end at the output
-    `times` [s], which are on the clock of the inputs.
+    """Return the time steps and torques with which to simulate an experiment under its inputs. Each of the output
+    `times` [s], on the clock of the inputs, is the end of a step.
     """
     start, stop = params.get("start", 0.0), params.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
