@@ -93,9 +93,15 @@ def test_of_the_two_poses_of_an_elbow_the_less_bent_one_is_found(angle: float) -
     np.testing.assert_allclose(solved_pose(model, tip, positions), less, atol=1e-8)
 
 
-def test_a_pose_is_searched_once() -> None:
+def test_a_pose_is_searched_once_and_followed_over_small_changes() -> None:
     cache: dict[object, Array] = {}
     first = pose_through(TRUNK, DISKS, HELD, cache)
     first[:] = 9.0
-    np.testing.assert_array_equal(pose_through(TRUNK, DISKS, HELD, cache), solved_pose(TRUNK, DISKS, HELD))
-    assert len(cache) == 1
+    best = solved_pose(TRUNK, DISKS, HELD)
+    np.testing.assert_array_equal(pose_through(TRUNK, DISKS, HELD, cache), best)
+    size = len(cache)
+    for change in (1e-6, 0.01):  # followed, and searched again
+        moved = solved_pose(TRUNK, DISKS, HELD + change)
+        np.testing.assert_allclose(pose_through(TRUNK, DISKS, HELD + change, cache), moved, atol=1e-11)
+        assert np.abs(moved - best).max() > change
+    assert len(cache) == size + 2

@@ -29,6 +29,7 @@ PULLS = (0.3, 0.03, 1e-6)  # weights of the unloaded shape over that of a measur
 POSE_STEPS, FEW_STEPS = 60, 10  # of the search with the last weight, and with each weight before
 POLISH = 8  # Gauss-Newton steps with the last weight, before those of Newton
 NEAR, REACHED, CHANGE = 1e-2, 1e-13, 1e-6  # rad: steps that end the search with a weight, and of finite differences
+SAME_POSE = 1e-4  # rad and m: changes after which the pose is followed from the latest one
 BENDS = 0.9  # rad, expected bend of a whole body that is held
 LEAST_MISS = 1e-9  # m, so that exact points have a logarithm
 
@@ -261,19 +262,29 @@ def carriers(model_at: ModelAt, exp: Experiment) -> Array:
 
 
 def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
-    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m]. The
-    result is cached.
+    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
 
     `solved_pose` describes the search. The pose depends on lengths and positions alone and is cached in `cache`, for
-    models that differ in nothing else.
+    models that differ in nothing else. If they differ from the latest ones by rounding or by the step of a finite
+    difference, the search starts from the latest pose.
     """
-    points = tuple(p[1:] for p in stations)
-    base = (model.base_length, model.base_angle, points)
     turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
-    key = (*base, *(a.tobytes() for a in (model.link_length, *turned, positions)))
-    if key not in cache:
+    lengths = (model.base_length, model.base_angle, [p[1:] for p in stations], model.link_length)
+    given = np.concatenate([np.ravel(a) for a in (*lengths, *turned, positions)])
+    if (key := given.tobytes()) not in cache:
+        latest = cache.get("latest", given[:0])
+        if latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
+            start = cache[latest.tobytes()]
+            cache[key] = searched_pose(chain_of(model, stations), positions, PULLS[-1:], start, polish=0)
+            return cache[key].copy()
         cache[key] = solved_pose(model, stations, positions)
+    cache["latest"] = given
     return cache[key].copy()
+
+
+def chain_of(model: Model, stations: list[Station]) -> Mechanics:
+    """Return the mechanics of a chain of fixed length that carries S points."""
+    return mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
 
 
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
@@ -284,8 +295,9 @@ def solved_pose(model: Model, stations: list[Station], positions: Array) -> Arra
     is taken: the points have normal errors of one unknown size, and the n joint angles are normal with a standard
     deviation of `BENDS` / sqrt(n). A joint that the points do not determine stays close to the unloaded shape.
     """
-    chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
-    poses = [searched_pose(chain, positions, [pull * model.length for pull in pulls]) for pulls in (PULLS, PULLS[-1:])]
+    chain = chain_of(model, stations)
+    unloaded = np.zeros(model.size)
+    poses = [searched_pose(chain, positions, pulls, unloaded, POLISH) for pulls in (PULLS, PULLS[-1:])]
 
     def improbable(q: Array) -> float:
         off = np.append(chain.stations(chain.coordinates(q))[0] - positions, LEAST_MISS)
@@ -294,16 +306,16 @@ def solved_pose(model: Model, stations: list[Station], positions: Array) -> Arra
     return min(poses, key=improbable)
 
 
-def searched_pose(chain: Mechanics, positions: Array, pulls: Sequence[float]) -> Array:
+def searched_pose(chain: Mechanics, positions: Array, pulls: Sequence[float], start: Array, polish: int) -> Array:
     """Return the joint angles [rad] that minimise the squared distances of a chain's S points from `positions` (S, 2 or
-    3) [m]. The search starts from the unloaded shape, with a penalty on the joint angles of the weights `pulls` [m/rad]
-    one after another.
+    3) [m]. The search starts from the joint angles `start`, with a penalty on all joint angles of the weights `pulls`
+    one after another. With the last weight, Newton steps follow `polish` steps of Gauss and Newton.
     """
-    phi = chain.coordinates(np.zeros(chain.size))
+    phi = chain.coordinates(start)
     for pull in pulls:
         last = pull == pulls[-1]
         for step in range(POSE_STEPS if last else FEW_STEPS):
-            move = pose_step(chain, phi, positions, pull, exact=last and step >= POLISH)
+            move = pose_step(chain, phi, positions, pull * chain.model.length, exact=last and step >= polish)
             phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
             if np.abs(move).max() < (REACHED if last else NEAR):
                 break
