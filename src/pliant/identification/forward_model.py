@@ -111,7 +111,8 @@ def release_problem(
         key = ("release", exp.name, params["release"], times[0])
         if key not in plans.drives:
             still_air = [Pulse(0.0)] * model.actuation.count
-            plans.drives[key] = drive_of(model, still_air, np.concatenate([[params["release"]], free]), time_step)
+            steps = drive_of(model, still_air, np.concatenate([[params["release"]], free]), time_step)
+            plans.drives[key] = evenly_begun(steps)
         plan = plans.drives[key]
     numbers = forward_numbers(model_at, exp, params, plan, (angles, angles), base)
     numbers = with_loads(numbers, model, exp, params["release"])
@@ -119,6 +120,20 @@ def release_problem(
     forward = ForwardProblem(numbers, plan.keep, still, carriers(model_at, exp), model, no_input, from_rest=False,
                              pulled=exp.held is not None)
     return with_release_time(forward, exp, params) if "release_time" in params else forward
+
+
+def evenly_begun(plan: Drive) -> Drive:
+    """Return the steps of a release in still air with as many steps before the first frame as between frames.
+
+    Without this change, the number of steps before the first frame would jump with the time of the release, and the
+    error of the integration with it, so that a fit would end at such a time.
+    """
+    ends = np.flatnonzero(plan.keep >= 0)
+    first = ends[0] + 1
+    parts = max(int(np.diff(ends).max(initial=0)), first)
+    h = np.concatenate([np.full(parts, plan.h[:first].sum() / parts), plan.h[first:]])
+    torque = np.concatenate([np.repeat(plan.torque[:1], parts, axis=0), plan.torque[first:]])
+    return plan._replace(h=h, torque=torque, keep=np.append(np.full(parts - 1, -1), plan.keep[ends[0] :]))
 
 
 def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
