@@ -14,6 +14,7 @@ import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,9 +80,9 @@ def predicted(exp: Experiment, model: Model, values: dict[str, float], step: flo
     return predict(let_go.model, exp, let_go.values, step)["position"], let_go.values[moment]
 
 
-def fitted(train: list[Experiment], model: Model, entries: dict, step: float, evaluations: int) -> FitResult:
+def fitted(train: list[Experiment], model: Model, entry: Any, step: float, evaluations: int) -> FitResult:
     """Fit a law to the training trials, each with rest turns of its own; 0 evaluations keep what the trials share."""
-    shared = parameters_from(entries)
+    shared = parameters_from(entry.parameters)
     fixed = [p.with_(free=False, prior=None, prior_std=None) for p in shared]
     own: list[Parameter] = []
     for exp in train:  # what each trial has of its own, with all else at its start
@@ -89,10 +90,11 @@ def fitted(train: list[Experiment], model: Model, entries: dict, step: float, ev
         began = Parameter(f"{exp.name}.release", edges(exp)["release"], lower=-1.0, upper=2.0)
         turns = rest_turns(exp.name, model.n, rest.values)
         alone = fit([exp], rest.model, [*fixed, began, *turns], time_step=step, starts=1, max_evaluations=20,
-                    regularise=True).values  # fmt: skip
+                    regularise=True, weighting=entry.weighting).values  # fmt: skip
         own += [*rest_turns(exp.name, model.n, alone), began.with_(value=alone[began.name])]
     if evaluations:
-        return fit(train, model, [*shared, *own], time_step=step, starts=1, max_evaluations=evaluations)
+        return fit(train, model, [*shared, *own], time_step=step, starts=1, max_evaluations=evaluations,
+                   weighting=entry.weighting)  # fmt: skip
     made, parameters = prepare(train, model, [*shared, *own])
     return FitResult(made, tuple(parameters), "the values of the study as they are", {}, 0, 0.0, True)
 
@@ -125,8 +127,8 @@ def main() -> None:
     for name in given.laws or study.fits:
         entry, began = study.fits[name], time.perf_counter()
         experiments = [ready.experiments[n] for n in entry.train]
-        result = fitted(experiments, ready.model, entry.parameters, study.time_step, given.evaluations)
-        quality: Follows = follows(experiments, result, study.time_step, "travel")
+        result = fitted(experiments, ready.model, entry, study.time_step, given.evaluations)
+        quality: Follows = follows(experiments, result, study.time_step, entry.weighting)
         fits.append(quality)
         print(f"{name}: {time.perf_counter() - began:.0f} s, {result.status}")
         print("  " + ", ".join(f"{n} {v:.4g}" for n, v in result.values.items() if not n.startswith("t_")), flush=True)
@@ -135,7 +137,8 @@ def main() -> None:
             modelled, release = predicted(ready.experiments[n], result.model, result.values, study.time_step)
             rows.append(missed(ready.experiments[n], modelled, release))
         errors[name] = np.array(rows)
-        criteria[name] = 100 * np.sqrt(quality.mean_square)
+        plain = follows(experiments, result, study.time_step, "travel")
+        criteria[name] = 100 * np.sqrt(plain.mean_square)
     for (name, rows), bic in zip(errors.items(), shared_bic(fits), strict=True):
         middle, worst = np.nanmedian(rows, axis=0), np.nanmax(rows, axis=0)
         print(f"{name}: BIC {bic:.0f}, training error of a coordinate {criteria[name]:.2f} %")

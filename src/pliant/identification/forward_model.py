@@ -284,8 +284,9 @@ def pose_through(model: Model, stations: list[Station], positions: Array, cache:
     difference, the search starts from the latest pose.
     """
     turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
-    lengths = (model.base_length, model.base_angle, [p[1:] for p in stations], model.link_length)
-    given = np.concatenate([np.ravel(a) for a in (*lengths, *turned, positions)])
+    points = np.array([p[1:] for p in stations], dtype=float)
+    given = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
+                            *(a.ravel() for a in (*turned, positions))])  # fmt: skip
     if (key := given.tobytes()) not in cache:
         latest = cache.get("latest", given[:0])
         if latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
