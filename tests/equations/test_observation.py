@@ -53,7 +53,7 @@ def test_slopes_are_those_of_the_positions(model, rng):
     """Against complex steps through the positions of the mechanics, by the plain text of the rows."""
     x, chain = 0.3 * rng.normal(size=model.size), mechanics_of(model)
     rows = np.array([(kind, p.link, p.along, p.across) for p in POINTS[1:] for kind in (ALONG_X, ALONG_Y, ANGLE)])
-    frame = SimpleNamespace(rows=rows, wide=4, base_angle=model.base_angle, chain=chain.observed()[0])
+    frame = SimpleNamespace(rows=rows, wide=4, base_angle=model.base_angle, chain=chain.observed)
     seen, H = np.empty(len(rows)), np.empty((len(rows), model.size))
     observe_rows(x, frame, chain.sight(np.complex128), seen, H)
 

@@ -28,7 +28,7 @@ def chain(rng):
 def observed(chain, x, rows, values):
     """By the plain text of the rows, with the links of a chain in space as its compiled form has them."""
     own = {"place_links": spatial_observation.place_links, "look": spatial_observation.look}
-    plain, body = rebuild(observe_rows, lambda kernel: kernel, own), chain.observed()[0]
+    plain, body = rebuild(observe_rows, lambda kernel: kernel, own), chain.observed
     seen, H = np.empty(len(rows)), np.full((len(rows), chain.size), np.nan)
     frame = SimpleNamespace(rows=rows, wide=5, values=values, chain=body, base_angle=0.0)
     with np.errstate(invalid="ignore"):  # a missing orientation

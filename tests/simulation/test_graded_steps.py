@@ -64,6 +64,11 @@ def test_a_released_arm_needs_fewer_steps(errors_mm):
             assert errors_mm(h, method=method, graded=True) < fraction * errors_mm(h, method=method), (method, h)
 
 
+def test_a_motion_says_whether_its_steps_are_graded(paper):
+    runs = [simulate(paper, Step(0.0), duration=0.01, check=False, **graded) for graded in ({}, {"graded": True})]
+    assert [run.attrs["graded"] for run in runs] == [0, 1]
+
+
 def test_the_order_of_convergence_stays(errors_mm):
     steps = np.array([4e-3, 2e-3, 1e-3])
     errors = [errors_mm(h, graded=True) for h in steps]

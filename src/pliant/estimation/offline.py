@@ -199,8 +199,8 @@ def frame_of(model: Model, rows: Array, value: Array, variance: Array) -> Filter
     """Return the measurement in the form that the compiled filter takes, for m values of one frame (m,) or of T frames
     (T, m).
     """
-    constants = mechanics_of(model).observed()[0]
-    return FilterFrame(model.base_angle, constants, row_width(model), rows, value, variance, np.empty(len(rows)))
+    chain = mechanics_of(model).observed
+    return FilterFrame(model.base_angle, chain, row_width(model), rows, value, variance, np.empty(len(rows)))
 
 
 def chain_of(model: Model) -> FilterModel:

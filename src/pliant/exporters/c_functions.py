@@ -11,6 +11,7 @@ import numpy as np
 
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real, cells
+from pliant.compiler.trace import CURVED
 from pliant.equations import energy, inertia, laws, motion, observation, symbols
 from pliant.equations.elastic import ROWS, TERMS
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
@@ -25,7 +26,11 @@ from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
 IN_SPACE = ("length", "mass", "centre", "lateral", "axial", "rest", "base")  # derived fields of the body
-DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # fields that `update` computes from the other parameters
+COMPUTED = {  # by `update` from the other parameters: fields of inertia and springs for each kind of body
+    symbols.Body: ("B", "I", "h"), symbols.ExtensibleBody: ("K", "D", "B", "h"),
+    symbols.SpatialBody: ("K", "D", *IN_SPACE),
+}
+DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # all of them
 FORM = 5  # index of the law's number in a chamber's constants, which is fixed in the code
 UNIT = {  # of each parameter; one unit for each column where they differ
     **UNITS, "valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "joint_gain": "1", "creep_share": "1",
@@ -85,36 +90,26 @@ def rest_shape(model: Model) -> dict[str, Any]:
     """Return the parameters of a model's rest shape and of its extensible segments as {name: value}. For a model in
     space the dict also holds the radius, the stiffness ratios, and the constants of tendons.
     """
-    curves = CURVES if any(e.curved for e in model.extensions) else ()
+    chain = mechanics_of(model)
+    curves = CURVES if chain.axial_laws & CURVED else ()
     axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in model.extensions])
              for field in ("stiffness", "damping", *curves)}  # fmt: skip
-    body, joints = mechanics_of(model).body, mechanics_of(model).joints
+    beside = {f: v for f, v in chain.body._asdict().items() if f not in (*DERIVED, "l", "gx", "gy", "gz")}
     if not model.space:
-        share = {"share": body.share} if model.extensions else {}
-        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **share}
+        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **beside}
     space = model.space
     more: dict[str, Any] = ({"twist_ratio": space.twist_ratio} if space.turns == 3 else {}) | axial
     return {
         "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
-        "stiffness_ratio": space.stiffness_ratio, "tied": joints.tied, **more,
-        **{f: getattr(body, f) for f in beside_inertia(body)},
+        "stiffness_ratio": space.stiffness_ratio, "tied": chain.joints.tied, **more, **beside,
     }
-
-
-def beside_inertia(body: Any) -> tuple[str, ...]:
-    """Return the field names in `body`, the constants of a model in space, except those of geometry, inertia and
-    gravity. The others describe tendons and extensible segments.
-    """
-    return tuple(field for field in body._fields if field not in (*IN_SPACE, "gx", "gy", "gz"))
 
 
 def derived_constants(model: Model) -> dict[str, Any]:
     """Return {name: array} of the constants that the C code computes from other parameters."""
     chain = mechanics_of(model)
-    if not model.space and not model.extensions:
-        return {name: getattr(chain.body, name) for name in ("B", "I", "h")}
-    springs = {"K": chain.joints.K, "D": chain.joints.D}
-    return springs | {name: getattr(chain.body, name) for name in (IN_SPACE if model.space else ("B", "h"))}
+    fields = chain.joints._asdict() | chain.body._asdict()
+    return {name: fields[name] for name in COMPUTED[type(chain.body)]}
 
 
 def place(model: Model, who: str, field: str) -> Any:
@@ -134,13 +129,13 @@ def chain_names(model: Model) -> tuple[Any, Any]:
     def of(field: str) -> Any:
         return place(model, "p", field)
 
-    gravity = of("gravity")
-    if not model.space and model.extensions:
+    gravity, kind = of("gravity"), type(mechanics_of(model).body)
+    if kind is symbols.ExtensibleBody:
         length = np.array([of("base_length"), *of("link_length")], dtype=object)
         body: Any = symbols.ExtensibleBody(of("B"), length, of("h"), of("share"), *gravity)
         springs = [of(f) for f in ("base_angle", "rest_angle", "K", "D", "hardening", "rest_angle")]
         return body, symbols.ExtensibleJoints(*[*springs, mechanics_of(model).joints.rest])
-    if not model.space:
+    if kind is symbols.Body:
         springs = [of(f) for f in ("base_angle", "rest_angle", "stiffness", "damping", "hardening", "rest_angle")]
         return symbols.Body(of("B"), of("I"), of("h"), gravity[0], gravity[1]), symbols.Joints(*springs)
     weight = dict(zip(("gx", "gy", "gz"), gravity, strict=True))
@@ -307,6 +302,8 @@ class Text:
         w.say(f"{whole} = {' + '.join(f'{l} * {share[k, s]}' for k, l in enumerate(length))};")
         w.say(f"{joints.K[i]} = p->axial_stiffness[{s}] * {whole};")
         w.say(f"{joints.D[i]} = p->axial_damping[{s}] * {whole};")
+        if i < joints.hardening.shape[1]:
+            self.curved_spring(w, s, i, "axial_")
 
     def placed(self) -> tuple[CWriter, Any]:
         """Return a writer for a C function, and scratch arrays. The function begins by computing directions, stretches
@@ -378,7 +375,7 @@ class Text:
 
         Hysteresis elements act as springs, as before they slip.
         """
-        if self.model.space or self.model.extensions:
+        if not isinstance(self.given.body, symbols.Body):
             return ""
         w, n, g = self.writer(), self.model.n, self.given
         work, tau = self.workspace(w), w.scratch("tau", (n,))

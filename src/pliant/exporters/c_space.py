@@ -19,9 +19,11 @@ from pliant.equations import (
     spatial,
     spatial_points,
     spatial_springs,
+    symbols,
     tendon,
 )
 from pliant.exporters.c_functions import Text, place
+from pliant.mechanics import mechanics_of
 
 
 def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
@@ -67,8 +69,6 @@ class ExtensibleText(Text):
             self.curved_spring(w, k, k)
         for s in range(self.model.size - n):
             self.segment(w, s, body.l)
-            if any(e.curved for e in self.model.extensions):
-                self.curved_spring(w, s, n + s, "axial_")
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def energies(self, w: CWriter) -> list[tuple[Any, ...]]:
@@ -99,8 +99,6 @@ class SpatialText(Text):
             w.call(turn_matrix, *turn, body.rest[k])
         for s in range(len(self.model.extensions)):
             self.segment(w, s, body.length)
-            if any(e.curved for e in self.model.extensions):
-                self.curved_spring(w, s, self.model.size - len(self.model.extensions) + s, "axial_")
         self.cap(w)
         w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
@@ -180,9 +178,11 @@ class SpatialText(Text):
                 (spatial_points.gravity_energy, self.phi, g.body, work)]  # fmt: skip
 
 
+TEXTS = {symbols.Body: Text, symbols.ExtensibleBody: ExtensibleText, symbols.SpatialBody: SpatialText}
+
+
 def text_of(model: Any, prefix: str, *, single: bool) -> Text:
     """Return the writer of a model's C functions, for a planar model with or without segments that lengthen, or a model
     in space.
     """
-    kind = SpatialText if model.space else ExtensibleText if model.extensions else Text
-    return kind(model, prefix, single=single)
+    return TEXTS[type(mechanics_of(model).body)](model, prefix, single=single)

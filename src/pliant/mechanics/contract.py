@@ -101,25 +101,26 @@ class Mechanics(ABC):
         """Return new scratch arrays for `observation.observe_rows`; `of` converts floats (default: to dual numbers)."""
         if of is None:
             from pliant.compiler.duals import duals as of  # loads the compiler
-        links = self.observed()[1]
+        links = self.placed_links()
         links = of(links) if isinstance(links, np.ndarray) else type(links)(*map(of, links))
         return Sight(of(np.zeros(self.size)), links, *(of(np.full(shape, np.nan)) for shape in (3, 2, 3, (3, 3))))
 
+    @property
     @abstractmethod
-    def observed(self) -> tuple[Any, Any]:
-        """Return two arguments of the measurement kernels: the geometric constants of the chain, and scratch arrays."""
+    def observed(self) -> Any:
+        """Geometric constants of the chain, as the measurement kernels take them."""
+
+    @abstractmethod
+    def placed_links(self) -> Any:
+        """Return new scratch arrays for the poses that `observation.place_links` writes."""
 
     def parts(self) -> tuple[Any, Any, Any]:
-        """Return the constants of inertia, the constants of springs and dampers, and new scratch arrays, as the kernels
-        take them.
-        """
+        """Return the constants of inertia and of springs, and new scratch arrays, as the kernels take them."""
         return self.body, self.joints, self.workspace()
 
     @abstractmethod
     def acceleration(self) -> Any:
-        """Return the kernel ``(x, v, torque, body, joints, work, a)``, which writes the accelerations a (N,) of the N
-        coordinates.
-        """
+        """Return the kernel ``(x, v, torque, body, joints, work, a)``, which writes the accelerations a (N,)."""
 
     def acceleration_jacobian(self) -> Any:
         """Return the function ``(x, v, torque, body, joints, work, out)``, which writes the accelerations and their
@@ -132,9 +133,7 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[int, ...]:
-        """Array sizes for which kernels are compiled: number of links, of extensible segments and, in space, of joint
-        angles and tendons.
-        """
+        """Sizes for which kernels are compiled: links, extensible segments and, in space, joint angles and tendons."""
 
     # coordinates
 

@@ -99,10 +99,13 @@ class PlanarChain(Mechanics):
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return planar_workspace(self.n, self.segments, kind)
 
-    def observed(self) -> tuple[ObservedChain, Array]:
+    @cached_property
+    def observed(self) -> ObservedChain:
         model = self.model
-        chain = ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))
-        return chain, np.zeros((5, self.n + 1))
+        return ObservedChain(model.base_length, np.array(model.link_length), np.array(model.stretch_share))
+
+    def placed_links(self) -> Array:
+        return np.zeros((5, self.n + 1))
 
     def acceleration(self) -> Any:
         return twin(extension.acceleration if self.segments else motion.acceleration)

@@ -101,8 +101,12 @@ class SpatialChain(Mechanics):
         _, segments, turns, tendons, _ = self.sizes
         return spatial_workspace(self.n, turns, segments, tendons, kind)
 
-    def observed(self) -> tuple[SpatialBody, SpatialWorkspace]:
-        return self.body, self.workspace()
+    @property
+    def observed(self) -> SpatialBody:
+        return self.body
+
+    def placed_links(self) -> SpatialWorkspace:
+        return self.workspace()
 
     def acceleration(self) -> Any:
         return twin(tendon.accelerate)
@@ -258,7 +262,7 @@ class SpatialChain(Mechanics):
         place, slope = np.zeros((len(points), 3)), np.zeros((len(points), 3, self.size))
         offset = np.array([(p.aside, p.across, p.along) for p in points], dtype=float)
         link = np.array([p.link for p in points])
-        twin(spatial_points.place_points)(x, link, offset, *self.observed(), place, slope)
+        twin(spatial_points.place_points)(x, link, offset, self.body, self.workspace(), place, slope)
         return place, slope
 
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface

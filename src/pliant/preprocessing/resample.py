@@ -11,6 +11,7 @@ from pliant.errors import InputError
 from pliant.preprocessing.arc_length import station_arc_length
 from pliant.preprocessing.rotations import continuous
 from pliant.recording import append_history, check_recording, make_recording
+from pliant.recording.rules import CONSTANTS
 from pliant.recording.schema import VARIABLES, check_holds, refuse_loss
 
 if TYPE_CHECKING:
@@ -195,5 +196,5 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith("_constants")}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith(CONSTANTS)}
     return resampled.assign(others).assign_attrs(recording.attrs)

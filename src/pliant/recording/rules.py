@@ -40,6 +40,7 @@ COORDINATES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "arc_length": (("station",), "m", "arc length of the station from the base"),
     "gauge_position": (("gauge",), "m", "position of the strain gauge along the fibre"),
 }
+CONSTANTS = "_constants"  # behind the name of a measured variable: the constants of its stations
 VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "position": ((("time", "station", "axis"),), "m", "position of the stations"),
     "quaternion": ((("time", "station", "component"),), "1", "orientation of the stations, x y z w"),
@@ -48,7 +49,7 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "actuation": ((("input_time", "input"),), "SI", "inputs other than pressure, in the SI unit of their kind"),
     "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
     **{name: ((("time", "station"),), KINDS[kind].unit, KINDS[kind].meaning) for name, kind in FURTHER.items()},
-    **{f"{name}_constants": ((("station", "constant"),), "SI", f"constants of {name}") for name in FURTHER},
+    **{f"{name}{CONSTANTS}": ((("station", "constant"),), "SI", f"constants of {name}") for name in FURTHER},
 }
 
 

@@ -13,7 +13,15 @@ import numpy as np
 
 from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
-from pliant.recording.rules import COMPONENTS, COORDINATES, SCHEMA, SCHEMA_VERSION, VARIABLES, check_recording
+from pliant.recording.rules import (
+    COMPONENTS,
+    CONSTANTS,
+    COORDINATES,
+    SCHEMA,
+    SCHEMA_VERSION,
+    VARIABLES,
+    check_recording,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -133,7 +141,7 @@ def make_recording(
         coords["station"] = _names(station, array.shape[1], "station", "s")
         coords["axis"] = _axes(array.shape[2])
         variables["position"] = (("time", "station", "axis"), array)
-    if strange := [name for name in further or () if name.removesuffix("_constants") not in FURTHER]:
+    if strange := [name for name in further or () if name.removesuffix(CONSTANTS) not in FURTHER]:
         raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
                          "leave it out")  # fmt: skip
     for name, value in {"quaternion": quaternion, "angle": angle, **(further or {})}.items():
@@ -170,7 +178,7 @@ def recorded_further(recording: xr.Dataset, stations: Sequence[str]) -> dict[str
     found = [name for name in FURTHER if name in recording]
     shown = recording.sel(station=list(stations)) if found else recording
     none = np.zeros((len(stations), 0))
-    return {n: (shown[n].values, shown[m].values if (m := f"{n}_constants") in shown else none) for n in found}
+    return {n: (shown[n].values, shown[m].values if (m := n + CONSTANTS) in shown else none) for n in found}
 
 
 NEEDED = {"position": "positions", "quaternion": "orientations", "pressure": "a pressure", "strain": "strain"}

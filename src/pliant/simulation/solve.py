@@ -114,9 +114,10 @@ def simulate(
         With hysteresis also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
         (time, segment). The change of kinetic + elastic + gravitational + hysteresis energy equals input work less
-        both losses. Attributes: step_s; energy_gain and energy_loss, the energy which the computed motion gains
-        without a source and loses without dissipation, as fractions of the largest change of any form of energy;
-        tip_error, an upper estimate of the largest error of the tip, m (not with `check` = False or a SciPy solver).
+        both losses. Attributes: method, step_s and graded (0 or 1); energy_gain and energy_loss, the energy which the
+        computed motion gains without a source and loses without dissipation, as fractions of the largest change of any
+        form of energy; tip_error, an upper estimate of the largest error of the tip, m (not with `check` = False or a
+        SciPy solver).
 
     Raises
     ------
@@ -156,6 +157,7 @@ def simulate(
         model, Motion(problem.times, solution.pressure, phi, w), energies(model, phi, w, work), extra,
         method=method, time_step=solution.time_step,
     )
+    motion.attrs["graded"] = int(graded)  # netCDF has no Booleans
     return judged(motion, solution, how, model.length)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.compiler.trace import CURVED
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Model
@@ -113,7 +114,7 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     """
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
     gone = (slopes <= 0).any(axis=1)
-    if any(e.curved for e in model.extensions):
+    if mechanics_of(model).axial_laws & CURVED:
         strain = phi[:, phi.shape[1] - len(model.extensions) :]
         gone = gone | (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
     lost = np.flatnonzero(gone)
