@@ -4,20 +4,23 @@
 
 Model, recordings and start values are in examples/spatial_tendon_trunk.toml, which `pliant run` takes as well; here the
 fit stops after a few evaluations. Errors leave out the first second of each recording, because the model begins at rest
-and the trunk moves. With `--left`, the program shows what is left of the error in the 30 s after the training.
+and the trunk moves. With `--left`, the program shows what is left of the error in the 30 s after the training, and how
+much of the error frames with nearly equal motor angles share.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial import cKDTree
 
 from pliant.identification.fit import fit, parameters_from
 from pliant.identification.initial_guess import prepare
@@ -32,6 +35,8 @@ SETTLED = 1.0  # s
 
 BANDS = (0.0, 0.3, 0.8, 4.5, 50.0)  # Hz
 RIDGE = 0.03  # of the maps' normalised columns
+ALIKE = {"angles": (3e-3, 0.0), "angles and rates": (8e-3, 0.1)}  # m of the tip's motion, and weight of rates, s
+APART = 500  # frames between two frames that are compared, at least
 
 
 class Shown(NamedTuple):
@@ -91,6 +96,28 @@ def sizes(off: Array) -> str:
     return ", ".join(f"{size:.2f} mm" for size in mean)
 
 
+def shared(parts: Sequence[Shown], within: float, reach: float) -> tuple[int, float, float]:
+    """Return how much of the tip's error frames with nearly equal motor angles share: the number of pairs of frames,
+    the error's root mean square in these frames, and the root of its mean product over a pair [m].
+
+    A law of the angles alone can at best remove the shared part. Two frames are nearly equal if their angles, each
+    weighted by the tip's mean motion under it, and their changes in the time `reach` [s] differ by less than `within`
+    [m].
+    """
+    angle, off, tip = (np.concatenate(a) for a in zip(*((p.angle, p.off[:, 6:], p.modelled[:, 2]) for p in parts),
+                                                      strict=True))  # fmt: skip
+    turned = angle - angle.mean(axis=0)
+    size = np.linalg.norm(np.linalg.lstsq(turned, tip - tip.mean(axis=0), rcond=None)[0], axis=1)
+    change = np.concatenate([gaussian_filter1d(rate(p.angle), 2.0, axis=0) for p in parts]) * 100.0 * reach
+    place = np.column_stack([angle * size, change * size])
+    frames = np.flatnonzero(np.isfinite(off).all(axis=1))[::2]
+    a, b = frames[cKDTree(place[frames]).query_pairs(within, output_type="ndarray")].T
+    a, b = a[b - a > APART], b[b - a > APART]
+    off = off - off[frames].mean(axis=0)
+    whole = np.sqrt(np.mean(np.sum(off[a] ** 2 + off[b] ** 2, axis=1)) / 2.0)
+    return len(a), whole, float(np.sqrt(max(np.mean(np.sum(off[a] * off[b], axis=1)), 0.0)))
+
+
 def left(train: Shown, later: Shown) -> None:
     """Print the tip's error in each band, and the errors that maps fitted to the training leave later."""
     whole = [np.isfinite(one.off).all(axis=1) for one in (train, later)]
@@ -105,6 +132,9 @@ def left(train: Shown, later: Shown) -> None:
                                 axis=0) for a in (error, motion)]  # fmt: skip
         values = [1e3 * np.sqrt(np.mean(np.sum(a[whole[1]] ** 2, axis=1))) for a in filtered]
         print(f"{low} to {high} Hz: error of the tip {values[0]:.1f} mm, motion {values[1]:.1f} mm")
+    for name, (within, reach) in ALIKE.items():
+        pairs, size, common = shared((train, later), within, reach)
+        print(f"nearly equal {name}: {pairs} pairs, error of the tip {1e3 * size:.1f} mm, shared {1e3 * common:.1f} mm")
     print("no map:", sizes(later.off[whole[1]]))
     for name, columns in MAPS.items():
         a, b = columns(train), columns(later)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from pliant.errors import InputError, shown
@@ -73,6 +74,15 @@ def shown_in(unit: str) -> tuple[float, str]:
 
 
 KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"}  # of an input, by its SI unit
+
+
+def input_words(units: Iterable[str]) -> tuple[str, str]:
+    """Return a word for inputs of these SI units, such as "pressure" for Pa, and the units in which figures show them,
+    such as kPa.
+    """
+    found = list(dict.fromkeys(units))
+    word = (KIND_OF | {"rad": "motor angle"})[found[0]] if len(found) == 1 else "input"
+    return word, ", ".join(shown_in(unit)[1] for unit in found)
 
 
 def in_words(values: Any, unit: str) -> str:

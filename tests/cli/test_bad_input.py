@@ -120,7 +120,7 @@ def model_of_two_chambers(folder: Path) -> Path:
 
 
 def one_pressure_for_two_chambers(folder: Path) -> tuple[tuple[str | Path, ...], str]:
-    return ("simulate", model_of_two_chambers(folder), "--level-kpa", "20"), "the model has 2 chamber(s), left, right"
+    return ("simulate", model_of_two_chambers(folder), "--level", "20"), "the model has 2 chamber(s), left, right"
 
 
 def two_chambers_on_a_plant_of_one(folder: Path) -> tuple[tuple[str | Path, ...], str]:
@@ -163,12 +163,12 @@ BAD: dict[str, Case] = {
     "trace of two chambers": trace_of_two_chambers,
     "one pressure for two chambers": one_pressure_for_two_chambers,
     "two chambers on a plant of one": two_chambers_on_a_plant_of_one,
-    "trace and level": simulate_with("not both", "--trace", "any.csv", "--level-kpa", "30"),
+    "trace and level": simulate_with("not both", "--trace", "any.csv", "--level", "30"),
     "trajectory in another format": simulate_with("must end in .nc", "--duration", "0.1", "-o", "no-such-file.txt"),
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
     "step that is too long": simulate_with("too long: the first mode rings at", "--time-step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, accurate, LSODA, BDF, Radau", "--method", "ode45"),
-    "pressure that is no number": simulate_with("level must be finite", "--level-kpa", "nan"),
+    "pressure that is no number": simulate_with("level must be finite", "--level", "nan"),
 }
 
 

@@ -113,6 +113,22 @@ def test_a_scenario_and_a_shape_are_told_as_json(tmp_path: Path) -> None:
     assert dict(read(tmp_path / "deep.nc").sizes) == {"time": 60, "station": 3, "axis": 3}
 
 
+def test_a_body_that_never_rests_and_whose_base_no_station_shows(tmp_path):
+    time = np.linspace(0.0, 1.0, 101)
+    swing = np.stack([30.0 + 20.0 * np.sin(9.0 * time), 0.0 * time, 80.0 + 3.0 * np.cos(9.0 * time)], axis=1)
+    places = np.stack([1e-3 * swing, 1.1e-3 * swing], axis=1)
+    file = write(make_recording(time, places, station=["a", "b"]), tmp_path / "swing.nc")
+    words = ("shape", file, "-o", tmp_path / "clean.nc", "--space", "--tangent", "0,0,1", "--plane", "+y", "--json")
+    assert "never at rest" in str(invoke(*words).exception)
+    told = json.loads(invoke(*words, "--rest", "0,0.02", "--origin", "0.03,0,-0.01").stdout)
+    assert any("rest 0 to 0.02 s" in line for line in told["history"])
+    clean = read(tmp_path / "clean.nc")
+    heights = clean["position"].sel(station="a", axis="z").to_numpy()
+    np.testing.assert_allclose(heights, 1e-3 * swing[:, 2] + 0.01, atol=1e-12)
+    assert "--rest must be START,STOP in s, got '3'" in str(invoke(*words, "--rest", "3").exception)
+    assert "--origin must be X,Y,Z in m" in str(invoke(*words, "--rest", "0,0.02", "--origin", "0,high,0").exception)
+
+
 def swinging() -> np.ndarray:
     """Points (60, 3, 3) of a body that rests for half a second and then bends."""
     kappa = 1e-6 + 4 * np.clip(np.arange(60) / 50 - 0.5, 0, None)[:, None]
@@ -159,7 +175,7 @@ def test_a_study_runs_from_file_to_report(study: Path, tmp_path: Path) -> None:
 
 def test_a_model_is_simulated_saved_and_drawn(model: Path, tmp_path: Path) -> None:
     out, figure = tmp_path / "path.nc", tmp_path / "path.svg"
-    result = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.5", "--start", "0.1", "--width", "0.2",
+    result = invoke("simulate", model, "--level", "80", "--duration", "0.5", "--start", "0.1", "--width", "0.2",
                     "-o", out, "--figure", figure, "--json")
     assert result.exit_code == 0, result.output
     numbers = json.loads(result.stdout)
@@ -190,15 +206,15 @@ def test_a_pulse_needs_no_option(model: Path) -> None:
 
 
 def test_a_vacuum_is_not_told_as_no_pressure(model: Path) -> None:
-    numbers = json.loads(invoke("simulate", model, "--level-kpa", "-20", "--duration", "0.5", "--json").stdout)
+    numbers = json.loads(invoke("simulate", model, "--level", "-20", "--duration", "0.5", "--json").stdout)
     assert numbers["largest_pressure_kpa"] == pytest.approx(-20)
     assert numbers["largest_tip_displacement_mm"] > 0.1
 
 
 @pytest.mark.slow
 def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
-    plain = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "-o", tmp_path / "a.csv", "--json")
-    loaded = invoke("simulate", model, "--level-kpa", "80", "--duration", "0.6", "--load-g", "30", "--film",
+    plain = invoke("simulate", model, "--level", "80", "--duration", "0.6", "-o", tmp_path / "a.csv", "--json")
+    loaded = invoke("simulate", model, "--level", "80", "--duration", "0.6", "--load-g", "30", "--film",
                     tmp_path / "motion.gif", "-o", tmp_path / "b.nc", "--json")
     assert (plain.exit_code, loaded.exit_code) == (0, 0), plain.output + loaded.output
     rows = pd.read_csv(tmp_path / "a.csv")
@@ -213,7 +229,7 @@ def test_a_load_a_table_and_a_film(model: Path, tmp_path: Path) -> None:
     told = json.loads(loaded.stdout)["final_tip_mm"]
     assert told == pytest.approx(1e3 * heavy.tip_position.to_numpy()[-1, -1], abs=1e-6)
     assert (tmp_path / "motion.gif").read_bytes()[:6] == b"GIF89a"
-    pushed = invoke("simulate", model, "--level-kpa", "0", "--duration", "0.6", "--force", "0.1,0", "--json")
+    pushed = invoke("simulate", model, "--level", "0", "--duration", "0.6", "--force", "0.1,0", "--json")
     force = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.0, 0.0]])
     pull = PointForce(np.array([0.12, 0.12, 2.88, 2.88]), force, own.points[-1].name)
     alone = simulate(own, Pulse(0.0), duration=0.6, forces=[pull])

@@ -54,9 +54,9 @@ def test_a_level_for_each_chamber_in_their_order_or_by_name(model: Path, tmp_pat
     right = end_of(own, [Pulse(0.0), Pulse(3e4, 0.1, 1.0)], 0.4)
     assert np.abs(both - right).max() > 5e-3
     figures = ("--figure", tmp_path / "tips.svg", "--film", tmp_path / "motion.gif", "-o", tmp_path / "path.csv")
-    np.testing.assert_allclose(final(*words, "--level-kpa", "20,30", *figures), both, atol=1e-9)
-    np.testing.assert_allclose(final(*words, "--level-kpa", "right=30, left=20"), both, atol=1e-9)
-    np.testing.assert_allclose(final(*words, "--level-kpa", "right=30"), right, atol=1e-9)
+    np.testing.assert_allclose(final(*words, "--level", "20,30", *figures), both, atol=1e-9)
+    np.testing.assert_allclose(final(*words, "--level", "right=30, left=20"), both, atol=1e-9)
+    np.testing.assert_allclose(final(*words, "--level", "right=30"), right, atol=1e-9)
     assert all((tmp_path / name).stat().st_size > 2000 for name in ("tips.svg", "motion.gif"))
     assert "pressure_left (Pa),pressure_right (Pa)" in (tmp_path / "path.csv").read_text().splitlines()[0]
 
@@ -102,10 +102,10 @@ def test_an_estimate_takes_the_pressures_that_are_named(model: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "says"),
     {
-        "one level for two": (("--level-kpa", "20"), "1 pressure(s), but the model has 2 chamber(s), left, right"),
-        "a stranger": (("--level-kpa", "middle=20"), "the chamber 'middle', but the model has left, right"),
-        "twice": (("--level-kpa", "left=20,left=30"), "each chamber once"),
-        "no number": (("--level-kpa", "20,high"), "must be numbers in kPa, got 'high'"),
+        "one level for two": (("--level", "20"), "1 value(s), but the model has 2 chamber(s), left, right"),
+        "a stranger": (("--level", "middle=20"), "the chamber 'middle', but the model has left, right"),
+        "twice": (("--level", "left=20,left=30"), "each chamber once"),
+        "no number": (("--level", "20,high"), "must be numbers in kPa, got 'high'"),
         "drive without a pair": (("--trace", "two.csv", "--drive", "p1"), "must be pairs as left=p1,right=p2"),
         "names that are not there": (("--trace", "two.csv"), "no chamber 'left' to drive 'left': it has p1, p2"),
         "a chamber that is not there": (("--trace", "two.csv", "--drive", "low=p1"), "drive names 'low'"),

@@ -82,7 +82,8 @@ def test_friction_holds_against_the_way_to_each_pose():
 
 PARAMETERS = {
     "stiffness": 0.02, "left.lever": 5e-3, "right.pretension": -0.5, "low.gain_x": 0.9, "friction": 0.3,
-    "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "tip.along": 0.05, "base_z": 0.01, "mass": 0.02, "low.taper": 0.02,
+    "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "base_tilt_z": -0.2, "tip.along": 0.05, "base_z": 0.01,
+    "mass": 0.02, "low.taper": 0.02,
 }  # fmt: skip
 
 

@@ -135,7 +135,8 @@ def test_a_body_in_space_under_tendons(made, tmp_path):
     model = pulled(2)
     file = made(model, "2.0")
     known = {v.name: v for v in variables(model, 0.0)}
-    assert [known[f"pressure_{name}"].unit for name in ("long", "pair", "short")] == ["m", "rad", "N"]
+    names = ["displacement_long", "angle_pair", "tension_short"]
+    assert [known[name].unit for name in names] == ["m", "rad", "N"]
     assert [known[f"torque[{c},1]"].unit for c in (1, 2, 3)] == ["N/m", "N/rad", "m"]
     run, stiff = Session(file, "2.0", tmp_path), model.with_(space=replace(model.space, stiffness_ratio=2.0))
     for body in (model, stiff):
@@ -146,14 +147,14 @@ def test_a_body_in_space_under_tendons(made, tmp_path):
             run.set("stiffness_ratio", 2.0)
             stepper = Stepper(body, 1e-3, np.zeros(3))
             stepper.reset(0.0, joint_angle=pliant.equilibrium(model, np.zeros(3)))
-        for name, level in zip(("long", "pair", "short"), (2e-3, 0.3, 1.0), strict=True):
-            run.set(f"pressure_{name}", level)
+        for name, level in zip(names, (2e-3, 0.3, 1.0), strict=True):
+            run.set(name, level)
         for _ in range(50):
             run.go(1)
             stepper.step([2e-3, 0.3, 1.0])
         found = [run.get(f"tip.{axis}") for axis in "xyz"] + [run.get("bend_x_1"), run.get("bend_y_2")]
         assert found == pytest.approx([*stepper.stations()[0][-1], stepper.angle[0], stepper.angle[3]], abs=1e-12)
-        assert run.get("pressure_pair_behind_valve") == pytest.approx(stepper.pressure[1], rel=1e-12)
+        assert run.get("angle_pair_behind_valve") == pytest.approx(stepper.pressure[1], rel=1e-12)
     run.close()
 
 
@@ -167,8 +168,8 @@ def test_a_body_in_space_that_lengthens(made, tmp_path):
     run.set("axial_stiffness[2]", 120.0)
     stepper = Stepper(model.with_(extensions=stiffer), 1e-3, np.zeros(3))
     stepper.reset(0.0, joint_angle=pliant.equilibrium(model, np.zeros(3)))
-    for name, level in zip(model.actuation.names, levels, strict=True):
-        run.set(f"pressure_{name}", level)
+    for name, level in zip(model.actuation.labels("{kind}"), levels, strict=True):
+        run.set(name, level)
     for _ in range(100):
         run.go(1)
         stepper.step(levels)

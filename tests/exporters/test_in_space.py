@@ -56,7 +56,7 @@ def test_state_space_follows_small_steps(spatial):
     units = dict(zip(content["state"], content["state_unit"], strict=True))
     assert (units["bend_x_1"], units["bend_rate_y_2"]) == ("rad", "rad/s")
     if spatial.name == "pulled":
-        assert (content["input_unit"], units["pressure_pair"]) == (["m", "rad", "N"], "rad")
+        assert (content["input_unit"], units["angle_pair"]) == (["m", "rad", "N"], "rad")
 
 
 @pytest.mark.slow
@@ -220,8 +220,8 @@ def test_a_slack_tendon_does_not_push():
     d.act[:] = -0.2
     mujoco.mj_forward(m, d)
     forces = {m.actuator(a).name: d.actuator_force[a] for a in range(m.nu)}
-    assert forces["pressure_long"] == 0.0
-    assert forces["pressure_pair"] == pytest.approx(-0.2 * 0.01 * 2e3)
+    assert forces["displacement_long"] == 0.0
+    assert forces["angle_pair"] == pytest.approx(-0.2 * 0.01 * 2e3)
 
 
 @pytest.mark.parametrize("pretension", [0.0, 40.0])
@@ -235,7 +235,7 @@ def test_a_pair_in_mujoco_pulls_with_its_imbalance(pretension):
     mujoco.mj_forward(m, d)
     stiffness, T0, *_ = model.actuation.tendon_constants
     T = np.maximum(np.array([0.2, -0.2]) * 0.01 * stiffness[1:3] + T0[1:3], 0.0)
-    assert d.actuator("pressure_pair").force[0] == pytest.approx(T[0] - T[1])
+    assert d.actuator("angle_pair").force[0] == pytest.approx(T[0] - T[1])
 
 
 def test_what_is_not_expressed_is_refused(tmp_path):

@@ -22,7 +22,7 @@ def pair(**more):
 def turned_chain(rng, *, twist=True):
     space = Space(
         stiffness_ratio=1.4, twist_ratio=0.8 * twist, radius=0.02, rest_turn=rng.normal(0, 0.2, (5, 3)),
-        base_tilt=rng.normal(0, 0.3, 2),
+        base_tilt=rng.normal(0, 0.3, 3),
     )
     return pliant.chain_model(**BODY, gravity=(1.0, -2.0, -9.0), space=space, cubic_stiffening=0.4)
 
@@ -104,12 +104,24 @@ def test_kinetic_energy_is_half_of_v_inertia_v_along_whole_motions():
 def test_a_body_turned_with_gravity_rests_in_the_turned_shape():
     """The base tilted by some angle under gravity turned the same way: the same joint angles, the shape turned."""
     model = pliant.chain_model(**BODY, gravity=(2.0, 1.0, 6.0), space=True)
-    tilt = np.array([0.4, -0.7])
-    R = Rotation.from_rotvec([*tilt, 0.0])
+    tilt = np.array([0.4, -0.7, 0.5])
+    R = Rotation.from_rotvec(tilt)
     turned = model.with_(gravity=R.as_matrix() @ model.gravity, space=Space(base_tilt=tilt))
     q, same = pliant.equilibrium(model, 60e3), pliant.equilibrium(turned, 60e3)
     assert np.allclose(q, same, atol=1e-11)
     assert np.allclose(R.apply(mechanics_of(model).tips(q)), mechanics_of(turned).tips(same), atol=1e-12)
+
+
+def test_a_turn_of_the_base_about_its_tangent_is_a_turn_of_all_azimuths():
+    def pulled(turn, **space):
+        cords = [Tendon.at_azimuth(a + turn, np.ones(5), name=f"{a}", lever=0.01) for a in (0.5, 2.6)]
+        return pliant.chain_model(**{k: v for k, v in BODY.items() if k != "torque"}, chambers=cords,
+                                  gravity=(0.0, 0.0, 6.0), space=Space(**space))  # fmt: skip
+
+    moved, turned = pulled(-0.3), pulled(0.0, base_tilt=(0.0, 0.0, -0.3))
+    tips = [mechanics_of(m).tips(pliant.equilibrium(m, [9.0, 4.0])) for m in (moved, turned)]
+    assert np.allclose(*tips, atol=1e-10)
+    assert np.abs(tips[0] - mechanics_of(moved).tips(pliant.equilibrium(pulled(0.0), [9.0, 4.0]))).max() > 1e-2
 
 
 def test_a_force_at_the_tip_of_a_round_section_bends_it_in_the_plane_of_the_force():

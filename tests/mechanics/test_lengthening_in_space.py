@@ -26,7 +26,7 @@ def pair():
 def turned_chain(**more):
     rng = np.random.default_rng(2)
     space = Space(stiffness_ratio=1.4, twist_ratio=0.8, radius=0.02, rest_turn=rng.normal(0, 0.2, (4, 3)),
-                  base_tilt=rng.normal(0, 0.3, 2))  # fmt: skip
+                  base_tilt=rng.normal(0, 0.3, 3))  # fmt: skip
     return chain_model(**{**BODY, "extensions": HALVES, "chambers": CHAMBERS, "gravity": (1.0, -2.0, -9.0),
                           "space": space, "cubic_stiffening": 0.4, **more})  # fmt: skip
 

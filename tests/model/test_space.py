@@ -18,12 +18,16 @@ def in_space(**more):
 
 def test_the_model_file_gives_back_an_equal_model_in_space(tmp_path):
     rest = [[0.1, 0.2, 0.3]] * 4
-    space = Space(stiffness_ratio=1.3, twist_ratio=0.7, rest_turn=rest, base_tilt=(0.1, -0.2), radius=0.01)
+    space = Space(stiffness_ratio=1.3, twist_ratio=0.7, rest_turn=rest, base_tilt=(0.1, -0.2, 0.3), radius=0.01)
     model = in_space(
         space=space, gravity=(1.0, 2.0, 3.0), torque=(1e-6,), cross_gain=(0.1, 0.2, 0.3, 0.4),
         stations=[Station("tip", 3, 0.03, 0.01, 0.02)],
     )
     assert pliant.load_model(pliant.save_model(model, tmp_path / "m.json")) == model
+
+
+def test_a_tilt_of_two_numbers_does_not_turn_the_base_about_its_tangent():
+    assert Space(base_tilt=(0.1, -0.2)) == Space(base_tilt=(0.1, -0.2, 0.0)) != Space(base_tilt=(0.1, -0.2, 0.3))
 
 
 def test_a_model_in_a_plane_says_nothing_of_space_in_its_file(tmp_path):

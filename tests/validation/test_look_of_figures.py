@@ -351,7 +351,7 @@ def test_a_film_frames_its_body(tmp_path, monkeypatch):
     tips = np.stack(
         [np.stack([-0.05 * time, 0.1 - 0.02 * time], axis=1), np.stack([-0.1 * time, 0.2 + 0 * time], axis=1)], axis=1
     )
-    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.0], [0.0, 0.01]]), tips, time[:, None])
+    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.0], [0.0, 0.01]]), tips, time[:, None], "pressure (kPa)")
     place, side = (figure := kept["film"]._fig).axes
     assert kept["dpi"] == 100
     assert kept["fps"] == 25
@@ -359,16 +359,16 @@ def test_a_film_frames_its_body(tmp_path, monkeypatch):
     assert list(place.get_subplotspec().get_gridspec().get_width_ratios()) == [2, 1]
     assert place.get_xlim() == pytest.approx((-100 - 4 * 12, 4 * 12))  # margins of 6 % of its height
     assert place.get_ylim() == pytest.approx((-12, 212))
-    assert labels(figure) == [("x (mm)", "y (mm)"), ("time (s)", "gauge pressure (kPa)")]
+    assert labels(figure) == [("x (mm)", "y (mm)"), ("time (s)", "pressure (kPa)")]
     way, line = place.lines
     assert (way.get_linewidth(), line.get_linewidth(), line.get_markersize()) == (0.8, 3.0, 3)
     assert [each.get_linewidth() for each in side.lines[:1]] == [0.9]
     shift = np.array([0.0, 0.3])
     low = tips - shift
-    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.0], [0.0, -0.01]]), low, time[:, None])
+    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.0], [0.0, -0.01]]), low, time[:, None], "pressure (kPa)")
     assert kept["film"]._fig.axes[0].get_ylim() == pytest.approx((-220 - 13.2, 13.2))
     high = tips + shift
-    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.3], [0.0, 0.31]]), high, time[:, None])
+    body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.3], [0.0, 0.31]]), high, time[:, None], "pressure (kPa)")
     assert kept["film"]._fig.axes[0].get_ylim()[0] == pytest.approx(-12)  # the base's height is in it
 
 

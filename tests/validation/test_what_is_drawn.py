@@ -161,7 +161,7 @@ def test_a_film_shows_the_body_the_way_of_its_tip_and_the_pressure_now(tmp_path,
     base = np.array([[0.0, 0.0], [0.0, 0.01]])
     kept = {}
     monkeypatch.setattr(animation.FuncAnimation, "save", lambda film, path, **how: kept.update(film=film, **how))
-    body_film(tmp_path / "f.gif", time, base, tips, pressure, rate=20)
+    body_film(tmp_path / "f.gif", time, base, tips, pressure, "pressure (kPa)", rate=20)
     film, figure = kept["film"], kept["film"]._fig
     film._draw_was_started = True
     frames = list(film.new_frame_seq())
@@ -180,4 +180,4 @@ def test_a_film_shows_the_body_the_way_of_its_tip_and_the_pressure_now(tmp_path,
     np.testing.assert_allclose(np.stack([drawn.get_ydata() for drawn in side.lines[:chambers]], axis=1), pressure)
     monkeypatch.setattr(animation.writers, "is_available", lambda _: False)
     with pytest.raises(InputError, match=r"needs ffmpeg.*use \.gif"):
-        body_film(tmp_path / "f.mp4", time, base, tips, pressure)
+        body_film(tmp_path / "f.mp4", time, base, tips, pressure, "pressure (kPa)")

@@ -36,8 +36,8 @@ def estimate(
     recording: Annotated[Path, typer.Argument(help="Aligned recording.")],
     model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
     disturbance: Annotated[bool, typer.Option(help="Also estimate an unknown torque on each joint.")] = True,
-    level_kpa: Annotated[
-        str | None, typer.Option("--level-kpa", help=f"Commanded pulse, {LEVELS}; default: the measured pressure.")
+    level: Annotated[
+        str | None, typer.Option(help=f"Commanded pulse, {LEVELS}. Default: the measured inputs.")
     ] = None,
     start: Annotated[float, typer.Option(help="Start of that pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of that pulse, s.")] = 2.76,
@@ -60,8 +60,8 @@ def estimate(
 
     recorded, body = read_with_mapping(recording, None), load_model(model)
     pressure: list[Input] | None = None
-    if level_kpa is not None:
-        pressure = [Pulse(level, start, width) for level in levels(body, level_kpa)]
+    if level is not None:
+        pressure = [Pulse(high, start, width) for high in levels(body, level)]
     with busy("estimating"):
         estimated = filter_recording(
             recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag,

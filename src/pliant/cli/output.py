@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pliant.cli.terminal import answer, busy, mention
 from pliant.errors import InputError
 from pliant.files import whole
-from pliant.units import quantity
+from pliant.units import input_words, quantity, shown_in
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,13 +40,16 @@ def table(trajectory: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
+    from pliant.simulation.result import inputs_in
+
     columns = {"time (s)": trajectory["time"].to_numpy()}
     for name, variable in trajectory.data_vars.items():
         inner = [d for d in variable.dims if d != "time" and (d != "input" or variable.sizes[d] > 1)]
         labels = [[f"{d}_{v}" if d in ("joint", "link") else str(v) for v in trajectory[d].to_numpy()] for d in inner]
         flat = variable.to_numpy().reshape(variable.shape[0], -1)
+        units = inputs_in(trajectory)[1] if name == "actuation" else [variable.attrs["units"]] * flat.shape[1]
         for k, ends in enumerate(product(*labels)):
-            columns[f"{'_'.join([str(name), *ends])} ({variable.attrs['units']})"] = flat[:, k]
+            columns[f"{'_'.join([str(name), *ends])} ({units[k]})"] = flat[:, k]
     return pd.DataFrame(columns)
 
 
@@ -54,20 +57,24 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
     """Write a video of the moving body (.gif or .mp4) atomically."""
     if path.suffix not in (".gif", ".mp4"):
         raise InputError(f"the name of a video file must end in .gif or .mp4, got {path.name!r}")
-    from pliant.validation.motion import body_film
+    from pliant.validation.motion import body_film, inputs_shown
 
-    base, pressure = base_of(model), 1e-3 * trajectory["pressure"].to_numpy()
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
     with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the video"):
         video = Path(folder) / f"film{path.suffix}"  # the writer depends on the suffix
-        body_film(video, time, base, tips, pressure)
+        body_film(video, time, base_of(model), tips, *inputs_shown(trajectory))
         draft.write_bytes(video.read_bytes())
     mention(f"wrote {path}")
 
 
-def base_of(model: Model) -> list[list[float]]:
-    """Return the positions [m] of the body's base and of its first joint as [[x, y], [x, y]]."""
-    return [[0.0, 0.0], model.first_joint.tolist()]
+def base_of(model: Model) -> np.ndarray:
+    """Return the positions (2, d) [m] of the body's base and of its first joint, at rest."""
+    import numpy as np
+
+    from pliant.mechanics import mechanics_of
+
+    chain = mechanics_of(model)
+    return np.asarray(chain.nodes(chain.coordinates(np.zeros(chain.size))))[:2]
 
 
 def write_figure(figure: Figure, path: Path) -> None:
@@ -79,14 +86,25 @@ def write_figure(figure: Figure, path: Path) -> None:
     mention(f"wrote {path}")
 
 
-def largest(pressure: np.ndarray) -> float:
-    """Return the pressure farthest from zero, with its sign, so that a vacuum counts too."""
-    return float(pressure.flat[abs(pressure).argmax()])
+def largest(trajectory: xr.Dataset) -> dict[str, float]:
+    """Return the input farthest from zero, with its sign, so that a vacuum counts too: one for each kind of input, by
+    a name that ends in its unit, such as "largest_pressure_kpa".
+    """
+    from pliant.simulation.result import inputs_in
+
+    values, units = inputs_in(trajectory)
+    found = {}
+    for unit in dict.fromkeys(units):
+        own = values[:, [u == unit for u in units]]
+        factor, shown = shown_in(unit)
+        name = f"largest_{input_words([unit])[0]}_{shown}".lower().replace(" ", "_")
+        found[name] = factor * float(own.flat[abs(own).argmax()])
+    return found
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:
-    """Return a dict that summarises a simulated trajectory: duration, frames, tip displacement [mm], highest pressure
-    [kPa] and time step [ms].
+    """Return a dict that summarises a simulated trajectory: duration, frames, tip displacement [mm], largest input
+    of each kind and time step [ms].
     """
     import numpy as np
 
@@ -98,7 +116,7 @@ def summary(trajectory: xr.Dataset) -> dict[str, Any]:
         "frames": int(trajectory.sizes["time"]),
         "largest_tip_displacement_mm": 1e3 * float(moved.max()),
         "final_tip_mm": [1e3 * float(v) for v in tip[-1]],
-        "largest_pressure_kpa": 1e-3 * largest(trajectory["pressure"].to_numpy()),
+        **largest(trajectory),
         "method": trajectory.attrs["method"], "step_ms": 1e3 * trajectory.attrs["step_s"],
         **({} if error is None else {"largest_tip_error_estimated_mm": 1e3 * error}),
     }

@@ -1,4 +1,4 @@
-"""Functions by which commands read recordings, and the numbers and pressures in their options."""
+"""Functions by which commands read recordings, and the numbers and inputs in their options."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 from pliant.cli.terminal import busy
 from pliant.errors import InputError
 from pliant.files import read_entries
+from pliant.units import shown_in
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from pliant.model import Model
 
-LEVELS = "kPa gauge; for several chambers one each, as 80,30, or by name, as left=80 (others: 0)"
-DRIVE = "For several chambers: which recorded pressure drives which, as left=p1,right=p2; default: by equal names."
+LEVELS = "kPa gauge, or N, mm or rad of a tendon; for several inputs one each, as 80,30, or as left=80 (others: 0)"
+DRIVE = "For several inputs: which recorded input drives which, as left=p1,right=p2; default: by equal names."
 
 
 def load_mapping(path: Path | None) -> dict[str, Any] | None:
@@ -37,32 +38,37 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
 
 
 def levels(model: Model, text: str) -> list[float]:
-    """Return the pressure [Pa] of each chamber from a text in kPa: "30,20" in the order of the chambers, or "left=30"
-    by name with 0 for the others.
+    """Return the level [SI] of each input of a model from a text in kPa, N, mm or rad: "30,20" in the order of the
+    inputs, or "left=30" by name with 0 for the others.
     """
-    names = [c.name for c in model.chambers]
+    names, units = model.actuation.names, model.actuation.units
+    what = "chamber" if set(model.actuation.kinds) == {"pressure"} else "input"
     if "=" in text:
-        given = pairs("--level-kpa", text)
+        given = pairs("--level", text)
         if strange := [name for name in given if name not in names]:
             raise InputError(
-                f"--level-kpa names the chamber {strange[0]!r}, but the model has {', '.join(names)}: use these names"
+                f"--level names the {what} {strange[0]!r}, but the model has {', '.join(names)}: use these names"
             )
-        return [1e3 * number(given.get(name, "0")) for name in names]
-    pressures = [1e3 * number(part) for part in text.split(",")]
-    if len(pressures) != len(names):
+        parts = [given.get(name, "0") for name in names]
+    else:
+        parts = text.split(",")
+    if len(parts) != len(names):
         raise InputError(
-            f"--level-kpa gives {len(pressures)} pressure(s), but the model has {len(names)} chamber(s), "
+            f"--level gives {len(parts)} value(s), but the model has {len(names)} {what}(s), "
             f"{', '.join(names)}: give one for each, as {','.join(['30'] * len(names))}, or by name, as {names[0]}=30"
         )
-    return pressures
+    return [number(part, unit) for part, unit in zip(parts, units, strict=True)]
 
 
-def number(text: str) -> float:
-    """Return the number in a text such as "30", a pressure in kPa. A text that is no number raises InputError."""
+def number(text: str, unit: str) -> float:
+    """Return the value in an SI `unit` of a text such as "30", a number in the unit that plots use. A text that is no
+    number raises InputError.
+    """
+    factor, shown = shown_in(unit)
     try:
-        return float(text)
+        return float(text) * (1.0 / factor)
     except ValueError:
-        raise InputError(f"--level-kpa must be numbers in kPa, got {text.strip()!r:.60}") from None
+        raise InputError(f"--level must be numbers in {shown}, got {text.strip()!r:.60}") from None
 
 
 def vector(text: str, count: int, refusal: str) -> list[float]:

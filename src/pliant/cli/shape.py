@@ -20,6 +20,9 @@ def shape(
     ] = "chord",
     plane: Annotated[str, typer.Option(help="Plane of bending: motion, body, input, or its normal, an axis such as +x "
                                              "or 'x,y,z'; in space the normal is x.")] = "motion",
+    rest: Annotated[str, typer.Option(help="START,STOP: when the body is at rest, s.", show_default="found")] = "",
+    origin: Annotated[str, typer.Option(help="X,Y,Z of the base in the tracker's frame, m, if no station shows it.",
+                                        show_default="the base station")] = "",
     cap_curvature: Annotated[float | None, typer.Option(help="Signed curvature of the tip's cap, 1/m.")] = None,
     cap_length: Annotated[float | None, typer.Option(help="Length of that cap, m.")] = None,
     body_length: Annotated[float | None, typer.Option(help="Length of the body along the fibre, m, from the "
@@ -35,7 +38,7 @@ def shape(
 
     Example: pliant shape fibre.nc -o clean.nc --cap-curvature 50 --cap-length 0.03 --body-length 0.17
     """
-    from pliant.cli.reading import read_with_mapping
+    from pliant.cli.reading import read_with_mapping, vector
     from pliant.cli.terminal import busy
     from pliant.errors import InputError
     from pliant.preprocessing.align import align
@@ -60,7 +63,11 @@ def shape(
             clean, status = body_of_fibre(raw, fibre, space=space)
     else:
         with busy("aligning"):
-            clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space)
+            clean = align(
+                raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space,
+                rest=vector(rest, 2, f"--rest must be START,STOP in s, got {rest!r:.60}") if rest else None,
+                origin=vector(origin, 3, f"--origin must be X,Y,Z in m, got {origin!r:.60}") if origin else None,
+            )
     write(clean, output)
     history = history_of(clean)
     answer({"quality": summary, "tip": status or None, "history": history, "recording": str(output)},

@@ -1,4 +1,4 @@
-"""`pliant simulate`: simulate the motion of a model under a pressure."""
+"""`pliant simulate`: simulate the motion of a model under its inputs."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ if TYPE_CHECKING:
 
 def simulate(
     model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
-    level_kpa: Annotated[
-        str | None,
-        typer.Option("--level-kpa", help=f"Pressure of a pulse, {LEVELS}.", show_default="bends the body by 0.5 rad"),
+    level: Annotated[
+        str | None, typer.Option(help=f"Level of a pulse, {LEVELS}.", show_default="bends the body by 0.5 rad")
     ] = None,
     start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
-    trace: Annotated[Path | None, typer.Option(help="Recording whose pressure is used instead of a pulse.")] = None,
+    trace: Annotated[Path | None, typer.Option(help="Recording whose inputs are used instead of a pulse.")] = None,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     duration: Annotated[
         float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
@@ -41,16 +40,17 @@ def simulate(
         float, typer.Option("--load-g", help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
     force: Annotated[
-        str, typer.Option(help="Force FX,FY[@POINT] in N during the pulse, on an observed point (default: the last).")
+        str,
+        typer.Option(help="Force FX,FY[,FZ][@POINT] in N during the pulse, on an observed point (default: the last)."),
     ] = "",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Trajectory file (.nc or .csv).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of all tips against time (.png or .svg).")] = None,
     film: Annotated[Path | None, typer.Option(help="Video of the moving body (.gif, or .mp4 with ffmpeg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
-    """Simulate a model under a pressure pulse or a measured pressure.
+    """Simulate a model under a pulse of its inputs or under recorded inputs.
 
-    Example: pliant simulate results/arm/model.json --level-kpa 25 --duration 5 -o path.nc --figure path.png
+    Example: pliant simulate results/arm/model.json --level 25 --duration 5 -o path.nc --figure path.png
     """
     from pliant.cli.output import print_numbers, save_trajectory, summary, write_figure, write_film
     from pliant.cli.terminal import busy
@@ -63,15 +63,15 @@ def simulate(
     pull = point_forces(loaded, force, start, start + width)
     options: dict[str, Any] = {"time_step": time_step, "method": method, "forces": pull}
     if trace is None:
-        high = own_levels(loaded) if level_kpa is None else levels(loaded, level_kpa)
-        pressure: list[Input] = [Pulse(level, start, width) for level in high]
+        high = own_levels(loaded) if level is None else levels(loaded, level)
+        inputs: list[Input] = [Pulse(one, start, width) for one in high]
         options["duration"] = 4.0 if duration is None else duration
-    elif level_kpa is not None:
-        raise InputError("give either --level-kpa for a pulse or --trace for a measured pressure, not both")
+    elif level is not None:
+        raise InputError("give either --level for a pulse or --trace for measured inputs, not both")
     else:
-        pressure, options["times"] = measured_pressures(trace, loaded, drive, duration, time_step)
+        inputs, options["times"] = measured_inputs(trace, loaded, drive, duration, time_step)
     with busy("simulating"):
-        result = solve(loaded, pressure, **options)
+        result = solve(loaded, inputs, **options)
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
@@ -92,38 +92,41 @@ def with_load(model: Model, grams: float) -> Model:
 
 
 def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[PointForce, ...]:
-    """Return a tuple with the constant force [N] that the text ``FX,FY[@POINT]`` states, acting from `start` to `stop`
-    [s]; () for an empty text.
+    """Return a tuple with the constant force [N] that the text ``FX,FY[,FZ][@POINT]`` states, acting from `start` to
+    `stop` [s]; () for an empty text.
     """
     import numpy as np
 
+    from pliant.mechanics import mechanics_of
     from pliant.simulation.forces import PointForce
 
     if not text:
         return ()
     numbers, _, point = text.partition("@")
-    pull = vector(numbers, 2, f"--force must be FX,FY or FX,FY@POINT with numbers in N, got {text!r}")
-    force, time = np.array([[0.0, 0.0], pull, pull, [0.0, 0.0]]), np.array([start, start, stop, stop])
-    return (PointForce(time, force, point or model.points[-1].name),)
+    axes = mechanics_of(model).dimension
+    wanted = "FX,FY" + ",FZ" * (axes - 2)
+    pull = vector(numbers, axes, f"--force must be {wanted} or {wanted}@POINT with numbers in N, got {text!r}")
+    force, time = np.array([0.0 * np.array(pull), pull, pull, 0.0 * np.array(pull)]), [start, start, stop, stop]
+    return (PointForce(np.array(time), force, point or model.points[-1].name),)
 
 
 def own_levels(model: Model) -> list[float]:
-    """Return a default pressure [Pa] for each chamber: for the first chamber one that bends the model by up to 0.5 rad,
-    for all others 0.
+    """Return a default level [SI] for each input: for the first one that bends the model by up to 0.5 rad, for all
+    others 0.
     """
     from pliant.simulation.state import first_alone, typical_pressure
 
     level = typical_pressure(model)
     if not level:
-        raise InputError(f"no pressure bends the model {model.name!r} by half a radian: give --level-kpa")
+        raise InputError(f"no {model.actuation.kinds[0]} bends the model {model.name!r} by half a radian: give --level")
     return [float(p) for p in first_alone(model, level)]
 
 
-def measured_pressures(
+def measured_inputs(
     path: Path, model: Model, drive: str, duration: float | None, time_step: float | None
 ) -> tuple[list[Input], Any]:
-    """Return the recorded pressure for each chamber of the model, and the times (T,) [s] of the simulated motion, which
-    begin at the first pressure sample.
+    """Return the recorded input for each input of the model, and the times (T,) [s] of the simulated motion, which
+    begin at the first sample.
     """
     from pliant.identification.drives import measured
     from pliant.recording import read
@@ -131,9 +134,9 @@ def measured_pressures(
     from pliant.simulation.solve import output_times
 
     recorded = read(path)
-    if "pressure" not in recorded:
-        raise InputError(f"{path} holds no measured pressure: give a pulse by --level-kpa instead")
-    time = recorded["pressure_time"].values
-    traces: list[Input] = [Trace(time, p) for p in measured(path.name, recorded, model, drives(drive))]
-    first, last = float(time[0]), float(time[-1])
-    return traces, first + output_times(last - first if duration is None else duration, None, time_step)
+    if not {"pressure", "actuation"} & set(recorded):
+        raise InputError(f"{path} holds no measured pressure or other input: give a pulse by --level instead")
+    inputs = measured(path.name, recorded, model, drives(drive))
+    clocks = [one.time for one in inputs if isinstance(one, Trace)]
+    first, last = (float(end) for end in (min(t[0] for t in clocks), max(t[-1] for t in clocks)))
+    return [*inputs], first + output_times(last - first if duration is None else duration, None, time_step)

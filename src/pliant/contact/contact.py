@@ -29,6 +29,7 @@ from pliant.simulation.result import ENDINGS
 from pliant.version import __version__
 
 Array = np.ndarray
+KEPT = ("pressure", "actuation", "tip_position", *(f"joint_angle{end}" for end in ENDINGS))  # of an estimate
 GONE = 2.0  # mean normalised square of the torques, over that of their drift, below which a contact is over
 STAYS = 0.01  # of the largest mean square of a contact: residual torque by hysteresis
 CALM = 0.107  # s for which the torques must stay below these limits
@@ -160,7 +161,8 @@ def filtered_free_motion(
     """
     parts = [filtered_motion(r, model, noise, options) for r in recordings]
     measurement = measurement_of(recordings[0], model, noise, options.get("stations"))
-    answer = innovation_response(model, noise, measurement, time_step=options.get("time_step", 5e-3))
+    step = min(part.estimated.attrs["step_s"] for part in parts)
+    answer = innovation_response(model, noise, measurement, time_step=step)
     for part in parts:
         check_frame_rate(part.estimated, answer.period)
     return FilteredFreeMotion(parts, answer, [likelihood_ratio(answer, model, *p.innovations)[0] for p in parts])
@@ -217,9 +219,9 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
     source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = estimated["time"].values - options.get("latency", 0.0)
-    run = simulate(held, source, times=times, time_step=options.get("time_step", 5e-3), check=False)
-    chain = mechanics_of(model)
-    features = features_of(model, times, estimated["pressure"].values, chain.gathered(run, 0), chain.gathered(run, 1))
+    run = simulate(held, source, times=times, time_step=estimated.attrs["step_s"], check=False)
+    chain, inputs = mechanics_of(model), estimated[model.actuation.variable].values
+    features = features_of(model, times, inputs, chain.gathered(run, 0), chain.gathered(run, 1))
     torque, x = chain.gathered(estimated, 2) * chain.lever, chain.coordinates(chain.gathered(estimated, 0))
     return FilteredMotion(estimated, torque, features, x, estimated["motion"].values)
 
@@ -317,9 +319,8 @@ def described(
     data |= {
         "force_covariance": (("time", "axis", "axis_2"), covariance, {"units": "N2"}),
         "hidden_tangential": ("time", hidden), "in_contact": ("time", touching), "statistic": ("time", statistic),
-        **left, "pressure": estimated["pressure"],
-        "tip_position": estimated["tip_position"],
-        **{name: estimated[name] for end in ENDINGS if (name := f"joint_angle{end}") in estimated},
+        **left,
+        **{name: estimated[name] for name in KEPT if name in estimated},
     }
     return xr.Dataset(data, estimated.coords, {
         "schema": "pliant-contact", "source": f"pliant {__version__}", "model": estimated.attrs["model"],

@@ -215,7 +215,7 @@ def measurement_of(
 
 def bends_away(recording: xr.Dataset, model: Model) -> bool:
     """Return whether the recorded pressure bends the body to the opposite side of what the model predicts."""
-    if "pressure" not in recording or "position" not in recording or model.actuation.count > 1:
+    if "pressure" not in recording or "position" not in recording or model.actuation.kinds != ("pressure",):
         return False
     pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     x = recording["position"].values[:, -1, 0]

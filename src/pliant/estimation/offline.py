@@ -26,13 +26,15 @@ from pliant.estimation.symbols import (
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation import Trace, state
+from pliant.simulation import Pulse, Trace, state
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
 from pliant.simulation.inputs import Input
+from pliant.simulation.result import about_inputs, inputs_of
 from pliant.version import __version__
 
 Array = np.ndarray
+STEPS = (5e-3, 2e-3, 1e-3, 5e-4)  # s, of predictions, tried in turn
 
 
 def estimate(
@@ -45,7 +47,7 @@ def estimate(
     disturbance: bool = True,
     stations: tuple[str, ...] | None = None,
     latency: float = 0.0,
-    time_step: float = 5e-3,
+    time_step: float | None = None,
     lag: int = 10,
     pressure_window: float = 8e-3,
 ) -> xr.Dataset:
@@ -61,12 +63,12 @@ def estimate(
     model : Model
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
-    pressure : Input, or one for each chamber, optional
-        Commanded pressure, which passes through the model's valve. Default: the measured one, taken as behind the
-        valve.
+    pressure : Input, or one for each input of the model, optional
+        Commanded pressure, or tension, displacement or angle, which passes through the model's valve. Default: the
+        measured one, taken as behind the valve.
     drive : dict, optional
-        For a model of several chambers: maps each chamber of the model to the recorded pressure that drives it, by name
-        or index (from 0). Chambers not listed stay at 0 Pa. Default: the pressures of the same names.
+        For a model of several inputs: maps each input of the model to the recorded one that drives it, by name or index
+        (from 0). Inputs not listed stay at 0. Default: the recorded inputs of the same names.
     disturbance : bool
         Whether to estimate an unknown torque of each joint too, which absorbs model error. If `noise` is given, its
         `random_walk` decides.
@@ -74,12 +76,13 @@ def estimate(
         Stations to use. Default: all that recording and model share.
     latency : float
         Delay of the shape's time stamps on the clock of the pressure, s.
-    time_step : float
-        Longest integration step of a prediction, s.
+    time_step : float, optional
+        Longest integration step of a prediction, s. Default: 5 ms, or 2, 1 or 0.5 ms if a prediction with longer steps
+        fails, as for stiff bodies. The attribute `step_s` of the result states it.
     lag : int
         Number of later frames that the smoothed states use.
     pressure_window : float
-        Width of the centred moving average of a measured pressure, s. Sensor noise of the pressure disturbs light links
+        Width of the centred moving average of measured inputs, s. Sensor noise of the pressure disturbs light links
         more than the noise of a frame. A window of up to twice the latency of the shape adds no delay.
 
     Returns
@@ -95,7 +98,7 @@ def estimate(
     Raises
     ------
     InputError
-        When the recording does not show the model, or has no pressure and none is given.
+        When the recording does not show the model, or has no inputs and none are given, or inputs differ in kind.
     SimulationError
         When a prediction fails.
 
@@ -119,27 +122,34 @@ def estimate(
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
-    plan = drive_plan(held, source, times, time_step)
-    out = run(held, measurement, plan, settings)
-    return described(held, measurement, out, settings, plan, lag)
+    steps = STEPS if time_step is None else (time_step,)
+    for step in steps:
+        plan = drive_plan(held, source, times, step)
+        try:
+            out = run(held, measurement, plan, settings)
+            break
+        except SimulationError:
+            if step == steps[-1]:
+                raise
+    return described(held, measurement, out, settings, plan, lag).assign_attrs(step_s=step)
 
 
 def input_of(
     recording: xr.Dataset, model: Model, pressure: Input | Sequence[Input] | None, window: float = 0.0,
     drive: Mapping[str, str | int] | None = None,
 ) -> tuple[Input | Sequence[Input], Model]:
-    """Return the pressure inputs for the filter, and the model that takes them. For recorded pressures the model has
-    ideal valves, since these pressures are taken as measured behind the valves.
+    """Return the inputs for the filter, and the model that takes them. For recorded inputs the model has ideal valves
+    and motors, since these inputs are taken as measured behind the valves and at the motors.
     """
     if pressure is not None:
         return pressure, model
-    if "pressure" not in recording:
-        raise InputError("the recording has no measured pressure: give the commanded one (pressure=Pulse(...))")
+    if not {"pressure", "actuation"} & set(recording):
+        raise InputError("the recording has no measured pressure or other input: give the commanded one "
+                         "(pressure=Pulse(...))")  # fmt: skip
     if not (np.isfinite(window) and window >= 0):
         raise InputError(f"pressure_window must be a time in seconds, at least 0, got {window}")
-    clock = recording["pressure_time"].values.astype(float)
-    samples = measured("to estimate", recording, model, drive)
-    sources = tuple(Trace(*averaged(clock, values, window)) for values in samples)
+    traces = measured("to estimate", recording, model, drive)
+    sources = tuple(t if isinstance(t, Pulse) else Trace(*averaged(t.time, t.pressure, window)) for t in traces)
     return sources, without_valves(model)
 
 
@@ -251,14 +261,14 @@ def described(
     data["normalised_innovation_squared"] = ("time", out.score[:, 1], {"units": "1", "long_name": "NIS"})
     data["motion"] = ("time", out.score[:, 3], {"units": "rad2/s2", "long_name": "mean square joint rate of late"})
     data["rows_used"] = ("time", out.score[:, 0].astype(int), {"units": "1", "long_name": "rows of the frame in use"})
-    attrs = {"units": "Pa", "long_name": "gauge pressure behind the valve"}
-    data["pressure"] = (("time", "input"), plan.pressure, attrs)
+    attrs = dict(zip(("units", "long_name"), about_inputs(model.actuation), strict=True))
+    data[model.actuation.variable] = (("time", "input"), plan.pressure, attrs)
     tips = mechanics_of(model).tips(out.estimate[:, : model.size])
     data["tip_position"] = (("time", "link", "axis"), tips, {"units": "m", "long_name": "estimated link tips"})
     coords: dict[str, Any] = {
         "time": ("time", measurement.time, {"units": "s", "long_name": "stamp of the frame"}),
         **mechanics_of(model).labels, "link": np.arange(1, model.n + 1), "axis": list("xyz"[: tips.shape[-1]]),
-        "row": list(measurement.label), "input": list(model.actuation.names),
+        "row": list(measurement.label), **inputs_of(model),
     }
     return xr.Dataset(data, coords, attrs=judged(measurement, out, noise, model, lag))
 

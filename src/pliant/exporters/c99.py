@@ -140,9 +140,10 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     parameters.
     """
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
-    swings = ", ".join(mechanics_of(text.model).joint_names)
+    chain = mechanics_of(text.model)
+    swings = ", ".join(chain.joint_names)
     angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
-    strains = ", strains 1" if text.model.extensions else ""
+    strains = ", strains 1" if chain.lengthens else ""
     inputs = ", ".join(dict.fromkeys(text.model.actuation.units)).replace("Pa", "Pa gauge")
     rows = [
         f"{kind} angle[{N}]; /* rad{strains}, {angles} */",

@@ -100,7 +100,7 @@ class SpatialText(Text):
         for s in range(len(self.model.extensions)):
             self.segment(w, s, body.length)
         self.cap(w)
-        w.call(turn_matrix, Real("p->base_tilt[0]"), Real("p->base_tilt[1]"), 0.0, body.base)
+        w.call(turn_matrix, *(Real(f"p->base_tilt[{i}]") for i in range(3)), body.base)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def joint(self, w: CWriter, k: int) -> None:

@@ -39,7 +39,7 @@ class Variable(NamedTuple):
 def variables(model: Model, pressure: float) -> list[Variable]:
     """Return all variables of the FMU in the order of their value references, with unique names."""
     model = with_identifiers(model)
-    chambers = model.actuation.labels("pressure")
+    chambers = model.actuation.labels("{kind}")
     scalars = [
         *mechanics_of(model).joint_names,
         *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),

@@ -225,7 +225,7 @@ def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array
 def chamber_names(model: Model, prefix: str) -> list[tuple[Chamber, str, str]]:
     """Return (chamber, name of its tendon in the MJCF, name of its first control) for each chamber of a model."""
     actuation = model.actuation
-    names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "pressure"))
+    names = ([prefix + label for label in actuation.labels(what)] for what in ("bend", "{kind}"))
     return list(zip(actuation.inputs, *names, strict=True))
 
 
@@ -409,7 +409,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         unit = model.actuation.units[0]
         level = f"{1e-3 * highest:.4g} kPa" if unit == "Pa" else f"{highest:.4g} {unit}"
         provenance.messages.append(f"controls range from 0 to {level}: set highest ({unit}) for another range")
-    if model.extensions:
+    if mechanics_of(model).lengthens:
         provenance.messages.append(
             "equality constraints couple the slides of a segment that lengthens: simulate with Euler or RK4, since "
             "MuJoCo's implicit integrators follow them at short steps only"

@@ -117,7 +117,7 @@ def rigid_chain(model: Model) -> RigidChain:
         for i in range(model.n)
     )
     chain = RigidChain(tangent, turns[0], model.base_length, links, np.resize([*model.gravity, 0.0], 3))
-    return lengthening(model, chain) if model.extensions else chain
+    return lengthening(model, chain) if mechanics_of(model).lengthens else chain
 
 
 def lengthening(model: Model, chain: RigidChain) -> RigidChain:
@@ -168,7 +168,7 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
 def rest_turns(model: Model) -> Array:
     """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each of n joints in the rest shape."""
     if model.space:
-        return np.concatenate([[[*model.space.base_tilt, 0.0]], model.space.rest_of(model.n)])
+        return np.concatenate([[model.space.base_tilt], model.space.rest_of(model.n)])
     return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 

@@ -103,7 +103,7 @@ def matrices(model: Model, pressure: float | Array, period: float) -> dict[str, 
         A, B, states, dead = plant.A, plant.B, [*states, *waiting], np.zeros(dead.size)
         C = np.concatenate([C, np.zeros((C.shape[0], len(waiting)))], axis=1)
     point, units = operating_point(model, linear, states)
-    inputs = model.actuation.labels("pressure")
+    inputs = model.actuation.labels("{kind}")
     return {
         "A": A, "B": B, "C": C, "D": linear.D, "period": period, "state": states, "input": inputs,
         "dead_time": dead, "output": list(linear.outputs), "state_unit": units,
@@ -141,7 +141,7 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
     """Return the equilibrium value and the unit of a state that describes the supply of an input: the pressure, the
     rate of the pressure, or a past command.
     """
-    words = (model.actuation.labels(what) for what in ("pressure", "pressure_rate", "command"))
+    words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_rate", "command"))
     for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
         if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
             return float(p), unit

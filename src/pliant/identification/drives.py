@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -40,7 +40,7 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
         raise InputError(f"recording {name} holds no measured pressure or other input that could drive "
                          f"{', '.join(wanted)}: add it to the recording, or leave drive out")  # fmt: skip
     there = [one.name or "the only one" for one in inputs]
-    what = "chamber" if all(one.kind == "pressure" for one in inputs) else "input"
+    what = inputs_word(one.kind for one in inputs)
     found = {}
     for chamber, asked in wanted.items():
         k = there.index(asked) if asked in there else asked
@@ -59,34 +59,55 @@ def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int])
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
-def measured(name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None) -> list[Array]:
-    """Return for each chamber of a model the P samples (P,) of the recorded input that drives it; zeros if none does.
+def measured(
+    name: str, recording: xr.Dataset, model: Model, drive: Mapping[str, str | int] | None,
+) -> list[Trace | Pulse]:
+    """Return for each input of a model the recorded input that drives it, as a `Trace`; a constant 0 if none does.
 
-    `drive` maps chambers to recorded inputs as in `driving`. Without it, each pressure drives the chamber of its name.
+    `drive` maps inputs of the model to recorded inputs as in `driving`. Without it, each recorded input drives the
+    input of its name.
+
+    Raises
+    ------
+    InputError
+        When an input of the model has no recorded one, when they differ in kind, or when samples are missing.
     """
-    pressure = recording["pressure"]
-    if lost := int((~np.isfinite(pressure.values)).sum()):
-        raise InputError(f"recording {name}: {lost} samples of the pressure are missing: interpolate them first")
-    if drive is None and model.actuation.count == 1:
-        return [one_chamber(name, pressure)]
-    wanted = {c.name: c.name for c in model.chambers} if drive is None else drive
-    if strange := [one for one in wanted if one not in {c.name for c in model.chambers}]:
+    names = model.actuation.names
+    if strange := [one for one in drive or () if one not in names]:
         raise InputError(
-            f"drive names {strange[0]!r}, but the model has the chambers {model.actuation.listing}: use one of these"
+            f"drive names {strange[0]!r}, but the model has the {inputs_word(model.actuation.kinds)}s "
+            f"{model.actuation.listing}: use one of these"
         )
-    driven = drives_of(name, recording, wanted)
-    return [driven[c.name].pressure if c.name in driven else np.zeros(pressure.shape[0]) for c in model.chambers]
+    if drive is None and len(names) == 1:
+        driven = {names[0]: only_input(name, recording)}
+    else:
+        driven = driving(name, recording, {n: n for n in names} if drive is None else drive)
+    for to, one in driven.items():
+        check_kind(f"recording {name}", model, to, one.kind)
+        if lost := int((~np.isfinite(one.values)).sum()):
+            raise InputError(f"recording {name}: {lost} samples of the {one.kind} are missing: interpolate them first")
+    traces = {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
+    return [traces.get(n, Pulse(0.0)) for n in names]
 
 
-def one_chamber(name: str, pressure: xr.DataArray) -> Array:
-    """Return the pressure samples (P,) [Pa] of a recording with one chamber; raise InputError for several chambers."""
-    if pressure.ndim > 1 and pressure.sizes["chamber"] > 1:
-        chambers = ", ".join(str(c) for c in pressure["chamber"].values)
+def inputs_word(kinds: Iterable[str]) -> str:
+    """Return what inputs of these kinds are called: "chamber" if all are pressures, else "input"."""
+    return "chamber" if all(kind == "pressure" for kind in kinds) else "input"
+
+
+def only_input(name: str, recording: xr.Dataset) -> RecordedInput:
+    """Return a recording's only measured input; raise InputError unless there is exactly one."""
+    inputs = recorded_inputs(recording)
+    listed = ", ".join(one.name or one.kind for one in inputs) or "none"
+    if len(inputs) > 1 and all(one.kind == "pressure" for one in inputs):
         raise InputError(
-            f"recording {name} has several pressures ({chambers}): select the one that bends the body, or state with "
+            f"recording {name} has several pressures ({listed}): select the one that bends the body, or state with "
             "drive which of them drives which chamber of the model"
         )
-    return np.asarray(pressure.values, dtype=float).reshape(pressure.shape[0])
+    if len(inputs) != 1:
+        raise InputError(f"recording {name} has {len(inputs)} measured inputs ({listed}): state with drive which of "
+                         "them drives which input of the model")  # fmt: skip
+    return inputs[0]
 
 
 def alone(exp: Experiment, chamber: str) -> bool:
@@ -117,14 +138,22 @@ def check_driven(model: Model, experiments: Sequence[Experiment]) -> None:
 def check_kinds(model: Model, exp: Experiment) -> None:
     """Raise InputError if a recorded input differs in kind (pressure, tension, ...) from the model input it drives."""
     for to, kind in exp.input_kinds.items():
-        k = model.actuation.names.index(to) if to else 0
-        wanted = model.actuation.kinds[k]
-        if kind != wanted:
-            raise InputError(
-                f"experiment {exp.name}: input {model.actuation.names[k]!r} of model {model.name!r} is a {wanted} "
-                f"[{model.actuation.units[k]}], but the input that drives it was recorded as a {kind} "
-                f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
-            )
+        check_kind(f"experiment {exp.name}", model, to, kind)
+
+
+def check_kind(who: str, model: Model, to: str, kind: str) -> None:
+    """Raise InputError if a recorded input differs in kind (pressure, tension, ...) from the model input `to` that it
+    drives; "" is the only one. `who` names the recording.
+    """
+    k = model.actuation.names.index(to) if to else 0
+    wanted = model.actuation.kinds[k]
+    if kind != wanted:
+        own, other = ("an angle" if word == "angle" else f"a {word}" for word in (wanted, kind))
+        raise InputError(
+            f"{who}: input {model.actuation.names[k]!r} of model {model.name!r} is {own} "
+            f"[{model.actuation.units[k]}], but the input that drives it was recorded as {other} "
+            f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
+        )
 
 
 def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple[Input, ...]:

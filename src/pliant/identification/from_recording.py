@@ -10,11 +10,10 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.identification.drives import drives_of, driving, one_chamber
+from pliant.identification.drives import drives_of, driving, only_input
 from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Excitation, Experiment, FurtherRows
 from pliant.preprocessing.side import x_sign
-from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
@@ -96,8 +95,8 @@ def experiment(
         drives = drives_of(name, recording, drive)
         kinds = {to: one.kind for to, one in driving(name, recording, drive).items()}
     elif excitation == "trace":
-        trace = Trace(*only_input(name, recording))
-        kinds = {"": recorded_inputs(recording)[0].kind}
+        one = only_input(name, recording)
+        trace, kinds = Trace(one.time, np.array(one.values)), {"": one.kind}
     exp = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
@@ -151,20 +150,6 @@ def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array 
         return None
     s = recording["arc_length"].sel(station=list(stations)).values.astype(float)
     return s if np.all(np.diff(s) > 0) else None
-
-
-def only_input(name: str, recording: xr.Dataset) -> tuple[Array, Array]:
-    """Return times [s] and samples of a recording's only measured input, both (P,) for P samples. Raise InputError
-    unless there is exactly one input.
-    """
-    if "pressure" in recording and "actuation" not in recording:
-        return recording["pressure_time"].values, one_chamber(name, recording["pressure"])
-    inputs = recorded_inputs(recording)
-    if len(inputs) != 1:
-        listed = ", ".join(one.name or one.kind for one in inputs) or "none"
-        raise InputError(f"recording {name} has {len(inputs)} measured inputs ({listed}): state with drive which of "
-                         "them drives which input of the model")  # fmt: skip
-    return inputs[0].time, np.array(inputs[0].values)
 
 
 def default_excitation(name: str, recording: xr.Dataset) -> Excitation:

@@ -13,11 +13,11 @@ from pliant.errors import InputError
 from pliant.model import Model, Space
 
 TURN = r"rest_turn_([xyz])_(\d+)"
-TILT = r"base_tilt_([xy])"
+TILT = r"base_tilt_([xyz])"
 ROWS: dict[str, tuple[Any, ...]] = {  # unit, lower, upper, scale, meaning
     "stiffness_ratio": ("1", 1e-2, 1e2, 0.1, "bending stiffness about y over that about x, in space"),
     "twist_ratio": ("1", 1e-3, 1e2, 0.1, "torsional over bending stiffness, in space"),
-    TILT: ("rad", -3.2, 3.2, 0.05, "tilt of the base about an axis of the base frame, in space"),
+    TILT: ("rad", -3.2, 3.2, 0.05, "rotation of the base about an axis of the base frame, in space"),
     TURN: ("rad", -3.1, 3.1, 0.05, "rest turn of one joint about an axis of its link, in space"),
 }
 RATIOS = ("stiffness_ratio", "twist_ratio")
@@ -31,8 +31,8 @@ def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
         if not name.startswith(("base_tilt", "rest_turn")):
             continue
         if found := re.fullmatch(TILT, name):
-            changes.setdefault("base_tilt", np.zeros(2) if space is None else space.base_tilt.copy())
-            changes["base_tilt"]["xy".index(found[1])] = value
+            changes.setdefault("base_tilt", np.zeros(3) if space is None else space.base_tilt.copy())
+            changes["base_tilt"]["xyz".index(found[1])] = value
         elif found := re.fullmatch(TURN, name):
             changes.setdefault("rest_turn", np.zeros((model.n, 3)) if space is None else space.rest_of(model.n))
             changes["rest_turn"][int(found[2]) - 1, "xyz".index(found[1])] = value
@@ -51,7 +51,7 @@ def space_start(model: Model) -> dict[str, float]:
         return {}
     turns = {f"rest_turn_{axis}_{i + 1}": float(v) for i, row in enumerate(space.rest_of(model.n))
              for axis, v in zip("xyz", row, strict=True)}  # fmt: skip
-    tilts = {f"base_tilt_{axis}": float(v) for axis, v in zip("xy", space.base_tilt, strict=True)}
+    tilts = {f"base_tilt_{axis}": float(v) for axis, v in zip("xyz", space.base_tilt, strict=True)}
     return {"stiffness_ratio": space.stiffness_ratio, "twist_ratio": space.twist_ratio, **tilts, **turns}
 
 

@@ -163,7 +163,7 @@ def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> Linea
     A, B = np.block([[np.zeros((N, N)), np.eye(N)], [a_x, a_v]]), np.zeros((2 * N, 0))
     states = [*chain.names, *chain.rate_names]
     pressures = model.actuation.pressures(pressure)
-    called = zip(model.actuation.labels("pressure"), model.actuation.labels("pressure_rate"), strict=True)
+    called = zip(model.actuation.labels("{kind}"), model.actuation.labels("{kind}_rate"), strict=True)
     for chamber, by_torque, p, own in zip(model.chambers, a_tau, pressures, called, strict=True):
         drive = np.zeros(A.shape[0])
         drive[N : 2 * N] = by_torque * chamber.torque_slope(float(p))

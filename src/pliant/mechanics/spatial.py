@@ -62,7 +62,7 @@ class SpatialChain(Mechanics):
         model, space = self.model, self.space
         gx, gy, gz = (float(g) for g in model.gravity)
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
-        base = rotation([*space.base_tilt, 0.0])
+        base = rotation(space.base_tilt)
         tendons = model.actuation.levers, *model.actuation.tendon_constants, self._beyond()
         behind = *tendons, np.array(model.stretch_share)
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
@@ -358,7 +358,7 @@ def rotation(vector: Any) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(np.asarray(vector, dtype=float)).as_matrix())
+    return np.asarray(Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix())
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:

@@ -76,12 +76,18 @@ class Actuation:
         """Names of the C inputs as one text, separated by commas."""
         return ", ".join(self.names)
 
+    @property
+    def variable(self) -> str:
+        """Name of the variable that holds the inputs in datasets: "pressure" if all are pressures, else "actuation"."""
+        return "pressure" if set(self.kinds) <= {"pressure"} else "actuation"
+
     def labels(self, quantity: str) -> list[str]:
         """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.
 
-        For a single input the name is just ``pressure``.
+        ``{kind}`` in `quantity` stands for the kind of the input. For a single input the name is just ``pressure``.
         """
-        return [quantity] if self.count == 1 else [f"{quantity}_{name}" for name in self.names]
+        parts = [quantity.format(kind=kind) for kind in self.kinds]
+        return parts if self.count == 1 else [f"{part}_{name}" for part, name in zip(parts, self.names, strict=True)]
 
     @cached_property
     def gain(self) -> Float[Array, "C N"]:

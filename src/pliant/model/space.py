@@ -38,8 +38,8 @@ class Space:
     rest_turn : array (n, 3)
         Rest shape: the fixed rotation before each joint, as a rotation vector [rad] in the frame of the link before.
         One row applies to all joints.
-    base_tilt : array (2,)
-        Rotation of the clamped base about the x and y axes of the base frame, rad.
+    base_tilt : array (3,)
+        Rotation vector of the clamped base about the axes of the base frame, rad. Two numbers are those about x and y.
     radius : float
         Radius of the cross-section, m, for the rotary inertia of the links. 0: thin rods, which cannot twist.
 
@@ -52,13 +52,15 @@ class Space:
     stiffness_ratio: float = 1.0
     twist_ratio: float = 0.0
     rest_turn: Array = field(default_factory=lambda: np.zeros((1, 3)))
-    base_tilt: Array = field(default_factory=lambda: np.zeros(2))
+    base_tilt: Array = field(default_factory=lambda: np.zeros(3))
     radius: float = 0.0
 
     def __post_init__(self) -> None:
         for name in SCALARS:
             object.__setattr__(self, name, one_number(f"space {name}", getattr(self, name)))
-        for name, shape in (("rest_turn", (-1, 3)), ("base_tilt", (2,))):
+        if np.size(self.base_tilt) == 2:
+            object.__setattr__(self, "base_tilt", [*self.base_tilt, 0.0])
+        for name, shape in (("rest_turn", (-1, 3)), ("base_tilt", (3,))):
             object.__setattr__(self, name, rows_of(name, getattr(self, name), shape))
         if not 0 < self.stiffness_ratio < MOST_RATIO:
             raise InputError(f"space stiffness_ratio must lie in 0 to {MOST_RATIO:g}, got {self.stiffness_ratio}")

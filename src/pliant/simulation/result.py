@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from pliant.mechanics import mechanics_of
-from pliant.model import Model
+from pliant.model import Actuation, Model
+from pliant.units import input_words
 from pliant.version import __version__
 
 Array = np.ndarray
@@ -25,7 +26,6 @@ LABELS = {
     "tip_position": ("m", "position of the link tips in the base frame"),
     "station_position": ("m", "position of the observed points in the base frame"),
     "station_angle": ("rad", "angle of the carrier of each observed point from +y; from +z in space"),
-    "pressure": ("Pa", "gauge pressure behind the valve"),
     "hoop_stretch": ("1", "circumference of the chamber's wall over that without pressure"),
     "axial_strain": ("1", "axial strain of each segment that lengthens"),
     "axial_strain_rate": ("1/s", "rate of that strain"),
@@ -64,7 +64,7 @@ def trajectory(
     `memory` holds further variables: those of `memory.outputs`, and the stretch of chambers that inflate.
     """
     times, pressure, phi, w = motion
-    chain = mechanics_of(model)
+    chain, inputs = mechanics_of(model), model.actuation
     tips = chain.tips(phi)
     position, angle = chain.stations(phi, tips)
     values: dict[str, tuple[tuple[str, ...], Array]] = {
@@ -72,26 +72,47 @@ def trajectory(
         "tip_position": (("time", "link", "axis"), tips),
         "station_position": (("time", "station", "axis"), position),
         "station_angle": (("time", "station"), angle),
-        "pressure": (("time", "input"), pressure),
+        inputs.variable: (("time", "input"), pressure),
         **{name: (("time",), value) for name, value in energies.items()},
         **memory,
     }
     labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
     if model.memory.has_axial:
         labels["axial_memory"] = list(model.memory.axial.labels)
-    labels["input"] = list(model.actuation.names)
+    about = LABELS | {inputs.variable: about_inputs(inputs)}
     return xr.Dataset(
-        {name: labelled(*entry, *LABELS[name]) for name, entry in values.items()},
+        {name: labelled(*entry, *about[name]) for name, entry in values.items()},
         coords={
             "time": labelled(("time",), np.asarray(times, dtype=float), "s", "time"),
             **{name: xr.Variable((name,), np.asarray(value), fastpath=True) for name, value in {
                 "joint": range(1, model.n + 1), "link": range(1, model.n + 1),
                 "station": [p.name for p in model.points], "axis": list("xyz")[: chain.dimension], **labels,
             }.items()},
+            **inputs_of(model),
         },
         attrs={"schema": "pliant-trajectory", "model": model.name, "method": method, "step_s": time_step,
                "source": f"pliant {__version__}"},
     )
+
+
+def about_inputs(inputs: Actuation) -> tuple[str, str]:
+    """Return the unit and the long name of the variable of a dataset that holds the inputs of an actuator."""
+    unit = ", ".join(dict.fromkeys(inputs.units))
+    return unit, "gauge pressure behind the valve" if unit == "Pa" else f"{input_words(inputs.units)[0]} behind its lag"
+
+
+def inputs_of(model: Model) -> dict[str, xr.Variable]:
+    """Return the coordinates of a dataset along its inputs: their names, and their units unless all are pressures."""
+    units = {"unit": list(model.actuation.units)} if model.actuation.variable != "pressure" else {}
+    named = {"input": list(model.actuation.names), **units}
+    return {name: xr.Variable(("input",), np.asarray(value), fastpath=True) for name, value in named.items()}
+
+
+def inputs_in(motion: xr.Dataset) -> tuple[Array, list[str]]:
+    """Return the inputs (T, C) of a simulated or estimated motion and the SI unit of each."""
+    if "pressure" in motion:
+        return motion["pressure"].values, ["Pa"] * motion.sizes["input"]
+    return motion["actuation"].values, [str(unit) for unit in motion["unit"].values]
 
 
 def labelled(dims: tuple[str, ...], values: Array, units: str, long_name: str) -> xr.Variable:

@@ -109,8 +109,8 @@ def simulate(
     -------
     xarray.Dataset
         joint_angle, joint_rate (time, joint); tip_position (time, link, axis); station_position (time, station,
-        axis), station_angle; pressure (time, input), also for one input; kinetic, elastic and gravitational energy,
-        input work, dissipated energy (time).
+        axis), station_angle; pressure (time, input), also for one input, or actuation (time, input) unless all inputs
+        are pressures; kinetic, elastic and gravitational energy, input work, dissipated energy (time).
         With hysteresis also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
         (time, segment). The change of kinetic + elastic + gravitational + hysteresis energy equals input work less

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from pliant.errors import InputError
 from pliant.files import whole
 from pliant.plotting import NARROW, TALLEST, WIDTH, side_by_side, style
-from pliant.units import shown_in
+from pliant.units import input_words, shown_in
 from pliant.validation.curves import (
     autocorrelation,
     axes_of,
@@ -31,7 +31,7 @@ from pliant.validation.curves import (
     thin,
 )
 from pliant.validation.outcome import FitOutcome, Forecast, RecordOutcome
-from pliant.validation.wording import ROLE, clip, digits, input_words, readable, sized
+from pliant.validation.wording import ROLE, clip, digits, readable, sized
 
 Array = np.ndarray
 MOST_FITS = 4

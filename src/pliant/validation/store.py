@@ -23,6 +23,7 @@ from pliant.model.file import read_model
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.simulation import Trace
+from pliant.units import input_words
 from pliant.validation.outcome import (
     Clocks,
     FitOutcome,
@@ -33,7 +34,6 @@ from pliant.validation.outcome import (
     StudyOutcome,
     Wirings,
 )
-from pliant.validation.wording import input_words
 
 Array = np.ndarray
 FILE = "results.nc"

@@ -5,13 +5,11 @@ formatted numbers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
 from pliant.text import escaped
-from pliant.units import quantity, shown_in
+from pliant.units import quantity
 
-INPUTS = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "motor angle"}  # by SI unit
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 NO_PLACES = "The recordings hold angles and no positions: shapes, order and path are left out."
 DASH = "–"
@@ -27,15 +25,6 @@ LABELS = {
     "frequency_small_hz": "frequency, small swings", "damping_ratio_small": "damping ratio, small swings",
     "joint_rmse_mrad": "joints, RMSE", "joint_steady_error_mrad": "joints, steady error",
 }
-
-
-def input_words(units: Iterable[str]) -> tuple[str, str]:
-    """Return a word for inputs of these SI units, such as "pressure" for Pa, and the units in which figures show them,
-    such as kPa.
-    """
-    kinds = list(dict.fromkeys(units))
-    word = INPUTS[kinds[0]] if len(kinds) == 1 else "input"
-    return word, ", ".join(shown_in(unit)[1] for unit in kinds)
 
 
 def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) -> str:

@@ -13,11 +13,10 @@ import numpy as np
 from pliant.identification.experiment import Experiment
 from pliant.mechanics import mechanics_of
 from pliant.numerics.curve import arc_lengths
-from pliant.units import shown_in
+from pliant.units import input_words, shown_in
 from pliant.validation.curves import autocorrelation, evenly_spaced, laws_of, pressures_of
 from pliant.validation.draw import moves_torque
 from pliant.validation.outcome import Clocks, FitOutcome, Forecast, RecordOutcome, Shape, StudyOutcome
-from pliant.validation.wording import input_words
 
 Array = np.ndarray
 MOST_NUMBERS = 1_200_000  # limit for all recordings of a page; above it, only every second (third, ...) frame is shown
