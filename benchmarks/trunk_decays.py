@@ -25,9 +25,10 @@ from scipy.optimize import least_squares
 from pliant.identification import Experiment
 from pliant.identification.edges import edges
 from pliant.identification.fit import FitResult, fit, parameters_from
+from pliant.identification.forward_model import solved_pose
 from pliant.identification.initial_guess import prepare
 from pliant.identification.model_selection import Follows, follows, shared_bic
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, apply
 from pliant.identification.prediction import predict
 from pliant.model import Model
 from pliant.numerics.ringdown import SMALL, turning_points
@@ -38,6 +39,7 @@ Array = np.ndarray
 STUDY = Path(__file__).with_suffix(".toml")
 AT_REST = 0.5  # s at the end of each trial that show where it rests
 FIRST = 0.8  # s after the release within which the first swing reaches the far side
+STARTS = (0.0, 0.4, 0.8)  # start values of the rest turns over the bends of the pose at rest
 LEAST = 0.01  # of the first swing: smaller ones do not count
 REST_PRIOR = 0.5  # rad, of a rest turn
 TARGETS = np.array([0.03, 0.05, 0.08])  # of the rms error over the travel, and of both frequencies
@@ -71,12 +73,24 @@ def rings(moments: Array, path: Array, held: Array, release: float) -> tuple[flo
 
 
 def settled(exp: Experiment, model: Model, values: dict[str, float], step: float) -> FitResult:
-    """Fit the rest turns of one trial to its last half second, all else fixed at `values` and let go as it was seen."""
-    still = np.where((exp.time > exp.time[-1] - AT_REST)[:, None, None], exp.position, np.nan)
+    """Fit the rest turns of one trial to its last half second, all else fixed at `values` and let go as it was seen.
+
+    Of several starts, along the bends of the pose at rest, the one with the least error is taken.
+    """
+    late = exp.time > exp.time[-1] - AT_REST
+    shown = [replace(exp, position=np.where(late[:, None, None], exp.position, np.nan))]
     began = Parameter(f"{exp.name}.release", edges(exp)["release"], free=False)
     fixed = [Parameter(n, v, free=False) for n, v in values.items() if not n.startswith("t_")]
-    return fit([replace(exp, position=still)], model, [*fixed, began, *rest_turns(exp.name, model.n, {})],
-               time_step=step, starts=1, max_evaluations=30)  # fmt: skip
+    placed = apply(prepare(shown, model, [*fixed, began, *rest_turns(exp.name, model.n, {})])[0], values)
+    shift = np.array([values[f"base_{axis}"] for axis in "xyz"])
+    points = [p for p in placed.points if p.name in exp.stations]
+    bends = solved_pose(placed, points, np.nanmean(exp.position[late], axis=0) - shift)
+    results = []
+    for part in STARTS:
+        turns = dict(zip((p.name for p in rest_turns(exp.name, model.n, {})), part * bends, strict=True))
+        results.append(fit(shown, model, [*fixed, began, *rest_turns(exp.name, model.n, turns)],
+                           time_step=step, starts=1, max_evaluations=20))  # fmt: skip
+    return min(results, key=lambda r: r.rmse[exp.name])
 
 
 def predicted(exp: Experiment, model: Model, values: dict[str, float], step: float) -> tuple[Array, float]:
