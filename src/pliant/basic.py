@@ -31,7 +31,7 @@ class Actuator(NamedTuple):
 
 
 def paper(n=5, theta0=0.0):
-    """Return the actuator of Chen et al.: n links, 17 cm, 69 g, stiffness and damping as printed, mass at link tips."""
+    """Return the actuator of Chen et al. with n links: 17 cm, 69 g at the link tips, printed stiffness and damping."""
     one = np.ones(n)
     return Actuator(
         l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,

@@ -217,3 +217,18 @@ def test_springpot_and_release_time_come_back_from_two_loads() -> None:
             right = (values | {"stiffness": 0.9})[p.name]
             assert p.std < 0.25 * right, p
             assert abs(p.value - right) < 4 * p.std, p
+
+
+def test_a_motion_depends_continuously_on_the_time_of_its_release() -> None:
+    """With one step more or less before the first frame, the positions would jump by the error of a step."""
+    model = Model(
+        link_length=[0.1], link_mass=0.05, stiffness=0.5, damping=1e-3, torque=[1e-6],
+        stations=(Station("tip", 0, 0.1, 0.0),),
+    )  # fmt: skip
+    exp = released(model, 0.05)
+    paths = [predict(model, exp, {"r.release": 0.052 + change, "release_time": 0.0}, 2e-3)["position"]
+             for change in (-2e-9, -1e-9, 1e-9, 2e-9)]  # fmt: skip
+    first, second, third = (np.abs(np.diff(paths, axis=0)[k]).max() for k in range(3))
+    assert first > 0.0
+    assert second < 4.0 * first
+    assert third < 2.0 * first

@@ -36,7 +36,9 @@ class LaneGrid(NamedTuple):
 
 
 class Schedule:
-    """Time steps and mean torques of a batch in SIMD groups. Results that several samples share are cached."""
+    """Time steps of a batch whose samples run in SIMD groups, and the torques averaged over each step. What several
+    samples share is computed once.
+    """
 
     def __init__(self, samples: Samples, pressures: Sequence[Input], times: Array, time_step: float) -> None:
         self.samples = samples

@@ -144,7 +144,7 @@ def has_orientations(content: bytes, links: int, dimension: int, wide: int) -> b
         )
     columns = dimension + 2 + max((KINDS[kind].constants[dimension] for kind in rows[:, 0]), default=0)
     if wide != columns:
-        raise InputError(f"a frame needs rows (m, {columns}) for what it measures, got rows {rows.shape}")
+        raise InputError(f"a frame needs rows (m, {columns}) for the kinds that it measures, got rows {rows.shape}")
     turns = np.flatnonzero(np.isin(rows[:, 0], TURNS))
     if not turns.size:
         return False
@@ -192,7 +192,7 @@ def measurement_of(
         raise InputError(f"a {frame} recording is needed, not the frame {recording.attrs.get('frame')!r}: align it by "
                          f"`pliant shape RECORDING {'--space ' * space}-o aligned.nc`, or pliant.align")
     if not space and bends_away(recording, model):
-        raise InputError("under pressure the recorded body bends to the other side than the model: turn the recording "
+        raise InputError("under pressure the recorded body and the model bend to opposite sides: turn the recording "
                          "into the base frame by `pliant shape RECORDING -o aligned.nc`, or pliant.align")  # D4
     names = [str(s) for s in recording["station"].values]
     wanted = stations or tuple(p.name for p in model.points if p.link >= 0 and p.name in names)

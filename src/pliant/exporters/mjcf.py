@@ -127,7 +127,8 @@ def mjcf(
 
 
 def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> ET.Element:
-    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry and hidden hinges.
+    """Add link `i` to its parent in the MJCF: body, hinges, inertia, geometry, and the hinges that represent the states
+    of hysteresis.
 
     Returns the new body element.
     """

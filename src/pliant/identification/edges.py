@@ -15,8 +15,8 @@ FIRST = 5  # frames whose median is the first position
 
 
 def displacement(exp: Experiment) -> Array:
-    """Return the distance (T,) [m; angles: rad] of the last station from its first position, in T frames. Gaps are
-    interpolated.
+    """Return how far the last station is from its first position in each of T frames (T,): a distance [m], or the
+    change of an angle [rad] if only angles were recorded. Gaps are interpolated.
     """
     p = exp.steady
     seen = np.isfinite(p).all(axis=1)

@@ -401,7 +401,9 @@ def check_orientation(exp: Experiment) -> None:
 
 
 def check_further(exp: Experiment) -> None:
-    """Raise InputError if measured values of other kinds do not match the stations, or their kind does not exist."""
+    """Raise InputError if the values of a further kind of measurement do not have one entry for each station and frame,
+    or their kind does not exist.
+    """
     for name, rows in exp.further.items():
         counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
         if exp.dimension not in counts:

@@ -83,10 +83,11 @@ def fit(
     starts : int
         Number of starts: the estimate, and others scattered about it; default: 3. For a chain in space whose stiffness
         is given, the second start is searched for without that value.
-    weighting : {"travel", "metre", "noise"}, default "travel"
+    weighting : {"travel", "metre", "noise", "decay"}, default "travel"
         Unit of the residuals. "travel": each experiment's peak displacement, so that all pressure levels count alike.
         "metre": the same unit for all. "noise": standard deviations of each station's noise, as given with the
-        experiment, else estimated from the residuals.
+        experiment, else estimated from the residuals. "decay": the motion still to come in each frame, so that the
+        small swings of a free decay count as much as the large ones.
     regularise : bool
         Fit even if the recordings do not determine some combination of parameters, which then stays near its start.
     section_area : float, optional

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from pliant.identification.observation import between_frames, lags_of, repeated,
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.poses import pose_inputs
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
@@ -25,8 +25,13 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-LEAST_PULL = 1e-6  # weight of the unloaded shape over that of a measured point
-POSE_STEPS = 60
+PULLS = (0.3, 0.03, 1e-6)  # weights of the unloaded shape over that of a measured point
+POSE_STEPS, FEW_STEPS = 60, 10  # of the search with the last weight, and with each weight before
+POLISH = 8  # Gauss-Newton steps with the last weight, before those of Newton
+NEAR, REACHED, CHANGE = 1e-2, 1e-13, 1e-6  # rad: steps that end the search with a weight, and of finite differences
+SAME_POSE = 1e-4  # rad and m: changes after which the pose is followed from the latest one
+BENDS = 0.9  # rad, expected bend of a whole body that is held
+LEAST_MISS = 1e-9  # m, so that exact points have a logarithm
 
 
 def forward_problem(
@@ -106,7 +111,8 @@ def release_problem(
         key = ("release", exp.name, params["release"], times[0])
         if key not in plans.drives:
             still_air = [Pulse(0.0)] * model.actuation.count
-            plans.drives[key] = drive_of(model, still_air, np.concatenate([[params["release"]], free]), time_step)
+            steps = drive_of(model, still_air, np.concatenate([[params["release"]], free]), time_step)
+            plans.drives[key] = evenly_begun(steps)
         plan = plans.drives[key]
     numbers = forward_numbers(model_at, exp, params, plan, (angles, angles), base)
     numbers = with_loads(numbers, model, exp, params["release"])
@@ -114,6 +120,20 @@ def release_problem(
     forward = ForwardProblem(numbers, plan.keep, still, carriers(model_at, exp), model, no_input, from_rest=False,
                              pulled=exp.held is not None)
     return with_release_time(forward, exp, params) if "release_time" in params else forward
+
+
+def evenly_begun(plan: Drive) -> Drive:
+    """Return the steps of a release in still air with as many steps before the first frame as between frames.
+
+    Without this change, the number of steps before the first frame would jump with the time of the release, and the
+    error of the integration with it, so that a fit would end at such a time.
+    """
+    ends = np.flatnonzero(plan.keep >= 0)
+    first = ends[0] + 1
+    parts = max(int(np.diff(ends).max(initial=0)), first)
+    h = np.concatenate([np.full(parts, plan.h[:first].sum() / parts), plan.h[first:]])
+    torque = np.concatenate([np.repeat(plan.torque[:1], parts, axis=0), plan.torque[first:]])
+    return plan._replace(h=h, torque=torque, keep=np.append(np.full(parts - 1, -1), plan.keep[ends[0] :]))
 
 
 def with_release_time(forward: ForwardProblem, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
@@ -175,8 +195,8 @@ def no_drive(model: Model) -> Drive:
 def actuation_steps(
     model: Model, exp: Experiment, params: Mapping[str, float], times: Array, time_step: float, plans: Plans,
 ) -> Drive:
-    """Return the time steps and torques with which to simulate an experiment under its inputs. Steps end at the output
-    `times` [s], which are on the clock of the inputs.
+    """Return the time steps and torques with which to simulate an experiment under its inputs. Each of the output
+    `times` [s], on the clock of the inputs, is the end of a step.
     """
     start, stop = params.get("start", 0.0), params.get("stop", 0.0)
     dead_times = [c.valve.dead_time for c in model.chambers]
@@ -257,34 +277,84 @@ def carriers(model_at: ModelAt, exp: Experiment) -> Array:
 
 
 def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
-    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m]. The
-    result is cached.
+    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
 
-    Solved by Gauss-Newton in absolute angles. A joint that the points do not determine stays close to the unloaded
-    shape, by a regularisation with a millionth of a point's weight. The pose depends on lengths and positions alone and
-    is cached in `cache`, for models that differ in nothing else.
+    `solved_pose` describes the search. The pose depends on lengths and positions alone and is cached in `cache`, for
+    models that differ in nothing else. If they differ from the latest ones by rounding or by the step of a finite
+    difference, the search starts from the latest pose.
     """
-    points = tuple(p[1:] for p in stations)
-    base = (model.base_length, model.base_angle, points)
     turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
-    key = (*base, *(a.tobytes() for a in (model.link_length, *turned, positions)))
-    if key not in cache:
+    points = np.array([p[1:] for p in stations], dtype=float)
+    given = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
+                            *(a.ravel() for a in (*turned, positions))])  # fmt: skip
+    if (key := given.tobytes()) not in cache:
+        latest = cache.get("latest", given[:0])
+        if latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
+            start = cache[latest.tobytes()]
+            cache[key] = searched_pose(chain_of(model, stations), positions, PULLS[-1:], start, polish=0)
+            return cache[key].copy()
         cache[key] = solved_pose(model, stations, positions)
+    cache["latest"] = given
     return cache[key].copy()
 
 
+def chain_of(model: Model, stations: list[Station]) -> Mechanics:
+    """Return the mechanics of a chain of fixed length that carries S points."""
+    return mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
+
+
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
-    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m]."""
-    chain = mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
-    pull = LEAST_PULL * model.length * chain.to_joints
-    unloaded = chain.coordinates(np.zeros(model.size))
-    phi = unloaded.copy()
-    for _ in range(POSE_STEPS):
-        places, slopes = chain.points_and_slopes(phi)
-        rows = np.concatenate([slopes.reshape(-1, model.size), pull])
-        aim = np.concatenate([(positions - places).ravel(), pull @ (unloaded - phi)])
-        move = np.linalg.lstsq(rows, aim)[0]
-        phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        if np.abs(move).max() < 1e-13:
-            break
+    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
+
+    The points may allow several poses, each a minimum of the squared distances. Two searches start from the unloaded
+    shape, one with a penalty on the joint angles that vanishes step by step. Of their results, the more probable pose
+    is taken: the points have normal errors of one unknown size, and the n joint angles are normal with a standard
+    deviation of `BENDS` / sqrt(n). A joint that the points do not determine stays close to the unloaded shape.
+    """
+    chain = chain_of(model, stations)
+    unloaded = np.zeros(model.size)
+    poses = [searched_pose(chain, positions, pulls, unloaded, POLISH) for pulls in (PULLS, PULLS[-1:])]
+
+    def improbable(q: Array) -> float:
+        off = np.append(chain.stations(chain.coordinates(q))[0] - positions, LEAST_MISS)
+        return float(positions.size * np.log(np.sum(off**2)) + model.n * np.sum(q**2) / BENDS**2)
+
+    return min(poses, key=improbable)
+
+
+def searched_pose(chain: Mechanics, positions: Array, pulls: Sequence[float], start: Array, polish: int) -> Array:
+    """Return the joint angles [rad] that minimise the squared distances of a chain's S points from `positions` (S, 2 or
+    3) [m]. The search starts from the joint angles `start`, with a penalty on all joint angles of the weights `pulls`
+    one after another. With the last weight, Newton steps follow `polish` steps of Gauss and Newton.
+    """
+    phi = chain.coordinates(start)
+    for pull in pulls:
+        last = pull == pulls[-1]
+        for step in range(POSE_STEPS if last else FEW_STEPS):
+            move = pose_step(chain, phi, positions, pull * chain.model.length, exact=last and step >= polish)
+            phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
+            if np.abs(move).max() < (REACHED if last else NEAR):
+                break
     return chain.joint_coordinates(phi)
+
+
+def pose_step(chain: Mechanics, phi: Array, positions: Array, pull: float, *, exact: bool) -> Array:
+    """Return a step (N,) from the coordinates `phi` (N,) of a chain towards the minimum of the squared distances of its
+    S points from `positions` (S, 2 or 3) [m] plus the squared joint angles, weighted by `pull` [m/rad] squared.
+
+    The step is that of Gauss and Newton or, if `exact`, that of Newton where the second derivatives are positive
+    definite. Far from the points, Gauss-Newton steps converge slowly.
+    """
+    places, slopes = chain.points_and_slopes(phi)
+    off, pulls = (positions - places).ravel(), pull * chain.to_joints
+    bend = chain.coordinates(np.zeros(phi.size)) - phi
+    Q, R = np.linalg.qr(np.concatenate([slopes.reshape(-1, phi.size), pulls]))
+    aim = Q.T @ np.concatenate([off, pulls @ bend])
+    back = np.linalg.inv(R)
+    if exact:
+        moved = [chain.points_and_slopes(phi + CHANGE * row)[1] - slopes for row in np.eye(phi.size)]
+        curved = np.stack([off @ change.reshape(-1, phi.size) for change in moved]) / CHANGE
+        second = np.eye(phi.size) - back.T @ (0.5 * (curved + curved.T)) @ back
+        if np.linalg.eigvalsh(second)[0] > 0.0:
+            aim = np.linalg.solve(second, aim)
+    return np.asarray(back @ aim)

@@ -43,7 +43,9 @@ MOST_BAND = 1e6  # high over low
 
 
 def free_decay(exp: Experiment) -> RingDown | None:
-    """Return frequency and damping of the free decay after the last input edge or release; None if too short."""
+    """Return frequency and damping of the free decay after the last step of an input or the release of the body, or
+    None if the decay was recorded for too short a time.
+    """
     after = last_edge(exp)
     keep = (exp.time > after + 0.03) & np.isfinite(exp.last_station).all(axis=1)
     if keep.sum() < 16:
@@ -254,9 +256,9 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
 def bands_of_layouts(
     parameters: Sequence[Parameter], experiments: Sequence[Experiment], model: Model,
 ) -> list[Parameter]:
-    """Return fixed parameters for the range in which branches approximate a springpot (lowest and highest frequency
-    [Hz]) or Payne's curve (lowest and highest joint rotation [rad]). Only limits that are needed and not given are
-    returned.
+    """Return, as fixed parameters, the limits of the range in which branches approximate a springpot (lowest and
+    highest frequency [Hz]) or Payne's curve (lowest and highest joint rotation [rad]). Limits that are stated or not
+    needed are left out.
     """
     names = {p.name for p in parameters}
     chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}

@@ -14,7 +14,9 @@ from pliant.identification.prediction import referenced_angles
 from pliant.preprocessing.detectors import quantum
 
 Array = np.ndarray
-WEIGHTINGS = ("travel", "metre", "noise")
+WEIGHTINGS = ("travel", "metre", "noise", "decay")
+LEAST_MOTION = 0.05  # of the peak displacement: frames with less motion to come weigh alike
+AT_END = 5  # frames that show where a motion ends
 LEAST_NOISE = 1e-9  # m and rad: recordings without noise keep finite weights
 
 
@@ -30,7 +32,9 @@ class Observations:
     seen : array (T, S, 3) of bool
         Whether `data` holds an observation.
     weight : array (S, 3)
-        Weights of the residuals.
+        Weights of the residuals of each station.
+    frame_weight : array (T,)
+        Weights of the residuals of each frame.
     """
 
     def __init__(self, exp: Experiment, weighting: str) -> None:
@@ -42,7 +46,8 @@ class Observations:
         self.unknown: list[tuple[int, tuple[int, ...]]] = []  # their rows and channels whose noise level is not given
         swing = largest_change(exp.angle)
         stations = np.ones(len(exp.stations)) if weighting == "noise" else length_weights(exp)
-        scale = {"travel": (exp.travel, swing), "metre": (1.0, swing / exp.travel), "noise": (1.0, 1.0)}[weighting]
+        scale = {"metre": (1.0, swing / exp.travel), "noise": (1.0, 1.0)}.get(weighting, (exp.travel, swing))
+        self.frame_weight = decay_weights(exp) if weighting == "decay" else np.ones(exp.time.size)
         self.weight = np.sqrt(stations)[:, None] / np.array([scale[0], scale[0], scale[self.planar]])
         if weighting == "noise":
             self.weight /= noise_levels(exp, self.data)
@@ -71,7 +76,7 @@ class Observations:
         """Return the weights (m, 3) of m values (T, m, 3) of another kind in T frames, whose largest change is `swing`.
         `share` (m,) holds the weights of their stations, `noise` their standard deviation if it is known.
         """
-        scale = {"travel": swing, "metre": swing / self.exp.travel, "noise": 1.0}[weighting]
+        scale = {"metre": swing / self.exp.travel, "noise": 1.0}.get(weighting, swing)
         weight = np.repeat(np.sqrt(share)[:, None], 3, axis=1) / scale
         return weight / (white_noise(values) if noise is None else noise) if weighting == "noise" else weight
 
@@ -100,7 +105,7 @@ class Observations:
     @property
     def flat_weight(self) -> Array:
         """Return the weights (N,) of all N observed values."""
-        return self.weight[self.station, self.channel]
+        return self.weight[self.station, self.channel] * self.frame_weight[self.rows]
 
     def residual(self, rows: Array) -> Array:
         """Return the N weighted residuals (N,): modelled positions and angles (T, S, 3) of S stations in T frames,
@@ -164,6 +169,21 @@ def white_noise(data: Array) -> Array:
         if np.isfinite(column).any():
             noise[place] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
     return noise
+
+
+def decay_weights(exp: Experiment) -> Array:
+    """Return weights (T,) of T frames that are inversely proportional to the motion still to come, with mean square 1.
+
+    The motion still to come is the largest distance of any station from its last position, in this or a later frame. At
+    least `LEAST_MOTION` of the largest value is assumed.
+    """
+    seen = exp.compared
+    last = [column[np.isfinite(column).all(axis=1)][-AT_END:].mean(axis=0) for column in np.swapaxes(seen, 0, 1)]
+    away = np.nan_to_num(np.linalg.norm(seen - np.array(last), axis=2)).max(axis=1)
+    to_come = np.maximum.accumulate(away[::-1])[::-1]
+    weight = 1.0 / (to_come + LEAST_MOTION * to_come[0])
+    shown = np.isfinite(seen).any(axis=(1, 2))
+    return np.asarray(weight / np.sqrt(np.mean(weight[shown] ** 2)))
 
 
 def largest_change(values: Array | None) -> float:

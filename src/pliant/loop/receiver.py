@@ -236,8 +236,8 @@ def receiver_of(
     chambers = entry.chambers or given.size
     if given.size not in (1, chambers):
         raise InputError(
-            f"task {path}: [receiver] has {chambers} chambers and highest_kpa {given.size} pressures: "
-            "give one, or one for each chamber"
+            f"task {path}: [receiver] has {chambers} chambers, but highest_kpa lists {given.size} pressures: "
+            "give one for all chambers, or one for each"
         )
     highest = 1e3 * np.broadcast_to(given, (chambers,))
     key = None if entry.key_file is None else read_key(Path(path).parent / entry.key_file)

@@ -110,8 +110,8 @@ def check_extensions(model: ModelParameters) -> None:
 
 
 def check_laws(model: ModelParameters) -> None:
-    """Raise InputError if a model has hysteresis of segments but no extensible segment. Raise it also if a model in
-    space has hysteresis of segments, or if a planar model has a segment whose strain changes the bending stiffness.
+    """Raise InputError for axial hysteresis in a model without extensible segments or in space, and for a segment of a
+    planar model whose strain changes the bending stiffness.
     """
     if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(

@@ -63,7 +63,7 @@ class Space:
         for name, shape in (("rest_turn", (-1, 3)), ("base_tilt", (3,))):
             object.__setattr__(self, name, rows_of(name, getattr(self, name), shape))
         if not 0 < self.stiffness_ratio < MOST_RATIO:
-            raise InputError(f"space stiffness_ratio must lie in 0 to {MOST_RATIO:g}, got {self.stiffness_ratio}")
+            raise InputError(f"space: stiffness_ratio must be 0 to {MOST_RATIO:g}, got {self.stiffness_ratio}")
         if not 0 <= self.twist_ratio < MOST_RATIO:
             raise InputError(f"space twist_ratio must be 0 to {MOST_RATIO:g}, got {self.twist_ratio}")
         if not 0 <= self.radius < MOST_RADIUS:

@@ -97,7 +97,7 @@ class LinkPlacement:
         return beside_links(places, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the link lengths, joint angles and tips of the chain over time as an `xarray.Dataset` with units."""
+        """Return link lengths, joint angles and positions of the link tips over time as an `xarray.Dataset`."""
         import xarray as xr
 
         def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:

@@ -145,7 +145,7 @@ def open_entries(content: Any, where: str = "") -> Iterator[str]:
 
 
 def refuse_open(content: Mapping[str, Any], path: Path) -> None:
-    """Raise InputError with the names of all open questions, if the study file `path` has any."""
+    """Raise InputError with the names of all entries of the study file `path` that the user still has to fill in."""
     if names := list(open_entries(content)):
         many = f"{len(names)} open questions" if len(names) > 1 else "one open question"
         raise InputError(f'study {path} has {many}: replace the "?" at {", ".join(names)} with values')
