@@ -289,7 +289,7 @@ def pose_through(model: Model, stations: list[Station], positions: Array, cache:
                             *(a.ravel() for a in (*turned, positions))])  # fmt: skip
     if (key := given.tobytes()) not in cache:
         latest = cache.get("latest", given[:0])
-        if latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
+        if model.space and latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
             start = cache[latest.tobytes()]
             cache[key] = searched_pose(chain_of(model, stations), positions, PULLS[-1:], start, polish=0)
             return cache[key].copy()
@@ -306,13 +306,16 @@ def chain_of(model: Model, stations: list[Station]) -> Mechanics:
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
     """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
 
-    The points may allow several poses, each a minimum of the squared distances. Two searches start from the unloaded
-    shape, one with a penalty on the joint angles that vanishes step by step. Of their results, the more probable pose
-    is taken: the points have normal errors of one unknown size, and the n joint angles are normal with a standard
-    deviation of `BENDS` / sqrt(n). A joint that the points do not determine stays close to the unloaded shape.
+    A joint that the points do not determine stays close to the unloaded shape, from which the search starts. In space
+    the points may allow several poses, each a minimum of the squared distances, and two searches are made, one with a
+    penalty on the joint angles that vanishes step by step. Of their results, the more probable pose is taken: the
+    points have normal errors of one unknown size, and the n joint angles are normal with a standard deviation of
+    `BENDS` / sqrt(n).
     """
     chain = chain_of(model, stations)
     unloaded = np.zeros(model.size)
+    if not model.space:
+        return searched_pose(chain, positions, PULLS[-1:], unloaded, polish=POSE_STEPS)
     poses = [searched_pose(chain, positions, pulls, unloaded, POLISH) for pulls in (PULLS, PULLS[-1:])]
 
     def improbable(q: Array) -> float:
