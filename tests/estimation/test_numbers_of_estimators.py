@@ -207,7 +207,7 @@ def test_a_body_bends_away_where_its_tip_follows_the_pressure(correlation, away)
     for change in (ds.assign(pressure=ds["pressure"] * 0 + 5.0), ds.drop_vars(["pressure", "pressure_time"])):
         assert not bends_away(change, BODY)
     if away:
-        with pytest.raises(InputError, match="bends to the other side"):
+        with pytest.raises(InputError, match="bend to opposite sides"):
             measurement_of(ds, BODY, Noise())
 
 
