@@ -76,6 +76,11 @@ def shown_in(unit: str) -> tuple[float, str]:
 KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"}  # of an input, by its SI unit
 
 
+def inputs_word(kinds: Iterable[str]) -> str:
+    """Return what inputs of these kinds are called: "chamber" if all are pressures, else "input"."""
+    return "chamber" if all(kind == "pressure" for kind in kinds) else "input"
+
+
 def input_words(units: Iterable[str]) -> tuple[str, str]:
     """Return a word for inputs of these SI units, such as "pressure" for Pa, and the units in which figures show them,
     such as kPa.

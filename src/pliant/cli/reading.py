@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pliant.cli.terminal import busy
 from pliant.errors import InputError
 from pliant.files import read_entries
-from pliant.units import shown_in
+from pliant.units import inputs_word, shown_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ def levels(model: Model, text: str) -> list[float]:
     inputs, or "left=30" by name with 0 for the others.
     """
     names, units = model.actuation.names, model.actuation.units
-    what = "chamber" if set(model.actuation.kinds) == {"pressure"} else "input"
+    what = inputs_word(model.actuation.kinds)
     if "=" in text:
         given = pairs("--level", text)
         if strange := [name for name in given if name not in names]:

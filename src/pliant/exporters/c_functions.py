@@ -30,7 +30,7 @@ COMPUTED = {  # by `update` from the other parameters: fields of inertia and spr
     symbols.Body: ("B", "I", "h"), symbols.ExtensibleBody: ("K", "D", "B", "h"),
     symbols.SpatialBody: ("K", "D", *IN_SPACE),
 }
-DERIVED = ("B", "I", "h", "K", "D", "hardening", *IN_SPACE)  # all of them
+DERIVED = (*dict.fromkeys(name for own in COMPUTED.values() for name in own), "hardening")  # all of them
 FORM = 5  # index of the law's number in a chamber's constants, which is fixed in the code
 UNIT = {  # of each parameter; one unit for each column where they differ
     **UNITS, "valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "joint_gain": "1", "creep_share": "1",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +15,7 @@ from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
 from pliant.simulation.inputs import Input
+from pliant.units import inputs_word
 
 Array = np.ndarray
 TOGETHER = 1e-3  # sine of the angle between two pressure series (as vectors) below which they count as proportional
@@ -55,7 +56,11 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
     """Return for each model input named in `wanted` the measured time series that drives it, as a `Trace`."""
-    driven = driving(name, recording, wanted)
+    return traces_of(driving(name, recording, wanted))
+
+
+def traces_of(driven: Mapping[str, RecordedInput]) -> dict[str, Trace]:
+    """Return each recorded input as a `Trace`, by the name of the model's input that it drives."""
     return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
 
 
@@ -86,13 +91,8 @@ def measured(
         check_kind(f"recording {name}", model, to, one.kind)
         if lost := int((~np.isfinite(one.values)).sum()):
             raise InputError(f"recording {name}: {lost} samples of the {one.kind} are missing: interpolate them first")
-    traces = {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
+    traces = traces_of(driven)
     return [traces.get(n, Pulse(0.0)) for n in names]
-
-
-def inputs_word(kinds: Iterable[str]) -> str:
-    """Return what inputs of these kinds are called: "chamber" if all are pressures, else "input"."""
-    return "chamber" if all(kind == "pressure" for kind in kinds) else "input"
 
 
 def only_input(name: str, recording: xr.Dataset) -> RecordedInput:
