@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS, in_words
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import owners
 from pliant.model import Extension, Model
-from pliant.model.summary import in_words
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS, in_words
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import matching
 from pliant.model import Model
 from pliant.model.memory import Payne, Springpot, payne, springpot
-from pliant.model.summary import in_words
 
 # name: (unit, lower, upper, scale, meaning)
 ROWS: dict[str, tuple[str, float, float, float, str]] = {

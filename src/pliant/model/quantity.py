@@ -1,0 +1,126 @@
+"""Declaration of a physical parameter: unit, bounds, typical size and meaning, stated in the annotation of a field.
+
+A field of a record such as `pliant.model.Valve` is annotated as ``Annotated[float, Quantity("s", "dead time", ...)]``.
+Everything that needs names, units or bounds of parameters reads them from these annotations by `quantities`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, TypeVar, get_type_hints
+
+from pliant.errors import InputError
+
+R = TypeVar("R")
+Sign = Literal["positive", "not negative", "any"]
+Per = Literal["", "vector", "joint", "segment", "branch", "power", "axis", "axis and joint"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Unit, bounds, typical size and meaning of a parameter, all in SI units.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit, "1" for a ratio. ``^k`` stands for the power that numbers the parameter.
+    meaning : str
+        What the parameter is, as a phrase for tables and reports.
+    per : str
+        What the field has one value for, and what numbers the parameter in a fit: "joint" (``stiffness_2``; without
+        number: all joints), "branch" of hysteresis (``creep_share_1``), "power" of pressure (``torque_2``), "axis"
+        (``base_tilt_x``) or "axis and joint" (``rest_turn_x_2``). Values of a "vector" or of each "segment" are not
+        numbered. "": a single value.
+    sign : str
+        Sign that the value must have: "positive", "not negative" or "any".
+    least, most : float
+        Smallest and largest absolute value of a physical body. Beyond them, a unit is wrong or a file is damaged.
+    zero : bool
+        Whether 0 is allowed as well, where `least` is positive.
+    lower, upper : float
+        Bounds in a fit.
+    scale : float
+        Typical size in a fit. 0: the start value of the fit.
+    start : float or None
+        Start value in a fit. None: estimated from the recordings, or to be given.
+    growth : float
+        Ratio of the start values of a branch and the branch before it, since a fit could not separate equal ones.
+    fitted : bool
+        Whether a fit may estimate the parameter.
+    source : str
+        Where the definition comes from, such as an equation of the paper or a standard.
+    """
+
+    unit: str
+    meaning: str = ""
+    per: Per = ""
+    sign: Sign = "any"
+    least: float = 0.0
+    most: float = float("inf")
+    zero: bool = False
+    lower: float = float("-inf")
+    upper: float = float("inf")
+    scale: float = 0.0
+    start: float | None = None
+    growth: float = 1.0
+    fitted: bool = True
+    source: str = ""
+
+    def check_limit(self, what: str, name: str, value: float) -> None:
+        """Raise InputError if the absolute value of a parameter is outside its physical limits.
+
+        Parameters
+        ----------
+        what, name : str
+            Owner and name of the parameter, for the message: "model", "valve", "memory".
+        value : float
+            A finite number of any sign.
+        """
+        size = abs(value)
+        if self.least <= size <= self.most or (size == 0.0 and self.zero):
+            return
+        zero = ", or be 0" if self.zero else ""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        raise InputError(
+            f"{what} {name} must have a size of {self.least:g} to {self.most:g}{unit}{zero}, got {value:g}: check its "
+            "unit"
+        )
+
+    def start_of(self, branch: int) -> float | None:
+        """Return the start value in a fit of the branch with this number, counted from 1."""
+        return None if self.start is None else self.start * self.growth ** (branch - 1)
+
+
+def read_quantities(record: Any) -> dict[str, Quantity]:
+    """Return the declared parameters of a record or function by the names of its fields or arguments, in their order.
+
+    Fields without a `Quantity` in their annotation are left out.
+    """
+    hints = get_type_hints(record, include_extras=True)
+    named = {name: (m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Quantity))
+             for name, hint in hints.items()}  # fmt: skip
+    return {name: quantity for name, row in named.items() for quantity in row}
+
+
+quantities: Callable[[Any], dict[str, Quantity]] = cache(read_quantities)
+
+
+def fields_per(record: Any, *per: Per) -> tuple[str, ...]:
+    """Return the names of the parameters of a record which have one value for each joint, branch, ..."""
+    return tuple(name for name, quantity in quantities(record).items() if quantity.per in per)
+
+
+def scalars(record: Any) -> tuple[str, ...]:
+    """Return the names of the parameters of a record that have a single value."""
+    return fields_per(record, "")
+
+
+def plain_signature(record: type[R]) -> type[R]:
+    """Return a dataclass whose signature shows the plain types of its fields, without their `Quantity`."""
+    kinds = record.__init__.__annotations__
+    for name, kind in kinds.items():
+        if isinstance(kind, str):
+            kinds[name] = kind.removeprefix("Annotated[").partition(", Quantity(")[0]
+    return record
