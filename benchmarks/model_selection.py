@@ -20,8 +20,8 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ARM, FOUR = EXAMPLES / "pneumatic_arm_pulses.toml", EXAMPLES / "planar_two_segment_arm_chambers.toml"
 PULSES = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119", "step_240"], "common": {"start": "free"}}
 PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
-FILLING = ("stiffness", "damping", "torque_1", "valve_rise", "valve_fall", "valve_fall_rate", "inflation_limit",
-           "inflation_time")
+FILLING = ("stiffness", "damping", "torque_1", "valve_rise_time", "valve_fall_time", "valve_fall_rate",
+           "inflation_limit", "inflation_time")
 LATE = ["given", "settle", "creep", "soften"]  # what comes late, beyond a wall and a limited fall
 SELECTIONS = {  # study, entries of its [model_selection]
     "demo": (demo_study(), PULSES),

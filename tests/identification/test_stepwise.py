@@ -63,8 +63,8 @@ def test_a_lag_far_from_the_first_guess_is_found(truth: Model, traced: Any) -> N
     found = select_model(
         [traced(slow)], [], truth.with_(valve=Valve()), common=["torque_1"], time_step=STEP, stages=stages
     )
-    assert found.result.values["valve_rise"] == pytest.approx(0.6, rel=0.02)
-    assert found.result.values["valve_fall"] == pytest.approx(0.6, rel=0.02)
+    assert found.result.values["valve_rise_time"] == pytest.approx(0.6, rel=0.02)
+    assert found.result.values["valve_fall_time"] == pytest.approx(0.6, rel=0.02)
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ class Told:
 
 def test_a_finer_stage_that_pays_only_on_a_later_one_is_tried_again_once() -> None:
     """Each joint's stiffness pays where creep is free; a lag that paid nowhere, and one that joints replace, do not."""
-    k, d, j, c, v = "stiffness", "damping", "stiffness_*", "creep_time_1", "valve_rise"
+    k, d, j, c, v = "stiffness", "damping", "stiffness_*", "creep_time_1", "valve_rise_time"
     stages = [Stage("elastic", "", ((k, d),)), Stage("lag", "", ((v,),)), Stage("joints", "", ((j,),), drops=(k,)),
              Stage("creep", "", ((c,),)), Stage("coarse", "", ((k,),), drops=(v,))]  # fmt: skip
     squares = {(k, d): 1.0, (k, d, v): 1.0, (j, d): 1.0, (k, d, c): 0.5, (j, d, c): 0.3}

@@ -178,7 +178,7 @@ def cautions(
     for exp in experiments:
         lag = max(max(c.valve.rise_time, c.valve.fall_time) for c in model.chambers)
         width = pulse_width(exp, values)
-        if lag > width and {n.rpartition(".")[2] for n in free} & {"valve_rise", "valve_fall"}:
+        if lag > width and {n.rpartition(".")[2] for n in free} & {"valve_rise_time", "valve_fall_time"}:
             found.append(
                 f"the valve's lag of {lag:.3g} s is longer than the pulse of {exp.name}, {width:.3g} s: it compensates "
                 "for another effect, such as creep."

@@ -15,15 +15,15 @@ from pydantic import Field, ValidationError, create_model, field_validator
 from pliant.errors import InputError, explain_validation, shown
 from pliant.files import write_text
 from pliant.model.chamber import Chamber
-from pliant.model.extension import CURVES, Extension
+from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
-from pliant.model.parameters import ModelParameters
+from pliant.model.parameters import MassAt, ModelParameters
 from pliant.model.quantity import quantities
 from pliant.model.space import Space
 from pliant.model.station import Station
-from pliant.model.tables import Table, fields_of
-from pliant.model.tendon import Tendon
+from pliant.model.tables import Table, TableLayout, fields_of
+from pliant.model.tendon import DrivenBy, Tendon
 from pliant.model.valve import Valve
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
@@ -43,6 +43,7 @@ def unit_of(name: str) -> str:
     return UNITS.get(name) or ", ".join(dict.fromkeys(inner))
 
 
+CHAMBER_ALONE = {f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}  # and no tendon
 MIRRORED = (  # D4
     "bend_sign is not an entry of a model file: models are in the base frame, where positive angles bend towards -x. "
     "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
@@ -65,28 +66,22 @@ class ValveEntry(Table):
     """Table of the valve parameters in a model file."""
 
 
-@fields_of(Chamber, needed=("name", "torque", "joint_gain"), valve=ValveEntry)
+@fields_of(Chamber, TableLayout(("name", "torque", "joint_gain")), valve=ValveEntry)
 class ChamberEntry(Table):
     """Table of one pressure chamber in a model file that has several inputs."""
 
 
 @fields_of(
-    Tendon, needed=("driven_by", "name", "joint_gain", "cross_gain", "lever"), valve=ValveEntry,
-    without={f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"},
-    driven_by=Literal["tension", "displacement", "angle"],
-)  # fmt: skip
+    Tendon, TableLayout(("driven_by", "name", "joint_gain", "cross_gain", "lever"), CHAMBER_ALONE), valve=ValveEntry,
+    driven_by=DrivenBy,
+)
 class TendonEntry(Table):
     """Table of one tendon in a model file."""
 
 
-@fields_of(Extension, needed=("name",))
+@fields_of(Extension, TableLayout(("name",)))
 class ExtensionEntry(Table):
     """Table of one extensible segment in a model file."""
-
-
-@fields_of(Extension, without={f.name for f in fields(Extension)} - {*CURVES})
-class AxialCurve(Table):
-    """Entries of the nonlinear terms of an axial spring, for tables of other files."""
 
 
 @fields_of(Memory)
@@ -95,8 +90,8 @@ class MemoryEntry(Table):
 
 
 @fields_of(
-    ModelParameters, needed=("link_length", "rest_angle", "link_mass", "stiffness", "damping"), without=("chambers",),
-    mass_at=Literal["rod", "tip"], memory=MemoryEntry, extensions=list[ExtensionEntry], space=SpaceEntry | None,
+    ModelParameters, TableLayout(("link_length", "rest_angle", "link_mass", "stiffness", "damping"), ("chambers",)),
+    mass_at=MassAt, memory=MemoryEntry, extensions=list[ExtensionEntry], space=SpaceEntry | None,
     stations=list[StationEntry],
 )
 class _Chain(Table):
@@ -129,7 +124,8 @@ def is_unit(name: str, stated: str) -> bool:
 
 
 SINGLE: dict[str, Any] = {  # entries of a model with one chamber, in place of `chambers`
-    name: (field.annotation | None, None)
+    name: (field.annotation | None, Field(
+        None, description=field.description, json_schema_extra=field.json_schema_extra))
     for name, field in ChamberEntry.model_fields.items() if name != "name" and field.annotation
 }  # fmt: skip
 ModelFile = create_model(
@@ -179,8 +175,7 @@ def input_entries(law: Chamber) -> dict[str, Any]:
     """
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
-        chamber = {field.name for field in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
-        return {name: value for name, value in entries.items() if name not in chamber}
+        return {name: value for name, value in entries.items() if name not in CHAMBER_ALONE}
     return entries
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pliant.model.space import Space
 from pliant.model.station import Station
 
 Array = np.ndarray
+MassAt = Literal["rod", "tip"]
 NONE: Any = 0.0  # for each joint
 
 
@@ -25,7 +26,7 @@ def spring_term(name: str) -> Quantity:
     """Return the declaration of the nonlinear term `name` of a joint's spring."""
     term = SPRING_TERMS[name]
     lower, upper, scale = term.fit
-    meaning = f"{term.letter} of springs {in_words()}, the same for all joints"
+    meaning = f"{term.letter} of springs {in_words()}, of each joint"
     return Quantity(term.unit, meaning, per="joint", most=term.most, lower=lower, upper=upper, scale=scale, start=0.0)
 
 
@@ -52,12 +53,13 @@ class ModelParameters(Shown):
         start=0.75)] = NONE
     mass_at: str = "rod"
     tip_mass: Annotated[float, Quantity(
-        "kg", "cap or load at the last tip", sign="not negative", most=1e5, lower=0.0, scale=5e-3)] = 0.0
+        "kg", "cap or load at the last tip", sign="not negative", most=1e5, lower=0.0, scale=5e-3,
+        guess=0.0)] = 0.0
     base_length: Annotated[float, Quantity(
         "m", "length of the rigid part before the first joint", sign="not negative", most=1e3,
         fitted=False)] = 0.0
     base_angle: Annotated[float, Quantity(
-        "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05)] = 0.0
+        "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0)] = 0.0
     gravity: Annotated[Array, Quantity(
         "m/s^2", "gravity in the base frame", per="vector", most=1e4, fitted=False)] = NONE
     memory: Memory = field(default_factory=Memory)

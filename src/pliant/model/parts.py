@@ -49,7 +49,8 @@ class Declared(NamedTuple):
 
 
 BODY, BUILD = ModelPart(ModelParameters), ModelPart(chain_model)
-CHAMBER, TENDON, VALVE = ModelPart(Chamber, "", "chamber"), ModelPart(Tendon, "", "chamber"), ModelPart(Valve, "valve_", "chamber")
+CHAMBER, TENDON = ModelPart(Chamber, "", "chamber"), ModelPart(Tendon, "", "chamber")
+VALVE = ModelPart(Valve, "valve_", "chamber")
 MEMORY, SPRINGPOT, PAYNE = ModelPart(Memory), ModelPart(springpot, "fractional_"), ModelPart(payne, "payne_")
 SEGMENT, SPACE, STATION = ModelPart(Extension, "axial_", "segment"), ModelPart(Space), ModelPart(Station, "", "station")
 PARTS = (BODY, BUILD, CHAMBER, TENDON, VALVE, MEMORY, SPRINGPOT, PAYNE, SEGMENT, SPACE, STATION)

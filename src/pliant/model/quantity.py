@@ -6,6 +6,7 @@ Everything that needs names, units or bounds of parameters reads them from these
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -45,10 +46,16 @@ class Quantity:
         Typical size in a fit. 0: the start value of the fit.
     start : float or None
         Start value in a fit. None: estimated from the recordings, or to be given.
+    guess : float or None
+        Start value in a fit where the recordings and the model do not tell one.
     growth : float
         Ratio of the start values of a branch and the branch before it, since a fit could not separate equal ones.
     fitted : bool
         Whether a fit may estimate the parameter.
+    alike : bool
+        Whether a fit may also set one value for all joints, with a name without number.
+    formerly : tuple of str
+        Names of the parameter in older studies, which are refused with the present one.
     source : str
         Where the definition comes from, such as an equation of the paper or a standard.
     """
@@ -64,8 +71,11 @@ class Quantity:
     upper: float = float("inf")
     scale: float = 0.0
     start: float | None = None
+    guess: float | None = None
     growth: float = 1.0
     fitted: bool = True
+    alike: bool = True
+    formerly: tuple[str, ...] = ()
     source: str = ""
 
     def check_limit(self, what: str, name: str, value: float) -> None:
@@ -121,6 +131,7 @@ def plain_signature(record: type[R]) -> type[R]:
     """Return a dataclass whose signature shows the plain types of its fields, without their `Quantity`."""
     kinds = record.__init__.__annotations__
     for name, kind in kinds.items():
-        if isinstance(kind, str):
-            kinds[name] = kind.removeprefix("Annotated[").partition(", Quantity(")[0]
+        tree = ast.parse(kind, mode="eval").body if isinstance(kind, str) else None
+        if isinstance(tree, ast.Subscript) and isinstance(tree.slice, ast.Tuple) and kind.startswith("Annotated["):
+            kinds[name] = ast.unparse(tree.slice.elts[0])
     return record

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.quantity import Quantity, plain_signature, quantities
 
 Array = np.ndarray
-DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
+DrivenBy = Literal["tension", "displacement", "angle"]
+DRIVEN: dict[str, str] = {"tension": "N", "displacement": "m", "angle": "rad"}  # of inputs
 
 
 @plain_signature
@@ -64,7 +65,7 @@ class Tendon(Chamber):
         When a parameter is missing, not finite or not physical.
     """
 
-    torque: Array = ()  # type: ignore[assignment]  # follows from the other parameters
+    torque: Annotated[Array, quantities(Chamber)["torque"]] = ()  # type: ignore[assignment]  # follows from the others
     name: str = "tendon"
     driven_by: str = "tension"
     lever: Annotated[float, Quantity(
@@ -146,6 +147,14 @@ class Tendon(Chamber):
         In this case `torque` is the force per unit of the input.
         """
         return self.driven_by != "tension"
+
+    def uses(self, field: str) -> bool:
+        """Return whether a field of the tendon has an effect, as it is driven: a pulley for instance only by an
+        angle.
+        """
+        if field in ("line_stiffness", "pretension", "imbalance", "pulley") and not self.elastic:
+            return False
+        return (field != "pulley" or self.driven_by == "angle") and (field != "imbalance" or self.pair)
 
     def distance(self) -> Array:
         """Return the distance (1,) or (n,) [m] of the path from the axis at each joint, or one that holds for all."""

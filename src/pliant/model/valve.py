@@ -46,12 +46,13 @@ class Valve:
 
     rise_time: Annotated[float, Quantity(
         "s", "valve time constant, pressure rising", sign="not negative", least=1e-30, most=1e6, zero=True,
-        lower=0.0, upper=30.0, scale=0.02)] = 0.0
+        lower=0.0, upper=30.0, scale=0.02, guess=0.02, formerly=("valve_rise",))] = 0.0
     fall_time: Annotated[float, Quantity(
         "s", "valve time constant, pressure falling", sign="not negative", least=1e-30, most=1e6, zero=True,
-        lower=0.0, upper=30.0, scale=0.02)] = 0.0
+        lower=0.0, upper=30.0, scale=0.02, guess=0.02, formerly=("valve_fall",))] = 0.0
     dead_time: Annotated[float, Quantity(
-        "s", "valve dead time", sign="not negative", most=1e6, lower=0.0, upper=5.0, scale=0.01)] = 0.0
+        "s", "valve dead time", sign="not negative", most=1e6, lower=0.0, upper=5.0, scale=0.01,
+        guess=0.005)] = 0.0
     natural_frequency: Annotated[float, Quantity(
         "Hz", "natural frequency of a valve of second order", sign="not negative", least=1e-6, most=1e6, zero=True,
         fitted=False)] = 0.0

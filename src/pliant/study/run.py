@@ -23,13 +23,14 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.study.aligned import Aligned
 from pliant.study.body import study_model, with_azimuths
+from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
 from pliant.study.fits import run_model_selection, selection_fit, stages_of
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import all_aligned, study_experiment, supported_links, without, without_motion
-from pliant.study.schema import ActuatorEntry, Study
+from pliant.study.schema import Study
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, wiring_warnings
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome, in_recorded_axes
