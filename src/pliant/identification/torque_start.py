@@ -157,7 +157,8 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
     strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
-        law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
+        law = {path.number: torques[n] for n, path in paths(torques, CHAMBER)
+               if path.stem == "torque" and path.owner == start.removesuffix(".")}  # fmt: skip
         seen = [t for e in experiments if (t := e.driving(chamber.name))]
         level = max([t.peak for t in seen], key=abs, default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))

@@ -111,7 +111,9 @@ def field_of(quantity: Quantity | None, default: Any, *, bounded: bool) -> Any:
         return default
     limits: dict[str, dict[str, Any]] = {"positive": {"gt": 0}, "not negative": {"ge": 0}, "any": {}}
     signs = limits[quantity.sign] if bounded else {}
-    return Field(default, description=quantity.meaning, json_schema_extra={"unit": quantity.unit}, **signs)
+    bounds = {"positive": {"exclusiveMinimum": 0.0}, "not negative": {"minimum": 0.0}, "any": {}}[quantity.sign]
+    shown: dict[str, Any] = {"unit": quantity.unit} | ({} if quantity.per or bounded else bounds)
+    return Field(default, description=quantity.meaning, json_schema_extra=shown, **signs)
 
 
 def defaults_of(described: Any) -> dict[str, Any]:
