@@ -202,8 +202,7 @@ def parameters() -> str:
     rows = []
     for name, kind in families().items():
         bounds = " to ".join(f"{b:g}" if math.isfinite(b) else "any" for b in (kind.lower, kind.upper))
-        meaning = kind.meaning.replace("*", r"\*")
-        rows.append((f"`{name}`", kind.unit, "" if bounds == "any to any" else bounds, meaning))
+        rows.append((f"`{name}`", kind.unit, "" if bounds == "any to any" else bounds, meaning_of(kind)))
     return table(("parameter", "unit", "bounds", "meaning"), rows)
 
 
@@ -226,17 +225,33 @@ def described(thing: Any) -> bool:
     return callable(thing) or dataclasses.is_dataclass(thing)
 
 
+def meaning_of(quantity: Any) -> str:
+    """Meaning of a declared parameter, and the source of its definition in brackets."""
+    source = f" ({quantity.source})" if quantity.source else ""
+    return f"{quantity.meaning}{source}".replace("*", r"\*")
+
+
+def number_text(value: Any) -> str:
+    """Default value of an entry: a number, or numbers of an array; empty where there is none."""
+    if isinstance(value, int | float):
+        return f"{value:g}"
+    listed = getattr(value, "tolist", lambda: value)()
+    return ", ".join(map(number_text, listed)) if isinstance(listed, list | tuple) else ""
+
+
 def of_record(record: Any, kind: Any) -> str:
     """Entries of a study's table that are parameters of a record of the model."""
     from pliant.model.quantity import quantities
+    from pliant.model.tables import defaults_of
 
     rows = []
     for name, quantity in quantities(record).items():
         if name not in kind.model_fields:
             continue
         default = kind.model_fields[name].default
-        shown = "" if default is None or kind.model_fields[name].is_required() else f"{default}"
-        rows.append((f"`{name}`", quantity.unit, shown, quantity.meaning.replace("*", r"\*")))
+        if default is None and not kind.model_fields[name].is_required():  # of the record, or the preset
+            default = defaults_of(record).get(name)
+        rows.append((f"`{name}`", quantity.unit, number_text(default), meaning_of(quantity)))
     return table(("entry", "unit", "default", "meaning"), rows)
 
 

@@ -73,7 +73,7 @@ class Chamber:
     kind: ClassVar[str] = "pressure"  # as recordings name the kinds of their inputs
     unit: ClassVar[str] = "Pa"
     torque: Annotated[Array, Quantity(
-        "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="Eq. (5)")]
+        "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="tau of Eq. (5)")]
     joint_gain: Annotated[Array, Quantity(
         "1", "factor on the torque law at each joint", per="joint", most=1e6, scale=0.3, alike=False,
         formerly=("gain",))] = field(default_factory=lambda: np.ones(1))
