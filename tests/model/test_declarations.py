@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import get_type_hints
+from typing import Annotated, get_type_hints
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from pliant.equations.law import LawParameter
 from pliant.identification.names import declarations, families, find_path, path_of
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve
 from pliant.model.parts import PARTS, declared
-from pliant.model.quantity import Quantity, quantities
+from pliant.model.quantity import Quantity, declaring, quantities
 
 SOURCE = Path(pliant.__file__).parent
 RECORDS = (Model, Chamber, Valve, Memory, Extension, Station, Space, Tendon)
@@ -120,3 +121,30 @@ def test_each_family_is_read_as_itself():
 
 def test_a_parameter_of_a_torque_law_is_declared_like_a_field():
     assert set(LawParameter._fields) <= set(Quantity.__dataclass_fields__)
+
+
+def test_a_record_explains_a_parameter_that_its_docstring_lacks():
+    @declaring
+    @dataclass(frozen=True)
+    class Leaking(Valve):
+        """A valve that leaks.
+
+        Parameters
+        ----------
+        first : float
+            Stated here.
+
+        Raises
+        ------
+        InputError
+            Never.
+        """
+
+        first: Annotated[float, Quantity("s", "first number")] = 0.0
+        leak: Annotated[float, Quantity("1/s", "rate of a leak")] = 0.0
+
+    text = inspect.getdoc(Leaking)
+    assert "leak : float\n    Rate of a leak, 1/s.\n\nRaises" in text
+    assert text.count("first : float") == 1
+    assert "rise_time" not in text
+    assert "Annotated" not in str(inspect.signature(Leaking))

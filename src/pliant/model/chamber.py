@@ -14,13 +14,13 @@ from pliant.equations import chamber, laws, symbols
 from pliant.errors import InputError
 from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.limits import MOST_TERMS
-from pliant.model.quantity import Quantity, plain_signature, quantities, scalars
+from pliant.model.quantity import Quantity, declaring, quantities, scalars
 from pliant.model.valve import Valve
 
 Array = np.ndarray
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True, eq=False)
 class Chamber:
     """A pressure chamber: the torque on the joints as a function of its gauge pressure, and the lag of this pressure.

@@ -11,7 +11,7 @@ import numpy as np
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS, in_words
 from pliant.errors import InputError
 from pliant.model.checks import one_number
-from pliant.model.quantity import Quantity, plain_signature, quantities
+from pliant.model.quantity import Quantity, declaring, quantities
 
 Array = np.ndarray
 CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring soften or stiffen, as those of a joint
@@ -25,7 +25,7 @@ def axial_term(name: str) -> Quantity:
     return Quantity("1", meaning, most=term.most, lower=lower, upper=upper, scale=scale, start=0.0)
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True)
 class Extension:
     """An extensible segment of the actuator, with one uniform axial strain.

@@ -11,13 +11,13 @@ import numpy as np
 from pliant.equations import symbols
 from pliant.errors import InputError
 from pliant.model.limits import MOST_TERMS
-from pliant.model.quantity import Quantity, fields_per, plain_signature, quantities
+from pliant.model.quantity import Quantity, declaring, fields_per, quantities
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True)
 class Memory:
     """Hysteresis of joints and extensible segments: creep, friction and (at joints only) Bouc-Wen branches in parallel

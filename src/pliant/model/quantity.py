@@ -7,6 +7,8 @@ Everything that needs names, units or bounds of parameters reads them from these
 from __future__ import annotations
 
 import ast
+import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -127,11 +129,21 @@ def scalars(record: Any) -> tuple[str, ...]:
     return fields_per(record, "")
 
 
-def plain_signature(record: type[R]) -> type[R]:
-    """Return a dataclass whose signature shows the plain types of its fields, without their `Quantity`."""
+def declaring(record: type[R]) -> type[R]:
+    """Return a dataclass whose signature shows the plain types of its fields, without their `Quantity`. Its docstring
+    explains also those parameters that it does not name, from their declarations.
+    """
     kinds = record.__init__.__annotations__
     for name, kind in kinds.items():
         tree = ast.parse(kind, mode="eval").body if isinstance(kind, str) else None
         if isinstance(tree, ast.Subscript) and isinstance(tree.slice, ast.Tuple) and kind.startswith("Annotated["):
             kinds[name] = ast.unparse(tree.slice.elts[0])
+    head, section, rest = inspect.cleandoc(record.__doc__ or "").partition("\n\nRaises\n")
+    inherited = {name for base in record.__mro__[1:] for name in getattr(base, "__annotations__", ())}
+    rows = [
+        f"\n{name} : {kinds[name]}\n    {q.meaning[:1].upper()}{q.meaning[1:]}"
+        f"{'' if q.unit == '1' else f', {q.unit}'}." for name, q in quantities(record).items()
+        if name not in inherited and not re.search(rf"^[\w, ]*\b{name}\b[\w, ]* : ", head, re.MULTILINE)
+    ]
+    record.__doc__ = f"{head}{''.join(rows)}{section}{rest}"
     return record

@@ -12,12 +12,12 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.checks import one_number
-from pliant.model.quantity import Quantity, plain_signature, quantities, scalars
+from pliant.model.quantity import Quantity, declaring, quantities, scalars
 
 Array = np.ndarray
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True, eq=False)
 class Space:
     """Parameters that make a model a chain in space, whose joints bend in two directions and may twist. SI units.

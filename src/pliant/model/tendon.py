@@ -10,14 +10,14 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.checks import check_numbers, numbers, one_number
-from pliant.model.quantity import Quantity, plain_signature, quantities
+from pliant.model.quantity import Quantity, declaring, quantities
 
 Array = np.ndarray
 DrivenBy = Literal["tension", "displacement", "angle"]
 DRIVEN: dict[str, str] = {"tension": "N", "displacement": "m", "angle": "rad"}  # of inputs
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True, eq=False)
 class Tendon(Chamber):
     """One tendon along a chain in space, or a pair of opposite tendons on one motor. SI units.

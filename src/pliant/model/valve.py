@@ -7,10 +7,10 @@ from math import isfinite
 from typing import Annotated
 
 from pliant.errors import InputError
-from pliant.model.quantity import Quantity, plain_signature, quantities
+from pliant.model.quantity import Quantity, declaring, quantities
 
 
-@plain_signature
+@declaring
 @dataclass(frozen=True)
 class Valve:
     """A valve between commanded and actual pressure: dead time, then no lag, a first-order lag or a second-order lag.
