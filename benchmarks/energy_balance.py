@@ -99,8 +99,8 @@ def random_chamber(rng: Random, stiffness: float, azimuth: float | None, segment
 def random_tendon(rng: Random, n: int, azimuth: float, lever: float, stiffness: float) -> Tendon:
     """Return a tendon that is drawn in, or pulled by a tension, with or without friction."""
     elastic = bool(rng.integers(2))
-    driven = {"driven_by": "displacement", "line_stiffness": stiffness / lever**2, "pretension": 0.1 * stiffness / lever,
-              } if elastic else {}  # fmt: skip
+    line = {"line_stiffness": stiffness / lever**2, "pretension": 0.1 * stiffness / lever}
+    driven = {"driven_by": "displacement", **line} if elastic else {}
     friction = float(rng.choice([0.0, 0.0, 0.1, 0.3]))
     return Tendon.at_azimuth(azimuth, np.ones(n), lever=lever, friction=friction, name=f"tendon {azimuth}", **driven)
 
@@ -212,7 +212,7 @@ def main() -> None:
                 counts[name][outcome] += 1
                 ratios[name] += [ratio]
                 if "NOT" in outcome or "FALSE" in outcome or (name == "default" and "reported" in outcome):
-                    print(f"  {where} {number}, step {name}: {outcome}, {100 * missing:.3g} % of the energy", flush=True)
+                    print(f"  {where} {number}, step {name}: {outcome}, {100 * missing:.3g} % of energy", flush=True)
         for name, outcomes in counts.items():
             listed = ", ".join(f"{outcome} {outcomes[outcome]}" for outcome in sorted(outcomes))
             quarters = np.nanquantile(ratios[name], (0.5, 0.9))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.files import LARGEST_TABLE, content_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,10 +123,8 @@ def read_log(path: str | Path) -> pd.DataFrame:
     """
     import pandas as pd
 
-    try:
-        lines = Path(path).read_text(encoding="ascii", errors="replace").split("\n")
-    except OSError as error:
-        raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
+    text = content_of(path, "log", LARGEST_TABLE).decode("ascii", "replace")
+    lines = text.replace("\r\n", "\n").split("\n")
     if len(lines) < 2 or lines[0] != MARK:
         raise InputError(f"{path} is not a log of a control loop: its first line must be {MARK!r}")
     columns, remarks = lines[1].split(","), [line[2:] for line in lines[2:-1] if line.startswith("# ")]
