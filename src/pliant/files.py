@@ -48,10 +48,18 @@ def whole(path: Path) -> Iterator[Path]:
         yield draft
         draft.replace(path)
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+        raise InputError(f"cannot write {path}: {reason_of(error)}") from None
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def reason_of(error: OSError) -> str:
+    """Return the system's description of an error, also of one that the HDF5 library reports inside a text of its own,
+    such as ``No space left on device``.
+    """
+    inside = re.search(r"error message = '([^']*)'", str(error))
+    return error.strerror or (inside[1] if inside else str(error))
 
 
 def writable(folder: str | Path) -> Path:
@@ -117,7 +125,7 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
                 for name in names:
                     (draft / name).replace(folder / name)
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+        raise InputError(f"cannot write into {folder}: {reason_of(error)}") from None
 
 
 def on_disk(path: Path) -> None:

@@ -174,8 +174,8 @@ class KernelCache(FunctionCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled machine code on disk, and remove outdated files of the same kernel and kernels beyond the limit
-        of the cache. Warn once if the code cannot be stored.
+        """Store compiled machine code on disk, and remove outdated files of the same kernel and kernels beyond the
+        limit of the cache. Warn once if the code cannot be stored.
         """
         try:
             super().save_overload(sig, data)

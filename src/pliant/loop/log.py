@@ -48,6 +48,8 @@ class LoopLog:
         except FileExistsError:
             raise InputError(f"the log {path} exists already: give the name of a new file") from None
         except OSError as error:
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)  # its name would be refused the next time
             raise InputError(f"cannot write the log {path}: {error.strerror or error}") from None
         self._rows: queue.Queue[tuple[float, ...] | str] = queue.Queue(100_000)
         self._thread = threading.Thread(target=self._work, name="pliant-log", daemon=True)
