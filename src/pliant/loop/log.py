@@ -44,17 +44,25 @@ class LoopLog:
         self.path, self.columns, self.dropped, self.fault = Path(path), tuple(columns), 0, ""
         try:
             self._file = self.path.open("xb", buffering=0)
-            self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
+            self._begin()
         except FileExistsError:
             raise InputError(f"the log {path} exists already: give the name of a new file") from None
         except OSError as error:
-            with suppress(OSError):
-                self.path.unlink(missing_ok=True)  # its name would be refused the next time
             raise InputError(f"cannot write the log {path}: {error.strerror or error}") from None
         self._rows: queue.Queue[tuple[float, ...] | str] = queue.Queue(100_000)
         self._thread = threading.Thread(target=self._work, name="pliant-log", daemon=True)
         self._closed = threading.Event()
         self._thread.start()
+
+    def _begin(self) -> None:
+        """Write the first lines of the file. Remove it if this fails, because its name would be refused next time."""
+        try:
+            self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
+        except OSError:
+            self._file.close()
+            with suppress(OSError):
+                self.path.unlink()
+            raise
 
     def write(self, row: Sequence[float]) -> None:
         """Queue one row with a number for each column, without waiting."""
