@@ -98,7 +98,8 @@ def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
             yield got
         finally:
             if got:
-                fcntl.flock(handle, fcntl.LOCK_UN)  # explicit, since a forked child may hold the handle too
+                with suppress(OSError):
+                    fcntl.flock(handle, fcntl.LOCK_UN)  # explicit, since a forked child may hold the handle too
 
 
 def taken(handle: IO[bytes], wait: float) -> bool:

@@ -171,7 +171,8 @@ def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float)
     if how.check:
         advice = "use method='accurate' or simulate a shorter time"
         if how.method in OWN_METHODS and (how.time_step is not None or how.method != "midpoint"):
-            shorter = nice(solution.time_step * step_for(np.fmax(solution.error, max(gain, loss))))
+            worst = np.fmax(solution.error, max(gain, loss, LIMIT))  # the error may be NaN: not estimated
+            shorter = nice(solution.time_step * step_for(worst))
             advice = f"use time_step={shorter:g}"
             if how.method == "midpoint":
                 advice += " or leave it out"
