@@ -15,8 +15,9 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import file_digest, sha256
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 from pliant.errors import InputError, clipped
 
@@ -247,7 +248,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 @contextmanager
-def regular_file(path: str | Path, what: str) -> Iterator[BinaryIO]:
+def regular_file(path: str | Path, what: str) -> Iterator[BufferedReader]:
     """Context manager that opens a regular file for reading. Pipes, devices and sockets are refused before they are
     opened, because reading them may never end.
 
@@ -267,7 +268,7 @@ def regular_file(path: str | Path, what: str) -> Iterator[BinaryIO]:
     refuse_special(path, Path(path).stat().st_mode, what)
     with open(path, "rb", opener=without_waiting) as file:
         refuse_special(path, os.fstat(file.fileno()).st_mode, what)  # it may have been replaced meanwhile
-        yield cast("BinaryIO", file)
+        yield file
 
 
 def without_waiting(path: str, flags: int) -> int:
