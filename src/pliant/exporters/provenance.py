@@ -62,7 +62,9 @@ class Provenance:
             f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
             f"frame: {content['frame']}", "SI units throughout",
         ]
-        rows = [f"{k}: {json.dumps(v)} {unit_of(k)}".rstrip() for k, v in content["parameters"].items()]
+        units = {k: unit_of(k) for k in content["parameters"]}
+        rows = [f"{k}: {json.dumps(v)} {units[k] if units[k] != '1' else ''}".rstrip()
+                for k, v in content["parameters"].items()]  # fmt: skip
         standard = content["standard_errors"]
         errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
         source = [f"{k}: {v}" for k, v in content["source"].items()]

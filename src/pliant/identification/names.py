@@ -128,7 +128,7 @@ class Path:
         quantity = self.declared.quantity
         if not self.of_one_joint:
             return quantity
-        return replace(quantity, meaning=quantity.meaning.replace("each joint", "one joint, * each"))
+        return replace(quantity, meaning=quantity.meaning.replace("every joint", "one joint, * each"))
 
 
 @cache

@@ -75,7 +75,7 @@ class Chamber:
     torque: Annotated[Array, Quantity(
         "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="tau of Eq. (5)")]
     joint_gain: Annotated[Array, Quantity(
-        "1", "factor on the torque law at each joint", per="joint", most=1e6, scale=0.3, alike=False,
+        "1", "factor on the torque law at every joint", per="joint", most=1e6, scale=0.3, alike=False,
         formerly=("gain",))] = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)
     swell_share: Annotated[float, Quantity(
@@ -97,7 +97,7 @@ class Chamber:
         "1/m", "axial force of a chamber over its torque; 1 / offset by geometry", per="segment", most=1e6,
         lower=-1e5, upper=1e5)] = field(default_factory=lambda: np.zeros(1))
     cross_gain: Annotated[Array, Quantity(
-        "1", "factor on the torque law about y, in space, at each joint", per="joint", most=1e6, scale=0.3,
+        "1", "factor on the torque law about y, in space, at every joint", per="joint", most=1e6, scale=0.3,
         alike=False)] = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
     law: str = laws.POLYNOMIAL

@@ -26,7 +26,7 @@ def spring_term(name: str) -> Quantity:
     """Return the declaration of the nonlinear term `name` of a joint's spring."""
     term = SPRING_TERMS[name]
     lower, upper, scale = term.fit
-    meaning = f"{term.letter} of springs {in_words()}, of each joint"
+    meaning = f"{term.letter} of springs {in_words()}, of every joint"
     return Quantity(term.unit, meaning, per="joint", most=term.most, lower=lower, upper=upper, scale=scale, start=0.0)
 
 
@@ -39,14 +39,14 @@ class ModelParameters(Shown):
     link_mass: Annotated[Array, Quantity(
         "kg", "mass of each link", per="joint", sign="not negative", least=1e-12, most=1e5, zero=True, fitted=False)]
     stiffness: Annotated[Array, Quantity(
-        "N m/rad", "stiffness of each joint", per="joint", sign="positive", least=1e-12, most=1e9, lower=1e-9,
+        "N m/rad", "stiffness of every joint", per="joint", sign="positive", least=1e-12, most=1e9, lower=1e-9,
         source="K of Eq. (5)")]
     damping: Annotated[Array, Quantity(
-        "N m s/rad", "damping of each joint", per="joint", sign="not negative", most=1e9, lower=0.0,
+        "N m s/rad", "damping of every joint", per="joint", sign="not negative", most=1e9, lower=0.0,
         source="D of Eq. (5)")]
     chambers: tuple[Chamber, ...]
     rest_angle: Annotated[Array, Quantity(
-        "rad", "rest angle of each joint", per="joint", most=1e3, lower=-3.2, upper=3.2, scale=0.05,
+        "rad", "rest angle of every joint", per="joint", most=1e3, lower=-3.2, upper=3.2, scale=0.05,
         source="theta_i0 of Eq. (1)")] = NONE
     stiffening: Annotated[Array, spring_term("stiffening")] = NONE
     cubic_stiffening: Annotated[Array, spring_term("cubic_stiffening")] = NONE
