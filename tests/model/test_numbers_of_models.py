@@ -19,7 +19,6 @@ from pliant.model.limits import LIMITS, check_limit
 from pliant.model.memory import payne, springpot
 from pliant.model.section import bending_stiffness, joint_placement, segments
 from pliant.model.space import Space, rows_of, space_of
-from pliant.model.statics import joint_torques_over, torques_over
 from pliant.model.summary import in_words
 from pliant.model.torque_law import laid_torque, unfinished_law
 
@@ -379,14 +378,14 @@ def test_pressures_of_several_inputs():
     np.testing.assert_allclose(both.torques([1e4, 2e4]), torque)
     np.testing.assert_allclose(both.joint_torques([1e4, 2e4]), torque)
     p = np.array([[1e4, 2e4], [0.0, 1e4]])
-    np.testing.assert_allclose(torques_over(both, p), [torque, [0, -5e-3]])
-    np.testing.assert_allclose(joint_torques_over(both, p), [torque, [0, -5e-3]])
-    np.testing.assert_allclose(torques_over(Actuation(two_chambers()[1:], 2), [1e4, 2e4]), [[-5e-3], [-1e-2]])
+    np.testing.assert_allclose(both.torques_over(p), [torque, [0, -5e-3]])
+    np.testing.assert_allclose(both.joint_torques_over(p), [torque, [0, -5e-3]])
+    np.testing.assert_allclose(Actuation(two_chambers()[1:], 2).torques_over([1e4, 2e4]), [[-5e-3], [-1e-2]])
     with pytest.raises(InputError, match=r"expected pressures \(T, 2\): 2 pressure\(s\) in Pa"):
-        torques_over(both, [1e4, 2e4])
+        both.torques_over([1e4, 2e4])
     one = Actuation(two_chambers()[:1], 2)
     with pytest.raises(InputError, match=r"got shape \(1, 1, 1\)"):
-        torques_over(one, np.zeros((1, 1, 1)))
+        one.torques_over(np.zeros((1, 1, 1)))
 
 
 def test_a_soft_wall_multiplies_the_torque_at_rest():

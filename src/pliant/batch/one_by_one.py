@@ -68,6 +68,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     (N,), joint coordinates.
     """
     chain = mechanics_of(model)
+    chain.check_lengths(x=angle, v=rate, torque=steps.gain)
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate

@@ -9,7 +9,7 @@ from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
-from pliant.model.statics import joint_torques_over
+from pliant.model.space import require_planar
 from pliant.shapes import Float
 
 Array = np.ndarray
@@ -42,6 +42,9 @@ def momentum_residual(
 
     Source: De Luca and Mattone (2003); hysteresis of the joints counts as external here
     """
+    require_planar(model, "momentum_residual")
+    chain = mechanics_of(fixed_length(model))
+    chain.check_lengths(x=angle)
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n):
         raise InputError(f"the rates must have the shape {(T, n)} of the angles, got {np.shape(rate)}")
@@ -52,11 +55,11 @@ def momentum_residual(
         )
     if not bandwidth > 0:
         raise InputError(f"the bandwidth of the observer must be above 0 1/s, got {bandwidth}")
-    body, joints, _ = mechanics_of(fixed_length(model)).parts()
+    body, joints, _ = chain.parts()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
     p, rates, t = np.empty((T, n)), np.empty((T, n)), np.empty(n + 1)
-    tau = joint_torques_over(model.actuation, pressure)
+    tau = model.actuation.joint_torques_over(pressure)
     for k in range(T):
         momentum(angle[k], rate[k], body, p[k])
         torques(angle[k], rate[k], joints, tau[k], 0.0, t)
@@ -91,7 +94,7 @@ def static_residual(model: Model, angle: Float[Array, "T N"], pressure: Float[Ar
     if np.shape(angle)[1:] != (model.size,):
         counted = mechanics_of(model).counted
         raise InputError(f"each shape at rest must hold {counted}, (T, {model.size}), got shape {np.shape(angle)}")
-    tau = joint_torques_over(model.actuation, pressure)
+    tau = model.actuation.joint_torques_over(pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]
     return np.asarray(-np.array(unexplained) @ chain.from_joints)

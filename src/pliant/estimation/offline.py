@@ -186,6 +186,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     """Run the compiled Kalman filter over all frames of a measured recording."""
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
+    mechanics_of(model).check_lengths(torque=plan.joint_torque)
     own = FilterState(
         mechanics_of(model).coordinates(q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
         state.relaxed(model, q),

@@ -78,6 +78,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     """
     model, chain = forward.model, mechanics_of(forward.model)
     n, *more = chain.sizes
+    chain.check_lengths(x=kind.value(numbers.phi), torque=kind.value(numbers.gain))
     rows = rows if forward.between is None else forward.between[0].size
     work = in_kind(chain.workspace(), kind)
     places = places_of(forward, numbers, kind)

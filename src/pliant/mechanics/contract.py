@@ -15,6 +15,7 @@ import numpy as np
 
 from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations.symbols import Sight, StepSlopes
+from pliant.errors import InputError
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
@@ -113,6 +114,24 @@ class Mechanics(ABC):
     @abstractmethod
     def placed_links(self) -> Any:
         """Return new scratch arrays for the poses that `observation.place_links` writes."""
+
+    @property
+    def inputs(self) -> int:
+        """Length N + R of a row of inputs as the kernels take it: torques at N coordinates, then forces of R tendons.
+        """
+        return self.size + len(self.model.actuation.levers)
+
+    def check_lengths(self, *, x: Array | None = None, v: Array | None = None, torque: Array | None = None) -> None:
+        """Raise InputError unless the last axis of coordinates `x` and rates `v` has the length N, and that of inputs
+        `torque` the length N + R. A kernel does not check the lengths of its arguments.
+        """
+        wanted = (("coordinates", x, self.size), ("rates", v, self.size), ("inputs", torque, self.inputs))
+        for noun, values, length in wanted:
+            if values is not None and np.shape(values)[-1:] != (length,):
+                more = f" ({self.size} of the coordinates, {length - self.size} of tendons)" * (length > self.size)
+                raise InputError(
+                    f"{noun} of model {self.model.name!r} must be {length} numbers{more}, got shape {np.shape(values)}"
+                )
 
     def parts(self) -> tuple[Any, Any, Any]:
         """Return the constants of inertia and of springs, and new scratch arrays, as the kernels take them."""
@@ -414,16 +433,21 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def static_forces(self, x: Inexact[Array, " N"], torque: Float[Array, " N"]) -> Inexact[Array, " N"]:
+    def static_forces(self, x: Inexact[Array, " N"], torque: Inexact[Array, " N+R"]) -> Inexact[Array, " N"]:
         """Return the net generalized force (N,) [N m] of inputs, springs and gravity on the chain at rest at
         coordinates x (N,).
 
-        `torque` (N,) are the inputs. x may be complex.
+        `torque` (N + R,) are the inputs, as of `Actuation.joint_torques`. Both may be complex.
+
+        Raises
+        ------
+        InputError
+            When an array has another length.
         """
 
     @abstractmethod
     def static_slope(
-        self, x: Float[Array, " N"], load: Array | None = None, torque: Float[Array, " N"] | None = None,
+        self, x: Float[Array, " N"], load: Array | None = None, torque: Float[Array, " N+R"] | None = None,
     ) -> Float[Array, "N N"]:
         """Return the derivative (N, N) of the net generalized force on the chain at rest with respect to the
         coordinates x (N,).
@@ -437,10 +461,10 @@ class Mechanics(ABC):
 
     @abstractmethod
     def equilibrium(
-        self, torque: Float[Array, " N"], tip_force: Float[Array, " d"], link_load: Array | None,
+        self, torque: Float[Array, " N+R"], tip_force: Float[Array, " d"], link_load: Array | None,
     ) -> Float[Array, " N"]:
-        """Return the static joint coordinates q (N,), angles [rad] then strains, under torques (N,) [N m], gravity and
-        external loads.
+        """Return the static joint coordinates q (N,), angles [rad] then strains, under inputs (N + R,) as of
+        `Actuation.joint_torques`, gravity and external loads.
         """
 
     @abstractmethod

@@ -342,6 +342,7 @@ class PlanarChain(Mechanics):
         return slope
 
     def static_forces(self, x: Array, torque: Array) -> Array:
+        self.check_lengths(x=x, torque=torque)
         held, _ = self._springs(self.joint_coordinates(x))
         return (torque - held) @ self.to_joints + self.load_forces(x, self.weight())
 
@@ -351,6 +352,7 @@ class PlanarChain(Mechanics):
         return self.load_stiffness(x, load) - self.to_joints.T @ np.diag(tangent) @ self.to_joints
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        self.check_lengths(torque=torque)
         n, joints, T = self.n, self.joints, self.from_joints
         q = springs.angle_under(self.model, torque[:n])
         q = np.append(q, springs.strain_under(self.model, torque[n:])) if self.segments else q

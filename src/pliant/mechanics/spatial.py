@@ -309,6 +309,7 @@ class SpatialChain(Mechanics):
         return self._slope(lambda moved: self.load_forces(moved, load), x)
 
     def static_forces(self, x: Array, torque: Array) -> Array:
+        self.check_lengths(x=x, torque=torque)
         given = (x, torque, *self.body, *self.joints)
         kind = complex if any(np.iscomplexobj(value) for value in given) else float
         body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
@@ -318,7 +319,7 @@ class SpatialChain(Mechanics):
         return forces
 
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        still = np.zeros(self.size + len(self.model.actuation.levers)) if torque is None else torque
+        still = np.zeros(self.inputs) if torque is None else torque
         slope = self._slope(lambda moved: self.static_forces(moved, still), x)
         return slope if load is None else slope + self.load_stiffness(x, load)
 
@@ -331,6 +332,7 @@ class SpatialChain(Mechanics):
         return 0.5 * (rows + rows.T)
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        self.check_lengths(torque=torque)
         load = self.no_loads() if link_load is None else np.array(link_load)
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
         found = settling(0, self.size, torque.size, load)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import chamber, symbols
+from pliant.equations import symbols
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
@@ -222,22 +222,39 @@ class Actuation:
             raise InputError(f"expected {self.wanted}, got shape {p.shape}")
         return p
 
+    def torques_over(self, pressure: Any) -> Float[Array, "T C"]:
+        """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon (T, C) for input
+        values (T, C) in SI units at T instants; (T,) is enough for a single input.
+
+        Raises
+        ------
+        InputError
+            When the number of columns is not the number of inputs.
+        """
+        p = np.asarray(pressure, dtype=float)
+        p = p[:, None] if p.ndim == 1 else p
+        if p.ndim != 2 or p.shape[1] != self.count:
+            word = "pressures" if self.variable == "pressure" else "inputs"
+            raise InputError(f"expected {word} (T, {self.count}): {self.wanted}, got shape {p.shape}")
+        return np.stack([np.asarray(c.torque_at(p[:, k])) for k, c in enumerate(self.inputs)], axis=1)
+
+    def joint_torques_over(self, pressure: Any) -> Float[Array, "T N+R"]:
+        """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
+        tendons [N], as the compiled kernels take them, for input values (T, C) in SI units at T instants.
+
+        They are infinite or NaN where a hyperelastic wall has no equilibrium.
+        """
+        return np.asarray(self.torques_over(pressure) @ self.columns)
+
     def torques(self, pressure: Any) -> Float[Array, " C"]:
         """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon as an array (C,).
         `pressure` (C,) has the values of the C inputs in SI units.
         """
-        return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
+        return self.torques_over(self.pressures(pressure)[None])[0]
 
     def joint_torques(self, pressure: Any) -> Float[Array, " N+R"]:
-        """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
-        tendons [N]. `pressure` (C,) has the values of the C inputs in SI units.
-
-        The result is one array (N + R,). It is infinite where a hyperelastic wall has no equilibrium.
-        """
-        tau = np.empty(self.columns.shape[1])
-        for c, torque in enumerate(self.torques(pressure)):
-            chamber.share_out(c, torque, self.columns, tau)
-        return tau
+        """Return the row (N + R,) of `joint_torques_over` for the values `pressure` (C,) of the C inputs."""
+        return self.joint_torques_over(self.pressures(pressure)[None])[0]
 
     def no_rest(self, pressure: Any) -> str:
         """Return a message about the first chamber whose hyperelastic wall has no equilibrium at its pressure; '' if

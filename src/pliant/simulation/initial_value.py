@@ -131,6 +131,7 @@ def march(
     hysteresis begins in equilibrium at the initial angles.
     """
     chain = mechanics_of(model)
+    chain.check_lengths(x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))
     past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)

@@ -219,10 +219,12 @@ class Stepper:
 
         Raises
         ------
+        InputError
+            When the number of values is not that of the inputs; a single 0 sets all inputs to 0.
         SimulationError
             When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
-        self._command[:] = pressure
+        self._command[:] = self._checked(pressure)
         held = (self.time_step, steps, self._command, self._load, self._watch.total)
         failed = self._advance(self._x, self._v, held, *self._parts)
         self.time += self.time_step * (steps if failed < 0 else failed + 1)
@@ -242,6 +244,11 @@ class Stepper:
             )
         self._watch.look(self._x, self._v, self.memory, self.time_step, steps)
         return self.angle, self.rate
+
+    def _checked(self, pressure: float | Array) -> Array:
+        """Return the value of each input as an array (C,)."""
+        p = np.asarray(pressure, dtype=float)
+        return p if p.shape == self._command.shape else self.model.actuation.pressures(p)
 
     def tips(self) -> Float[Array, "n d"]:
         """Return the present positions (n, 2) [m] of the tips of the n links."""
