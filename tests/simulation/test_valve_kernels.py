@@ -184,5 +184,5 @@ def test_a_body_behind_a_dead_band_rests_and_moves_as_under_less_pressure():
     np.testing.assert_allclose(batch["tip_position"].values[0, :, -1], alone["tip_position"].values[:, -1], atol=1e-12)
     with pytest.raises(InputError, match="a valve with a dead_band"):
         simulate(banded, Pulse(9e4), times=times, method="LSODA")
-    with pytest.raises(InputError, match="a Stepper supports an ideal or first-order valve only"):
+    with pytest.raises(InputError, match="a Stepper does not support .* ideal or first-order valve"):
         Stepper(banded)

@@ -8,11 +8,29 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, fixed_length
-from pliant.model.space import require_planar
+from pliant.model import Model
+from pliant.model.features import (
+    HYSTERESIS,
+    IN_SPACE,
+    LAWS,
+    LENGTHENS,
+    SPRINGS,
+    TENDONS,
+    VALVES,
+    WALLS,
+    Consumer,
+)
 from pliant.shapes import Float
 
 Array = np.ndarray
+EXTERNAL = dict.fromkeys(
+    HYSTERESIS | {"axial_memory", "space_memory", "tendon_friction"}, "its torques count as external"
+) | dict.fromkeys(VALVES, "pressures are those behind the valves")
+MOMENTUM_RESIDUAL = Consumer(
+    "momentum_residual", SPRINGS | LAWS, EXTERNAL,
+    dict.fromkeys(LENGTHENS | IN_SPACE | TENDONS, "use pliant.estimate, whose disturbance is the external torque"),
+)
+STATIC_RESIDUAL = Consumer("static_residual", SPRINGS | LAWS | WALLS | LENGTHENS | IN_SPACE | TENDONS, EXTERNAL)
 
 
 def momentum_residual(
@@ -38,12 +56,13 @@ def momentum_residual(
     Raises
     ------
     InputError
-        When lengths do not agree or the bandwidth is not positive.
+        When lengths do not agree, the bandwidth is not positive, the body is in space or lengthens, or a chamber has
+        a lagging pressure or a hyperelastic wall.
 
     Source: De Luca and Mattone (2003); hysteresis of the joints counts as external here
     """
-    require_planar(model, "momentum_residual")
-    chain = mechanics_of(fixed_length(model))
+    MOMENTUM_RESIDUAL.check(model)
+    chain = mechanics_of(model)
     chain.check_lengths(x=angle)
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n):
@@ -89,11 +108,14 @@ def static_residual(model: Model, angle: Float[Array, "T N"], pressure: Float[Ar
     Raises
     ------
     InputError
-        When a shape does not have n angles and S strains.
+        When a shape does not have n angles and S strains, or there is not one row of pressures for each shape.
     """
+    STATIC_RESIDUAL.check(model)
     if np.shape(angle)[1:] != (model.size,):
         counted = mechanics_of(model).counted
         raise InputError(f"each shape at rest must hold {counted}, (T, {model.size}), got shape {np.shape(angle)}")
+    if np.shape(pressure)[:1] != np.shape(angle)[:1]:
+        raise InputError(f"{len(angle)} shapes at rest need as many rows of inputs, got shape {np.shape(pressure)}")
     tau = model.actuation.joint_torques_over(pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]

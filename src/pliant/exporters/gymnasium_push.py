@@ -13,7 +13,6 @@ import numpy as np
 from gymnasium import spaces
 
 from pliant.errors import InputError
-from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.gymnasium import (
     LOST,
@@ -30,6 +29,7 @@ from pliant.exporters.provenance import Provenance
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import missing, named
 from pliant.plugins import optional
 from pliant.simulation import state
 

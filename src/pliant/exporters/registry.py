@@ -15,10 +15,11 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference, difference
-from pliant.exporters.features import missing, named, without
 from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, command_of
+from pliant.exporters.simplified import without
 from pliant.model import Model, load_model
+from pliant.model.features import missing, named
 from pliant.plugins import offered
 
 GROUP = "pliant.exporters"
@@ -45,7 +46,7 @@ class Exporter:
     suffixes : tuple of str
         Allowed file extensions, the usual one first.
     can : frozenset of str
-        Keys of `pliant.exporters.features.FEATURES` that the target can express.
+        Keys of `pliant.model.features.FEATURES` that the target can express.
     write : callable
         ``write(model, provenance, path, options) -> tuple of Path``. The model has only features that the target can
         express; `provenance` is written into the exported file.

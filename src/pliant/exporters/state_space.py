@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter, levels_in
@@ -25,6 +24,7 @@ from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import LATER_TERMS
 from pliant.plugins import optional
 
 Array = np.ndarray

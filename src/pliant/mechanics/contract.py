@@ -117,8 +117,7 @@ class Mechanics(ABC):
 
     @property
     def inputs(self) -> int:
-        """Length N + R of a row of inputs as the kernels take it: torques at N coordinates, then forces of R tendons.
-        """
+        """Length N + R of the kernels' inputs: torques at N coordinates, then forces of R tendons."""
         return self.size + len(self.model.actuation.levers)
 
     def check_lengths(self, *, x: Array | None = None, v: Array | None = None, torque: Array | None = None) -> None:
@@ -468,5 +467,10 @@ class Mechanics(ABC):
         """
 
     @abstractmethod
-    def linear_parts(self, q: Float[Array, " N"]) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
-        """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,)."""
+    def linear_parts(
+        self, q: Float[Array, " N"], torque: Float[Array, " N+R"] | None = None,
+    ) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
+        """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,).
+
+        `torque` are the inputs, which matter only for tendons: a slack tendon has no stiffness. None means 0.
+        """

@@ -381,7 +381,7 @@ class PlanarChain(Mechanics):
         held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
         return np.append(held, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
 
-    def linear_parts(self, q: Array) -> tuple[Array, Array]:
+    def linear_parts(self, q: Array, torque: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002
         x, T = self.coordinates(q), self.from_joints
         stiffness = self._springs(q)[1] + self.stuck_stiffness
         slope = self.load_stiffness(x, self.weight())

@@ -352,8 +352,8 @@ class SpatialChain(Mechanics):
             )
         return q
 
-    def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        return self.inertia(q), np.diag(self.stuck_stiffness) - self.static_slope(q)
+    def linear_parts(self, q: Array, torque: Array | None = None) -> tuple[Array, Array]:
+        return self.inertia(q), np.diag(self.stuck_stiffness) - self.static_slope(q, torque=torque)
 
 
 def rotation(vector: Any) -> Array:

@@ -15,6 +15,10 @@ from pliant.shapes import Float
 Array = np.ndarray
 
 UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+LET_OUT = 1e30  # N, less of which every tendon is slack
+TURNS = 50  # iterations for the inputs that hold a shape
+AGREED = 1e-9  # of the largest force: balance of forces at convergence
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
 RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
 
@@ -121,25 +125,33 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
-def modes(model: Model, q: Float[Array, " N"] | None = None) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+def modes(
+    model: Model, q: Float[Array, " N"] | None = None, *, pressure: float | Float[Array, " C"] | None = None,
+) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
     """Return undamped natural frequencies (n,) [Hz], in ascending order, and damping ratios (n,) of the n modes of
     small vibrations about the shape `q`.
 
-    The default shape is the equilibrium without pressure.
+    The default shape is the equilibrium under `pressure`.
 
     A body that lengthens has n + S modes, including those of its strains.
 
     The damping ratio is that of the modal diagonal of D, which is exact where D is proportional to K. Hysteresis adds
-    its instantaneous stiffness: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+    its instantaneous stiffness: creep has no time to flow, slip elements stick. A tendon that is slack has no
+    stiffness. The friction of tendons is not part of the damping. Paper: Eq. (5) [eq:eom], linearised.
 
     Parameters
     ----------
     model : Model
     q : (n,) array, rad, optional
         Joint angles of the shape; where segments lengthen, strains follow.
+    pressure : float, array (C,) for several inputs, optional
+        Values of the inputs [Pa; N, m or rad for tendons]. They decide which tendons are slack; otherwise only the
+        default shape depends on them. Default: the smallest values that hold `q`, and 0 without `q`.
 
     Raises
     ------
+    InputError
+        When no values of the inputs hold the shape `q` of a body with elastic tendons.
     SimulationError
         When the chain is not stable at this shape, or no equilibrium is found.
 
@@ -151,9 +163,49 @@ def modes(model: Model, q: Float[Array, " N"] | None = None) -> tuple[Float[Arra
     >>> round(float(frequency[0]), 1), round(float(damping[0]), 2)  # Hz
     (5.0, 0.08)
     """
-    q = equilibrium(model) if q is None else vector(model, q)
-    omega, _, decay = modal(model, *mechanics_of(model).linear_parts(q))
+    shape = equilibrium(model, 0.0 if pressure is None else pressure) if q is None else vector(model, q)
+    if pressure is None and q is not None:
+        torque = holding_inputs(model, shape)
+    else:
+        torque = model.actuation.joint_torques(0.0 if pressure is None else pressure)
+    omega, _, decay = modal(model, *mechanics_of(model).linear_parts(shape, torque))
     return omega / (2 * np.pi), decay / omega
+
+
+def holding_inputs(model: Model, q: Array) -> Array:
+    """Return the smallest static inputs (N + R,) that hold a body with elastic tendons in the shape q (N,), as the
+    kernels take them. For another body the result is 0, since its stiffness does not depend on the inputs.
+
+    By Newton's method on the balance of forces, which is linear while no tendon becomes slack or taut.
+
+    Raises
+    ------
+    InputError
+        When no inputs hold the shape.
+    """
+    chain, columns = mechanics_of(model), model.actuation.columns
+    constants = model.actuation.tendon_constants
+    if not constants[0].any():
+        return np.zeros(chain.inputs)
+    x = chain.coordinates(q)
+    levers = model.actuation.levers
+    taut = columns[:, : model.size] + columns[:, model.size :] @ levers  # force per input where all tendons are taut
+    tension = constants[1] - constants[0] * (levers @ q)
+    slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(len(levers), -LET_OUT)))
+    push, left = taut, slack + tension @ levers
+    values = np.zeros(len(columns))
+    size = max(float(np.abs(slack).max()), float(np.abs(chain.joints.K).max()) * 1e-6)
+    for _ in range(TURNS):
+        values = values - np.linalg.lstsq(push.T, left)[0]
+        torque = values @ columns
+        left = chain.static_forces(x, torque)
+        if np.abs(left).max() <= AGREED * size:
+            return np.asarray(torque)
+        push = np.array([chain.static_forces(x, torque + 1j * TINY * row).imag / TINY for row in columns])
+    raise InputError(
+        f"no values of the inputs of {model.name!r} ({model.actuation.listing}) hold this shape, so that it is unknown "
+        "which tendons are slack: give the values as `pressure`"
+    )
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:

@@ -11,6 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
+from pliant.model.features import ALL, FIRST_ORDER, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
@@ -20,6 +21,13 @@ from pliant.simulation.solve import check_step
 from pliant.simulation.time_step import warn_too_coarse
 
 Array = np.ndarray
+
+STEPPER = Consumer(
+    "a Stepper", (ALL - VALVES) | FIRST_ORDER,
+    remedy=dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
+                         "behind your valve to `step`"),
+)  # fmt: skip
+
 
 class Snapshot(NamedTuple):
     """Saved state of a `Stepper`, from which the simulation can continue."""
@@ -89,13 +97,7 @@ class Stepper:
     """
 
     def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Float[Array, " C"] = 0.0) -> None:
-        for chamber in model.chambers:
-            v = chamber.valve
-            if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
-                raise InputError(
-                    "a Stepper supports an ideal or first-order valve only: give the model an ideal valve, and pass "
-                    "the pressure behind your valve to `step`"
-                )
+        STEPPER.check(model)
         check_step(model, time_step, "midpoint")
         warn_too_coarse(model, time_step)
         self.model = model
