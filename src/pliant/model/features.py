@@ -84,7 +84,9 @@ AXIAL_BRANCHES = tuple(f"axial_{f}" for f in ("creep_share", "creep_time", "slip
 LENGTHENING = ("Model.extensions", "Chamber.axial_gain",
                *(f"Extension.{f}" for f in ("stiffness", "damping", "start", "stop")))  # fmt: skip
 FEATURES: dict[str, Feature] = {
-    "springs": of_model("springs and dampers", lambda _: True, "Model.stiffness", "Model.damping"),
+    "springs": of_model(
+        "springs and dampers", lambda _: True, "Model.stiffness", "Model.damping", "Extension.stiffness",
+    ),
     "drive": of_each(
         "torque by pressure", lambda c: c.torque.any(),
         "Chamber.torque", "Chamber.joint_gain", "Chamber.cross_gain", "Chamber.axial_gain",
@@ -253,12 +255,18 @@ class Consumer:
 
     def refusal(self, model: Model, keys: tuple[str, ...]) -> str:
         """Return the message for the features `keys` of a model that this consumer refuses."""
-        listed = f"{', '.join(named(model, keys))} of model {model.name!r}"
-        advice = dict.fromkeys(self.remedy[key] for key in keys if key in self.remedy)
-        if not advice:
-            parts = dict.fromkeys(FEATURES[key].fields[0] for key in keys)
-            advice = {f"use simulate, or a model without it ({', '.join(parts)})": None}
-        return f"{self.name} does not support {listed}: {'; '.join(advice)}"
+        listed = ", ".join(with_field(key, model) for key in keys)
+        advice = dict.fromkeys(self.remedy.get(key, "use simulate, or a model without it") for key in keys)
+        return f"{self.name} does not support {listed}, which model {model.name!r} has: {'; '.join(advice)}"
+
+
+def with_field(key: str, model: Model) -> str:
+    """Return the names of a model's parts with the feature `key`, followed by the field that describes it, such as
+    "late settling of the valve (settle_share)".
+    """
+    owner, _, name = FEATURES[key].fields[0].partition(".")
+    parts = ", ".join(named(model, (key,)))
+    return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") else parts
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:

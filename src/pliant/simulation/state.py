@@ -20,6 +20,7 @@ LET_OUT = 1e30  # N, less of which every tendon is slack
 TURNS = 50  # iterations for the inputs that hold a shape
 AGREED = 1e-9  # of the largest force: balance of forces at convergence
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
+LEAST_BEND = 1e-3  # rad, at the end of the search: less is no bend
 RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
 
 
@@ -231,10 +232,11 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 def typical_pressure(model: Model, which: int = 0) -> float:
     """Return the pressure [Pa] that bends the chain by half a radian. If the chain has no equilibrium there, return 0.8
-    of the largest pressure at which it has one.
+    of the largest pressure at which it has one. If no pressure bends it so far, as with a law that saturates, return
+    the pressure that bends it by 0.8 of the largest bend.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
-    pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
+    pressure bends the model by a milliradian. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
     displacement [m] or angle [rad].
     """
     try:
@@ -242,15 +244,19 @@ def typical_pressure(model: Model, which: int = 0) -> float:
     except SimulationError:
         return 0.0
     low, (high, highest) = 0.0, RANGES[model.actuation.units[which]]
-    while (bend := bent(model, high, rest, which)) is not None and bend < BENT:
+    target = BENT
+    while (bend := bent(model, high, rest, which)) is not None and bend < target:
         low, high = high, 2.0 * high
         if high > highest:
-            return 0.0
+            if bend < LEAST_BEND:
+                return 0.0
+            low, high, target = 0.0, low, 0.8 * bend
+            break
     held = bend is not None
     for _ in range(30):
         middle = 0.5 * (low + high)
         bend = bent(model, middle, rest, which)
-        if bend is None or bend >= BENT:
+        if bend is None or bend >= target:
             high, held = middle, bend is not None
         else:
             low = middle
