@@ -16,8 +16,8 @@ from target_models import pulled
 import pliant
 from pliant.exporters.c99 import defaults, public_step
 from pliant.exporters.c_space import text_of
+from pliant.exporters.features import without
 from pliant.exporters.registry import BUILT_IN, exporters
-from pliant.exporters.simplified import without
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve, features
 from pliant.model.features import FEATURES, KNOWN, missing
 

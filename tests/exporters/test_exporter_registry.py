@@ -15,12 +15,12 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.exporters.difference import difference
+from pliant.exporters.features import FEATURES, without
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.registry import BUILT_IN, exporters
-from pliant.exporters.simplified import WITHOUT, without
 from pliant.mechanics import springs
 from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
-from pliant.model.features import FEATURES, missing, named
+from pliant.model.features import missing, named
 from pliant.simulation import equilibrium
 from pliant.simulation.state import typical_pressure
 
@@ -195,7 +195,7 @@ def test_the_file_is_the_model(tmp_path):
 
 def test_the_polynomial_in_the_place_of_a_bounded_spring_is_near_it():
     soft = chen2018.model(stiffening=-1.5, stiffening_bound=0.75)
-    near = WITHOUT["bounded"](soft)
+    near = FEATURES["bounded"].without(soft)
     q = equilibrium(soft, typical_pressure(soft))
     for share in np.linspace(-1.0, 1.0, 9):
         torque = springs.springs_of(soft).torque(share * q)

@@ -12,10 +12,10 @@ from target_models import in_space, longer, pulled, tied, twisting
 import pliant
 from pliant.errors import InputError
 from pliant.exporters.c99 import code
+from pliant.exporters.features import without
 from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.rigid_chain import hinge_difference, rigid_chain, tip_by_hinges
-from pliant.exporters.simplified import without
 from pliant.exporters.state_space import matrices
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Model, Space, chain_model

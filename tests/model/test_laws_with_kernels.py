@@ -10,12 +10,11 @@ from pliant.batch import simulate_batch
 from pliant.equations import laws
 from pliant.equations.section import torque
 from pliant.errors import InputError
-from pliant.exporters.simplified import WITHOUT
+from pliant.exporters.features import FEATURES
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Station, Valve
-from pliant.model.features import FEATURES
 from pliant.simulation import Pulse, Stepper, equilibrium, modes, simulate
 
 BODY = Model(
@@ -96,7 +95,7 @@ def test_batches_take_it_one_by_one_and_exports_carry_or_refuse_it(law, tmp_path
     assert FEATURES["own_law"].names(model) == ("torque law that is no polynomial",)
     with pytest.raises(InputError, match="torque law that is no polynomial"):
         pliant.export(model, "mjcf", tmp_path / "m.xml")
-    straight = WITHOUT["own_law"](model).chambers[0]
+    straight = FEATURES["own_law"].without(model).chambers[0]
     assert (straight.law, straight.torque.size) == ("polynomial", 1)
 
 

@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.control_range import default_levels, range_note, stated_levels
+from pliant.exporters.control_range import range_note, stated_levels
+from pliant.exporters.difference import default_levels
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -408,7 +409,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         raise InputError(
             f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
         )
-    if not highest.any() and (highest := default_levels(model)).any():
+    if not highest.any() and (highest := default_levels(provenance.model)).any():
         provenance.messages.append(range_note(model, highest))
     if mechanics_of(model).lengthens:
         provenance.messages.append(

@@ -10,14 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.exporters.control_range import stated_levels
 from pliant.exporters.difference import Difference, difference
+from pliant.exporters.features import without
 from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, command_of
-from pliant.exporters.simplified import without
 from pliant.model import Model, load_model
 from pliant.model.features import missing, named
 from pliant.plugins import offered
@@ -133,8 +132,9 @@ def export(
     path : str or Path
         File to write, with a file extension of the target.
     approximate : bool
-        Omit features that the target cannot express, compute the resulting difference of motion under a reference
-        input, and write both into the exported file. Default: raise an error that names these features.
+        Omit features that the target cannot express, compute the resulting difference of motion under a pulse of each
+        input up to the end of the control range, and write both into the exported file. Default: raise an error that
+        names these features.
     standard_errors : mapping
         Standard errors by parameter name (SI), to be written into the exported file.
     origin : sequence of str
@@ -181,8 +181,9 @@ def export(
     reduced = without(loaded, lost)
     notes = tuple(dict.fromkeys(s for k, s in exporter.by_nature.items() if k in missing(loaded, exporter.can)))
     notes += changed_names(loaded)
+    highest = stated_levels(target, "highest", chosen["highest"], loaded) if "highest" in chosen else None
     provenance = Provenance(
-        loaded, target, command, named(loaded, lost), difference(loaded, reduced) if lost else None,
+        loaded, target, command, named(loaded, lost), difference(loaded, reduced, highest) if lost else None,
         dict(standard_errors or {}), notes,
     )
     files = exporter.write(with_identifiers(reduced), provenance, path, chosen)
@@ -212,12 +213,3 @@ def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, A
         except (TypeError, ValueError):
             raise InputError(f"{exporter.name} option {name} must be a {kind.__name__}, got {value!r}") from None
     return known
-
-
-def levels_in(target: str, option: str, text: str) -> np.ndarray:
-    """Return the levels (C,) [SI] that the text of an option states: one number, or numbers separated by commas."""
-    try:
-        return np.array([float(part) for part in text.strip("[]() ").split(",")])
-    except ValueError:
-        raise InputError(f"{target} option {option} must be a number in Pa for each chamber (N, m or rad for each "
-                         f"tendon), separated by commas, got {text!r:.60}") from None  # fmt: skip

@@ -233,11 +233,13 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 def typical_pressure(model: Model, which: int = 0) -> float:
     """Return the pressure [Pa] that bends the chain by half a radian. If the chain has no equilibrium there, return 0.8
     of the largest pressure at which it has one. If no pressure bends it so far, as with a law that saturates, return
-    the pressure that bends it by 0.8 of the largest bend.
+    the pressure that bends it by 0.9 of the largest bend.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
-    pressure bends the model by a milliradian. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
-    displacement [m] or angle [rad].
+    pressure bends the model by a milliradian.
+
+    Only input `which` acts, the first by default. For a tendon the result is a tension [N], displacement [m] or angle
+    [rad].
     """
     try:
         rest = equilibrium(model, first_alone(model, 0.0))
@@ -250,7 +252,7 @@ def typical_pressure(model: Model, which: int = 0) -> float:
         if high > highest:
             if bend < LEAST_BEND:
                 return 0.0
-            low, high, target = 0.0, low, 0.8 * bend
+            low, high, target = 0.0, low, 0.9 * bend
             break
     held = bend is not None
     for _ in range(30):

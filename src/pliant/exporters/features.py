@@ -1,22 +1,31 @@
-"""The nearest model without a given feature, for export targets that cannot express it."""
+"""Features of a model that an export target may not support, and how to leave each out of a model."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
-from pliant.model import Chamber, Memory, Model, Space, Tendon
+from pliant.model import Chamber, Memory, Model, Space, Tendon, features
 from pliant.model.extension import CURVES
 from pliant.model.features import AXIAL_BRANCHES, LATER_TERMS
 from pliant.simulation.state import equilibrium, first_alone, typical_pressure
 
 Change = Callable[[Model], Model]
+
+
+class Removable(NamedTuple):
+    """A feature of a model (see `pliant.model.features`) with the function that leaves it out."""
+
+    title: str
+    names: Callable[[Model], tuple[str, ...]]
+    fields: tuple[str, ...]
+    without: Change  # returns the nearest model without the feature
 
 
 def of_chambers(change: Callable[[Chamber], Chamber]) -> Change:
@@ -170,8 +179,11 @@ WITHOUT: dict[str, Change] = {  # by key of `FEATURES`
 }
 
 
+FEATURES = {key: Removable(*features.FEATURES[key], change) for key, change in WITHOUT.items()}
+
+
 def without(model: Model, keys: tuple[str, ...]) -> Model:
     """Return the nearest model without the features that have the given keys."""
     for key in keys:
-        model = WITHOUT[key](model)
+        model = FEATURES[key].without(model)
     return model
