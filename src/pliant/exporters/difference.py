@@ -16,6 +16,7 @@ from pliant.units import in_words
 
 Array = np.ndarray
 START, WIDTH, LONGEST = 0.1, 1.0, 10.0  # s, of a pulse: its start, and its shortest and longest width
+PARTS = (1.0, 0.5, 0.125)  # of the highest level: a dead band shows at low levels, a law that saturates at high ones
 SLOW = 3.0  # widths of a pulse over the time constant of what was left out
 LESS, TRIES = 0.8, 30  # a level that a model cannot bear is lowered by this factor, this many times
 
@@ -60,14 +61,15 @@ class Difference(NamedTuple):
 def difference(one: Model, other: Model, highest: Float[Array, " C"] | None = None) -> Difference:
     """Simulate two models under the same reference inputs, and return the largest distance between their tips.
 
-    Each input in turn takes a pulse while the others are 0. Its level is `highest` [SI] (default: `default_levels`),
-    lowered as far as both models can bear it. The pulse lasts 1 s, or three times the longest time constant that the
+    Each input in turn takes pulses while the others are 0. Their levels are `highest` [SI] (default: `default_levels`),
+    lowered as far as both models can bear it, a half and an eighth of it. The pulse lasts 1 s, or three times the longest time constant that the
     second model lacks, at most 10 s. Models that no input moves are released from a bent shape instead.
     """
     levels = default_levels(one) if highest is None or not np.any(highest) else highest
     lost = set(slow_times(one)) - set(slow_times(other))
     width = float(f"{np.clip(SLOW * max(lost, default=0.0), WIDTH, LONGEST):.2g}")
-    each = [under_pulse(one, other, c, float(level), width) for c, level in enumerate(levels) if level > 0.0]
+    pulses = [(c, float(level), part) for c, level in enumerate(levels) if level > 0.0 for part in PARTS]
+    each = (under_pulse(one, other, c, float(f"{part * level:.3g}"), width) for c, level, part in pulses)
     compared = [d for d in each if d is not None]
     return max(compared, key=lambda d: d.largest) if compared else released(one, other, width)
 
