@@ -310,7 +310,7 @@ def test_segments_hold_parts_of_links_and_joints():
     assert joints_inside(model.with_(extensions=later)) == ((0,), (1,))
     for pair, said in (
         ((Extension(50.0, 0.0, 0.0, 0.2, "a"), Extension(50.0, 0.0, 0.1, None, "b")), "must not overlap, but a, b do"),
-        ((Extension(50.0, name="a"), Extension(50.0, 0.0, 0.4, 0.5, "a")), "different names, got a, a"),
+        ((Extension(50.0, name="a"), Extension(50.0, 0.0, 0.4, 0.5, "a")), "but .a. is the name of 2 of 2"),
         ((Extension(50.0, 0.0, 0.4, 0.5, "far"),), r"'far' lies beyond the body, which is 0\.35 m long"),
         (
             tuple(Extension(50.0, 0.0, 0.01 * k, 0.01 * (k + 1), f"e{k}") for k in range(4)),
@@ -460,7 +460,7 @@ def test_a_model_has_chambers_or_the_numbers_of_one():
     near, far = two_chambers()
     assert chambers_of({}, [near, far]) == (near, far)
     for values, given, said in (
-        ({"torque": [1e-6]}, (near,), "not both"), ({}, (near, near), "different names, got near, near"),
+        ({"torque": [1e-6]}, (near,), "not both"), ({}, (near, near), "but .near. is the name of 2 of 2"),
         ({}, (), "needs a torque law"),
     ):
         with pytest.raises(InputError, match=said):

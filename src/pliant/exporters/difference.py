@@ -62,8 +62,9 @@ def difference(one: Model, other: Model, highest: Float[Array, " C"] | None = No
     """Simulate two models under the same reference inputs, and return the largest distance between their tips.
 
     Each input in turn takes pulses while the others are 0. Their levels are `highest` [SI] (default: `default_levels`),
-    lowered as far as both models can bear it, a half and an eighth of it. The pulse lasts 1 s, or three times the longest time constant that the
-    second model lacks, at most 10 s. Models that no input moves are released from a bent shape instead.
+    lowered as far as both models can bear it, a half and an eighth of it. The pulse lasts 1 s, or three times the
+    longest time constant that the second model lacks, at most 10 s. Models that no input moves are released from a bent
+    shape instead.
     """
     levels = default_levels(one) if highest is None or not np.any(highest) else highest
     lost = set(slow_times(one)) - set(slow_times(other))

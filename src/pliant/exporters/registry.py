@@ -17,8 +17,9 @@ from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import without
 from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, command_of
-from pliant.model import Model, load_model
+from pliant.model import Model
 from pliant.model.features import missing, named
+from pliant.model.file import model_of
 from pliant.plugins import offered
 
 GROUP = "pliant.exporters"
@@ -159,7 +160,7 @@ def export(
     >>> pliant.export("model.json", "mjcf", "finger.xml")  # doctest: +SKIP
     """
     exporter = exporter_of(target)
-    path, loaded = Path(path), model if isinstance(model, Model) else load_model(model)
+    path, loaded = Path(path), model_of(model)
     if path.suffix not in exporter.suffixes:
         raise InputError(f"the file name for {target} must end in {' or '.join(exporter.suffixes)}, got {path.name!r}")
     if not path.parent.is_dir():

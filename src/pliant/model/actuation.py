@@ -13,6 +13,7 @@ from pliant.equations import symbols
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
+from pliant.model.checks import check_names
 from pliant.model.tendon import Tendon
 from pliant.shapes import Float
 
@@ -287,8 +288,7 @@ def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamb
         made = tuple(given)
         if not all(isinstance(c, Chamber) for c in made):
             raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
-        if len({c.name for c in made}) < len(made):
-            raise InputError(f"chambers must have different names, got {', '.join(c.name for c in made)}")
+        check_names("chambers", [c.name for c in made])
         return made
     if "torque" not in values:
         raise InputError("a model needs a torque law: give torque = (A d,) [N m/Pa], or chambers")

@@ -250,6 +250,8 @@ class Consumer:
         """Raise InputError, which names the features and says what to do, if the model has features that this consumer
         does not take into account.
         """
+        if not isinstance(model, Model):
+            raise InputError(f"{self.name} needs a Model, got {model!r:.80}: read the file of a model with load_model")
         if keys := self.lacks(model):
             raise InputError(self.refusal(model, keys))
 

@@ -106,8 +106,9 @@ def posed(
     InputError
         When the inputs do not fit the model, the times do not increase, or a force is invalid.
     """
+    chain = mechanics_of(model)  # refuses what is no model
     inputs, times = inputs_of(model, pressure), check_times(times)
-    pull = tuple(checked("simulate", force, mechanics_of(model).dimension) for force in forces)
+    pull = tuple(checked("simulate", force, chain.dimension) for force in forces)
     valves = [c.valve for c in model.chambers]
     initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
     return InitialValueProblem(model, inputs, times, pull, np.array(initial))
