@@ -17,8 +17,7 @@ Array = np.ndarray
 UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LET_OUT = 1e30  # N, less of which every tendon is slack
-TURNS = 50  # iterations for the inputs that hold a shape
-AGREED = 1e-9  # of the largest force: balance of forces at convergence
+SLIGHT, HELD = 1e-5, 1e-4  # weight of small inputs; imbalance of a shape that is held, over its largest force
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
 LEAST_BEND = 1e-3  # rad, at the end of the search: less is no bend
 RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
@@ -147,7 +146,8 @@ def modes(
         Joint angles of the shape; where segments lengthen, strains follow.
     pressure : float, array (C,) for several inputs, optional
         Values of the inputs [Pa; N, m or rad for tendons]. They decide which tendons are slack; otherwise only the
-        default shape depends on them. Default: the smallest values that hold `q`, and 0 without `q`.
+        default shape depends on them. Default: the smallest values that hold `q` without letting a tendon out, and 0
+        without `q`.
 
     Raises
     ------
@@ -175,38 +175,56 @@ def modes(
 
 def holding_inputs(model: Model, q: Array) -> Array:
     """Return the smallest static inputs (N + R,) that hold a body with elastic tendons in the shape q (N,), as the
-    kernels take them. For another body the result is 0, since its stiffness does not depend on the inputs.
+    kernels take them: no single tendon is let out. For a body without such tendons the result is 0, since its stiffness
+    does not depend on the inputs.
 
-    By Newton's method on the balance of forces, which is linear while no tendon becomes slack or taut.
+    The forces are linear in the tension of each single tendon, in the difference of both tensions of a pair, and in the
+    torque of each chamber: bounded least squares with a slight preference for the values without inputs.
 
     Raises
     ------
     InputError
         When no inputs hold the shape.
     """
-    chain, columns = mechanics_of(model), model.actuation.columns
-    constants = model.actuation.tendon_constants
-    if not constants[0].any():
+    from scipy.optimize import lsq_linear
+
+    chain, actuation = mechanics_of(model), model.actuation
+    stiffness, pretension, *_ = actuation.tendon_constants
+    if not stiffness.any():
         return np.zeros(chain.inputs)
     x = chain.coordinates(q)
-    levers = model.actuation.levers
-    taut = columns[:, : model.size] + columns[:, model.size :] @ levers  # force per input where all tendons are taut
-    tension = constants[1] - constants[0] * (levers @ q)
-    slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(len(levers), -LET_OUT)))
-    push, left = taut, slack + tension @ levers
-    values = np.zeros(len(columns))
-    size = max(float(np.abs(slack).max()), float(np.abs(chain.joints.K).max()) * 1e-6)
-    for _ in range(TURNS):
-        values = values - np.linalg.lstsq(push.T, left)[0]
-        torque = values @ columns
-        left = chain.static_forces(x, torque)
-        if np.abs(left).max() <= AGREED * size:
-            return np.asarray(torque)
-        push = np.array([chain.static_forces(x, torque + 1j * TINY * row).imag / TINY for row in columns])
-    raise InputError(
-        f"no values of the inputs of {model.name!r} ({model.actuation.listing}) hold this shape, so that it is unknown "
-        "which tendons are slack: give the values as `pressure`"
-    )
+    slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT)))
+    still = pretension - stiffness * (actuation.levers @ q)  # signed forces without inputs
+    cords = [np.flatnonzero(row[model.size :]) for row in actuation.columns]
+    effect = np.array([actuation.levers[rows[0]] if rows.size else row[: model.size]
+                       for rows, row in zip(cords, actuation.columns, strict=True)]).T  # fmt: skip
+    lowest = np.array([max(still[rows[0]], 0.0) if rows.size == 1 else -np.inf for rows in cords])
+    rest = np.where(np.isfinite(lowest), lowest, 0.0)
+    weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
+    rows = np.concatenate([effect, weight]), np.append(-slack, weight @ rest)
+    net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
+    values = [commanded(force, still[own]) for force, own in zip(net, cords, strict=True)]
+    torque = np.asarray(values @ actuation.columns)
+    if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
+        raise InputError(
+            f"no values of the inputs of {model.name!r} ({actuation.listing}) hold this shape, so that it is unknown "
+            "which tendons are slack: give the values as `pressure`"
+        )
+    return torque
+
+
+def commanded(net: float, still: Array) -> float:
+    """Return the force [N] that an input commands for a net tension `net` [N]. `still` are the signed forces [N] of its
+    tendons without the input: one of a single tendon, two of a pair. A chamber has none, and `net` is its torque.
+    """
+    if still.size == 0:
+        return net
+    if still.size == 1:
+        return net - float(still[0]) if net > 0.0 else 0.0
+    both = 0.5 * (net - still[0] + still[1])
+    if both + still[0] >= 0.0 and still[1] - both >= 0.0:
+        return float(both)
+    return float(net - still[0] if net > 0.0 else net + still[1])
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
