@@ -32,7 +32,7 @@ Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "lengthening", "space_lengthening", "curved_segments", "tied_segments", "gravity",
-    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "creep", "space",
+    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "settling", "creep", "space",
     "twist", "soft_swing", "tendons", "pair_pretension",
 }
 
@@ -142,9 +142,9 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
     """Return the equilibrium value and the unit of a state that describes the supply of an input: the pressure, the
     rate of the pressure, or a past command.
     """
-    words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_rate", "command"))
-    for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
-        if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
+    words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_settling", "{kind}_rate", "command"))
+    for p, unit, held, settling, rate, sent in zip(level, model.actuation.units, *words, strict=True):
+        if name in (held, settling) or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
             return float(p), unit
         if name == rate:
             return 0.0, f"{unit}/s"
