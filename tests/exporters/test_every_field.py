@@ -45,7 +45,7 @@ def rich(kind: str = "limits") -> Model:
                           cubic_stiffening=0.2, stiffening_bound=0.7)
     lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1,
                     dead_band=500.0, opening_time=0.05)  # fmt: skip
-    ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004)
+    ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004, settle_share=0.1)
     chambers = tuple(
         Chamber([6e-7, 1e-13], [1.0, 0.5], valve, swell_share=0.2, inflation_limit=2e6, inflation_jm=9.0,
                 axial_gain=20.0, name=name)

@@ -8,6 +8,7 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.model.features import (
     HYSTERESIS,
@@ -63,7 +64,7 @@ def momentum_residual(
     """
     MOMENTUM_RESIDUAL.check(model)
     chain = mechanics_of(model)
-    chain.check_lengths(x=angle)
+    check_lengths(chain, x=angle)
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n):
         raise InputError(f"the rates must have the shape {(T, n)} of the angles, got {np.shape(rate)}")

@@ -32,8 +32,8 @@ Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "lengthening", "space_lengthening", "curved_segments", "tied_segments", "gravity",
-    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "settling", "creep", "space",
-    "twist", "soft_swing", "tendons", "pair_pretension",
+    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "settling", "creep",
+    "space", "twist", "soft_swing", "tendons", "pair_pretension",
 }
 
 

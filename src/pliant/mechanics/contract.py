@@ -15,7 +15,6 @@ import numpy as np
 
 from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations.symbols import Sight, StepSlopes
-from pliant.errors import InputError
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
@@ -114,23 +113,6 @@ class Mechanics(ABC):
     @abstractmethod
     def placed_links(self) -> Any:
         """Return new scratch arrays for the poses that `observation.place_links` writes."""
-
-    @property
-    def inputs(self) -> int:
-        """Length N + R of the kernels' inputs: torques at N coordinates, then forces of R tendons."""
-        return self.size + len(self.model.actuation.levers)
-
-    def check_lengths(self, *, x: Array | None = None, v: Array | None = None, torque: Array | None = None) -> None:
-        """Raise InputError unless the last axis of coordinates `x` and rates `v` has the length N, and that of inputs
-        `torque` the length N + R. A kernel does not check the lengths of its arguments.
-        """
-        wanted = (("coordinates", x, self.size), ("rates", v, self.size), ("inputs", torque, self.inputs))
-        for noun, values, length in wanted:
-            if values is not None and np.shape(values)[-1:] != (length,):
-                more = f" ({self.size} of the coordinates, {length - self.size} of tendons)" * (length > self.size)
-                raise InputError(
-                    f"{noun} of model {self.model.name!r} must be {length} numbers{more}, got shape {np.shape(values)}"
-                )
 
     def parts(self) -> tuple[Any, Any, Any]:
         """Return the constants of inertia and of springs, and new scratch arrays, as the kernels take them."""
@@ -425,10 +407,8 @@ class Mechanics(ABC):
 
     @abstractmethod
     def load_stiffness(self, x: Float[Array, " N"], load: Array) -> Float[Array, "N N"]:
-        """Return the derivative (N, N) of the generalized forces of external loads with respect to the coordinates x
-        (N,).
-
-        `load_forces` returns these forces.
+        """Return the derivative (N, N) of the generalized forces of external loads, see `load_forces`, by the
+        coordinates x (N,).
         """
 
     @abstractmethod
@@ -437,11 +417,6 @@ class Mechanics(ABC):
         coordinates x (N,).
 
         `torque` (N + R,) are the inputs, as of `Actuation.joint_torques`. Both may be complex.
-
-        Raises
-        ------
-        InputError
-            When an array has another length.
         """
 
     @abstractmethod
@@ -451,9 +426,7 @@ class Mechanics(ABC):
         """Return the derivative (N, N) of the net generalized force on the chain at rest with respect to the
         coordinates x (N,).
 
-        It is the derivative of `static_forces`, plus that of `load_forces` if there is a load.
-
-        The matrix is symmetric.
+        It is the derivative of `static_forces`, plus that of `load_forces` if there is a load, and symmetric.
 
         `torque` are the inputs, which matter only if their forces depend on x. None means 0.
         """

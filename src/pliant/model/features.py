@@ -122,7 +122,7 @@ FEATURES: dict[str, Feature] = {
         "springs that soften or stiffen", soft, "Model.stiffening", "Model.cubic_stiffening", name="softening springs",
     ),
     "bounded": of_model(
-        "springs that soften within a bound", lambda m: (m.stiffening * m.stiffening_bound).any(),
+        "springs that soften within a bound", lambda m: np.logical_and(m.stiffening, m.stiffening_bound).any(),
         "Model.stiffening_bound", name="bounded softening",
     ),
     **{  # terms beyond the first two: a consumer that does not list them refuses them

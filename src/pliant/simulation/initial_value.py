@@ -11,6 +11,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.simulation import march_loops, memory, state
 from pliant.simulation.chamber_course import delivered
@@ -132,7 +133,7 @@ def march(
     hysteresis begins in equilibrium at the initial angles.
     """
     chain = mechanics_of(model)
-    chain.check_lengths(x=start[0], v=start[1], torque=plan.gain)
+    check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))
     past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)

@@ -9,6 +9,7 @@ import numpy as np
 from pliant.compiler.trace import CURVED
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
+from pliant.mechanics.lengths import input_length
 from pliant.model import Model
 from pliant.shapes import Float
 
@@ -191,7 +192,7 @@ def holding_inputs(model: Model, q: Array) -> Array:
     chain, actuation = mechanics_of(model), model.actuation
     stiffness, pretension, *_ = actuation.tendon_constants
     if not stiffness.any():
-        return np.zeros(chain.inputs)
+        return np.zeros(input_length(chain))
     x = chain.coordinates(q)
     slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT)))
     still = pretension - stiffness * (actuation.levers @ q)  # signed forces without inputs
