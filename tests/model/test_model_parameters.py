@@ -59,7 +59,7 @@ def test_one_number_stands_for_all_links():
         ({"stations": [Station("a", 0, np.nan)]}, "must sit on a link"),
         ({"stations": [("a", 0.5, 0.0)]}, "an integer link"),
         ({"stations": [("a",)]}, "a station is"),
-        ({"stations": [("a", 0, 0.01), ("a", 1, 0.01)]}, "names must differ"),
+        ({"stations": [("a", 0, 0.01), ("a", 1, 0.01)]}, "must have different names"),
     ],
 )
 def test_what_is_not_physical_is_refused(changes, words):

@@ -484,7 +484,7 @@ def test_a_model_has_chambers_or_the_numbers_of_one():
         ({"stations": [Station("a", 2, 0.0)]}, r"must sit on a link 0\.\.1 or the base"),
         ({"stations": [Station("a", -2, 0.0)]}, "must sit on a link"),
         ({"stations": [Station("a", 0, 2e3)]}, "station along"),
-        ({"stations": [Station("a", 0, 0.1), Station("a", 1, 0.1)]}, "must differ"),
+        ({"stations": [Station("a", 0, 0.1), Station("a", 1, 0.1)]}, "must have different names"),
         ({"stations": [Station("a", 0, 0.1, 0.0, 0.1)]}, "out of the bending plane"),
         ({"stations": [Station("a", 0, np.nan)]}, "must sit"),
         ({"stations": [Station(f"s{k}", 0, 0.0) for k in range(4097)]}, "at most 4096 stations, got 4097"),

@@ -21,6 +21,7 @@ from pliant.model import Model
 from pliant.model.features import missing, named
 from pliant.model.file import model_of
 from pliant.plugins import offered
+from pliant.text import listed
 
 GROUP = "pliant.exporters"
 
@@ -171,12 +172,12 @@ def export(
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
+            f"{listed(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
             "so that the difference cannot be measured: export a model without this feature"
         )
     if lost and not approximate:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
+            f"{listed(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
             "it and to measure by how much the motion then differs"
         )
     reduced = without(loaded, lost)
@@ -206,8 +207,7 @@ def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, A
     known = dict(exporter.options)
     for name, value in given.items():
         if name not in known:
-            listed = ", ".join(known) or "none"
-            raise InputError(f"{exporter.name} has no option {name!r}: its options are {listed}")
+            raise InputError(f"{exporter.name} has no option {name!r}: its options are {listed(known) or 'none'}")
         kind = type(known[name])
         try:
             known[name] = kind(value)

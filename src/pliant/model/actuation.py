@@ -16,6 +16,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.checks import check_names
 from pliant.model.tendon import Tendon
 from pliant.shapes import Float
+from pliant.text import listed
 
 Array = np.ndarray
 LEAST = 1e-30  # N, less pretension of the second tendon of a pair, so that one of the two is taut
@@ -74,8 +75,8 @@ class Actuation:
 
     @property
     def listing(self) -> str:
-        """Names of the C inputs as one text, separated by commas."""
-        return ", ".join(self.names)
+        """Names of the C inputs as one text, separated by commas; of many, the first ones and their number."""
+        return listed(self.names)
 
     @property
     def variable(self) -> str:
@@ -88,7 +89,7 @@ class Actuation:
         if self.variable == "pressure":
             return f"{self.count} pressure(s) in Pa, one for each chamber ({self.listing})"
         named = (f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True))
-        return f"{self.count} value(s), one for each input ({', '.join(named)})"
+        return f"{self.count} value(s), one for each input ({listed(named)})"
 
     def labels(self, quantity: str) -> list[str]:
         """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.

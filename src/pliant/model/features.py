@@ -19,6 +19,7 @@ from pliant.model.chamber import Chamber
 from pliant.model.extension import CURVES
 from pliant.model.model import DEFAULTS, Model
 from pliant.model.tendon import Tendon
+from pliant.text import listed
 
 
 class Feature(NamedTuple):
@@ -257,9 +258,9 @@ class Consumer:
 
     def refusal(self, model: Model, keys: tuple[str, ...]) -> str:
         """Return the message for the features `keys` of a model that this consumer refuses."""
-        listed = ", ".join(with_field(key, model) for key in keys)
+        parts = ", ".join(with_field(key, model) for key in keys)
         advice = dict.fromkeys(self.remedy.get(key, "use simulate, or a model without it") for key in keys)
-        return f"{self.name} does not support {listed}, which model {model.name!r} has: {'; '.join(advice)}"
+        return f"{self.name} does not support {parts}, which model {model.name!r} has: {'; '.join(advice)}"
 
 
 def with_field(key: str, model: Model) -> str:
@@ -267,7 +268,7 @@ def with_field(key: str, model: Model) -> str:
     "late settling of the valve (settle_share)".
     """
     owner, _, name = FEATURES[key].fields[0].partition(".")
-    parts = ", ".join(named(model, (key,)))
+    parts = listed(named(model, (key,)))
     return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") else parts
 
 
