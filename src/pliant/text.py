@@ -12,7 +12,7 @@ from typing import Literal
 from unicodedata import category, combining, normalize
 
 Form = Literal["line", "c_comment", "xml_comment", "identifier"]
-SHOWN = 60  # characters of a name in a list
+SHOWN = 80  # characters of a name in a list
 LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
 
 
@@ -58,7 +58,7 @@ def escaped(text: object, form: Form) -> str:
 
 
 def listed(names: Iterable[object], most: int = 8) -> str:
-    """Return names as one text, separated by commas: at most `most` of them, each cut to 60 characters, and how many
+    """Return names as one text, separated by commas: at most `most` of them, each cut to 80 characters, and how many
     more there are.
 
     Examples
