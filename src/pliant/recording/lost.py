@@ -25,6 +25,7 @@ REPEATS = 3  # successive frames of one position, at least, where it is written 
 FINE = 0.05  # most positions of a station that occur again, where they have many digits
 STRETCH = 1.5  # times the largest distance between two stations of a body, at least, where one of them is lost
 MOST_MARKS = 4  # positions that are tested for a station
+ROUNDING = 1e-12  # difference from length 1 by rounding
 NORM_TOLERANCE = 0.05  # a quaternion whose length differs more from 1 is no rotation
 REFUSED = "quaternion that is incomplete or not of unit length"
 
@@ -257,7 +258,8 @@ def unit_poses(quaternion: NDArray, position: NDArray | None) -> tuple[NDArray, 
     stated = ~np.isnan(quaternion).all(axis=-1)
     bare = stated.any(axis=0) & ((norm == 0) | ~stated).all(axis=0)
     refused = ~good & stated & good.any(axis=0)
-    unit = np.where((refused | bare)[..., None], np.nan, quaternion / np.where(good, norm, 1.0)[..., None])
+    scale = np.where(good & (np.abs(norm - 1.0) > ROUNDING), norm, 1.0)  # a unit quaternion keeps its bits
+    unit = np.where((refused | bare)[..., None], np.nan, quaternion / scale[..., None])
     if position is not None and position.shape[:2] == refused.shape:
         position = np.where(refused[..., None], np.nan, position)
     return unit, position, refused.sum(axis=0), bare

@@ -16,10 +16,12 @@ from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
+from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
 from pliant.preprocessing.labels import exclude_swaps, undo_swaps
 from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
+from pliant.preprocessing.repair import leave_out_spikes
 from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
@@ -128,10 +130,13 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = (undo_swaps if alignment.swaps == "undo" else exclude_swaps)(raw)
     looked = quality(raw)
     raw = raw if entry.poses else leave_out_frozen(raw)  # a pose may equal the previous one
+    raw = raw if entry.poses or entry.spikes == "keep" else leave_out_glitches(raw)
     if entry.staircase == "lines":
         raw = lines_between_changes(raw)
     with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
+    if not entry.poses and entry.spikes == "leave out" and not study.reduction:
+        body = leave_out_spikes(body, stations)
     lines = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
         lines.append(tip)
