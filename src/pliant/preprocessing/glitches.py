@@ -78,15 +78,17 @@ def excursions(values: NDArray) -> list[tuple[int, int]]:
         return []
     step = np.diff(level)
     usual = np.array([np.median(np.abs(step[max(k - AROUND, 0) : k + AROUND + 1])) for k in range(len(step))])
-    low, high = np.percentile(level, [5, 95])
-    leaps = np.flatnonzero(np.abs(step) > np.maximum(LEAP * usual, OF_RANGE * (high - low)))
+    usually = max(float(np.ptp(np.percentile(of, [5, 95]))) for of in (level, values[rows]))
+    lasting = LONGEST * float(np.median(np.diff(first)))
+    leaps = np.flatnonzero(np.abs(step) > np.maximum(LEAP * usual, OF_RANGE * usually))
     spans: list[tuple[int, int]] = []
     for k in leaps:  # update k + 1 is the first that is off
         if spans and first[k + 1] < spans[-1][1] + 1:
             continue
         for m in leaps[(leaps > k) & (leaps <= k + LONGEST)]:
             back = abs(level[m + 1] - level[k])
-            if step[k] * step[m] < 0 and back < RETURNED * min(abs(step[k]), abs(step[m])):
+            brief = first[m + 1] - first[k + 1] <= lasting
+            if brief and step[k] * step[m] < 0 and back < RETURNED * min(abs(step[k]), abs(step[m])):
                 spans.append((int(first[k + 1]), int(first[m + 1])))
                 break
     return spans
@@ -151,7 +153,8 @@ def leave_out_glitches(recording: xr.Dataset) -> xr.Dataset:
         values[:, columns[variable]] = bridged(one.time, one.values, spans_of.get(one.name, []))
         columns[variable] += 1
     data: dict[str, Any] = {n: recording[n].copy(data=v.reshape(recording[n].shape)) for n, v in changed.items()}
-    count = ", ".join(f"{one.name or 'p'} {len(spans)}" for one, spans in found)
+    count = "; ".join(f"{one.name or 'p'} {len(spans)} (at {', '.join(f'{one.time[a]:.2f}' for a, _ in spans[:6])} s)"
+                      for one, spans in found)  # fmt: skip
     return append_history(recording.assign(data), f"left out glitches of inputs and joined their neighbours: {count}")
 
 

@@ -12,7 +12,7 @@ from pliant.display import Card, Shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
-from pliant.preprocessing.glitches import Glitch, glitch_sentences, input_glitches
+from pliant.preprocessing.glitches import Glitch, glitch_sentences, input_glitches, leave_out_glitches
 from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
 from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.picture import recording_svg
@@ -217,9 +217,10 @@ def quality(recording: xr.Dataset) -> Quality:
         lost = np.isnan(recording["strain"].values).sum((0, 2))
         found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
     if "pressure" in recording:
-        found |= {"pressure_kpa": _pressure_range(recording), **pressure_clock(recording)}
-    found |= {"input_range": _input_range(recording), "input_held": staircases(recording),
-              "input_glitches": input_glitches(recording), "lost": known_losses(recording)}  # fmt: skip
+        found |= pressure_clock(recording)
+    calm = leave_out_glitches(recording)
+    found |= {"pressure_kpa": _pressure_range(calm), "input_range": _input_range(calm),
+              "input_held": staircases(recording), "input_glitches": input_glitches(recording), "lost": known_losses(recording)}  # fmt: skip
     if "time" not in recording.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")

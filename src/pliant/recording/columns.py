@@ -230,7 +230,7 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
     position = np.zeros((len(table), len(stations), 3))
     quaternion = np.full((len(table), len(stations), 4), np.nan)
     history = []
-    for s, (name, columns) in enumerate(stations.items()):
+    for s, columns in enumerate(stations.values()):
         indices = [header.index(c) for c in columns.position]
         position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
         if columns.quaternion is not None:

@@ -22,6 +22,7 @@ NEAR = 4  # steps before and after a leap
 LEAP = 3.0  # of the largest step near it
 LONGEST_STEP = 4  # usual times between two updates: longer steps lead over gaps and are not compared
 REPEATS = 3  # successive frames of one position, at least, where it is written only once
+TWICE = 2  # such frames, where the position is impossible
 FINE = 0.05  # most positions of a station that occur again, where they have many digits
 STRETCH = 1.5  # times the largest distance between two stations of a body, at least, where one of them is lost
 MOST_MARKS = 4  # positions that are tested for a station
@@ -76,7 +77,7 @@ def path_of(position: NDArray) -> Path | None:
         mixed = (mixed ^ column) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     label = np.unique(mixed, return_inverse=True)[1]
-    if label.max() + 1 == len(label) and length.max() < REPEATS and point.any(axis=1).all():
+    if label.max() + 1 == len(label) and length.max() < TWICE and point.any(axis=1).all():
         return None
     return Path(rows[first], point, label, length)
 
@@ -88,7 +89,7 @@ def repeated_marks(path: Path) -> list[int]:
     step = np.linalg.norm(np.diff(path.point, axis=0), axis=1)
     shorter = np.fmin(np.append(step, np.inf), np.insert(step, 0, np.inf))  # of the steps to and from each position
     counts = np.bincount(path.label)
-    lasting = (path.length >= REPEATS) & (path.length >= LEAP * np.median(path.length))
+    lasting = path.length >= TWICE * np.median(path.length)
     possible = np.unique(path.label[((counts[path.label] > 1) | lasting) & path.point.any(axis=1)])
     if possible.size == 0:
         return []
@@ -153,7 +154,7 @@ def is_mark(path: Path, visits: Visits, position: NDArray, station: int) -> bool
     longer = path.length[visits.run].sum() > path.length[visits.others].sum()
     if longer or (np.fmin(visits.into, visits.away) < 1.0).any():  # it is where the station rests
         return False
-    lasts = path.length[visits.run] >= (REPEATS if odd else max(
+    lasts = path.length[visits.run] >= (TWICE if odd else max(
         REPEATS, LEAP * np.percentile(path.length[visits.others], 90)))  # fmt: skip
     twice = np.count_nonzero(leaps & ~visits.ends) > 1
     once = leaps & lasts & (far | odd | ~visits.ends)
