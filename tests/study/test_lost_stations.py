@@ -59,7 +59,7 @@ def test_a_spike_is_no_motion_of_the_body(tmp_path):
         entry["spikes"] = "keep"
     _, right = run(tmp_path / "left", spoil=spike)
     assert right["records"]["middle"]["points_not_seen"] == 1
-    assert right["records"]["middle"]["max_mm"] < 1.0
+    assert right["records"]["middle"]["max_mm"] < 5.0
     assert any("left its path for one frame: tip 1" in line for line in right["findings"]["middle"])
     _, wrong = run(tmp_path / "kept", kept, spike)
     assert wrong["records"]["middle"]["max_mm"] > 80.0
@@ -85,8 +85,8 @@ def test_a_station_beyond_the_reach_of_the_body_makes_the_recording_unusable(tmp
 def test_a_study_without_a_usable_recording_names_the_frame(tmp_path):
     result, _ = run(tmp_path, changed("actuator", length=0.06))
     assert result.exit_code != 0
-    assert "cannot be used" in result.output
-    assert "station tip is 1" in result.output
+    assert "low, high cannot be used" in str(result.exception)
+    assert "station tip is 1" in str(result.exception)
     assert not (tmp_path / "out" / "metrics.json").exists()
 
 

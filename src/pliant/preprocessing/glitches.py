@@ -28,6 +28,8 @@ LONGEST = 10  # updates of one glitch
 ALIKE = 0.7  # correlation of two inputs that usually vary alike
 QUIET = 0.2  # of the leap: sister channels vary by less
 OUTSIDE = 1.5  # of the range of all other values: a value farther away is a glitch without sister channels
+ACTUATED = 8.0  # usual steps: noise has a range of about 4
+RAREST = 3  # excursions of an input without sister channels: more are its pulses
 AROUND = 6  # updates whose steps are compared
 Glitch = tuple[float, float, int]  # time [s] at which it begins, its value farthest off [SI], number of samples
 
@@ -61,7 +63,8 @@ def glitch_spans(recording: xr.Dataset) -> list[tuple[RecordedInput, list[tuple[
     for k, (one, spans) in enumerate(zip(inputs, possible, strict=True)):
         sisters = [(other, smooth[j]) for j, other in enumerate(inputs) if j != k and len(other.time) == len(one.time)
                    and other.kind == one.kind and alike(smooth[k], smooth[j])]  # fmt: skip
-        found.append((one, [s for s in spans if contradicted(one.values, smooth[k], s, sisters)]))
+        rare = sisters or len(spans) <= RAREST
+        found.append((one, [s for s in spans if rare and contradicted(one.values, smooth[k], s, sisters)]))
     return found
 
 
@@ -132,11 +135,13 @@ def contradicted(
 
 
 def varies(smooth: NDArray) -> bool:
-    """Return whether a series (P,) without its excursions still shows an actuation: at least a tenth of its samples
-    differ from the median by more than a tenth of its range.
+    """Return whether a series (P,) without its excursions still shows an actuation, not only noise: its range is far
+    larger than its usual step.
     """
-    away = np.abs(smooth - np.nanmedian(smooth))
-    return bool(np.nanmean(away > 0.1 * (np.nanmax(smooth) - np.nanmin(smooth))) > 0.1)
+    known = smooth[np.isfinite(smooth)]
+    step = np.abs(np.diff(known))
+    low, high = np.percentile(known, [5, 95])
+    return bool(high - low > ACTUATED * np.median(step[step > 0])) if step.any() else False
 
 
 def leave_out_glitches(recording: xr.Dataset) -> xr.Dataset:

@@ -307,7 +307,7 @@ def beyond_reach(experiments: Mapping[str, Experiment], model: Model) -> dict[st
     The body reaches its length, its rigid part before the first joint included, plus a quarter for markers beside the
     axis; if segments lengthen, 60 % more than its length.
     """
-    reasons = {}
+    reasons: dict[str, str] = {}
     most = (1.0 + (STRETCHED if len(model.extensions) else BESIDE)) * model.length
     for name, exp in experiments.items():
         away = np.nan_to_num(np.linalg.norm(exp.position, axis=2))
@@ -335,11 +335,11 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         left = {k: [r for r in getattr(entry, k) if r not in dropped] for k in ("train", "held_out")}
         if not left["train"]:
             perhaps = "".join(f"; {line}" for line in doubts)
-            fault = "cannot be used" if "is dropped: station" in perhaps else "hardly move"
-            raise InputError(
-                f"{what} has no usable training recording: {', '.join(entry.train)} {fault}{perhaps}; train on a "
-                "recording in which the body moves more"
-            )
+            far = "is dropped: station" in perhaps
+            fault, remedy = ("cannot be used", "correct them") if far else (
+                "hardly move", "train on a recording in which the body moves more")  # fmt: skip
+            raise InputError(f"{what} has no usable training recording: {', '.join(entry.train)} {fault}{perhaps}; "
+                             f"{remedy}")
         return entry.model_copy(update=left)
 
     fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}
