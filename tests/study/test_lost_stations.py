@@ -1,4 +1,4 @@
-"""A study of recordings with lost stations, spikes and glitches: the same result as of clean ones, and each is named."""
+"""A study of recordings with lost stations, spikes and glitches gives the result of clean ones and names each."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def lose(mark):
     return spoil
 
 
+@pytest.mark.slow
 def test_zeros_of_a_lost_tracker_give_the_result_of_gaps(tmp_path):
     (tmp_path / "gaps").mkdir()
     (tmp_path / "zeros").mkdir()
@@ -48,9 +49,10 @@ def test_zeros_of_a_lost_tracker_give_the_result_of_gaps(tmp_path):
     assert any("position exactly 0, 0, 0; read as gaps: tip 5, base 2" in f for f in zeros["findings"]["middle"])
 
 
+@pytest.mark.slow
 def test_a_spike_is_no_motion_of_the_body(tmp_path):
     def spike(columns):
-        columns[70, TIP] += 0.08
+        columns[70, TIP] += 0.02
 
     (tmp_path / "kept").mkdir()
     (tmp_path / "left").mkdir()
@@ -62,7 +64,7 @@ def test_a_spike_is_no_motion_of_the_body(tmp_path):
     assert right["records"]["middle"]["max_mm"] < 5.0
     assert any("left its path for one frame: tip 1" in line for line in right["findings"]["middle"])
     _, wrong = run(tmp_path / "kept", kept, spike)
-    assert wrong["records"]["middle"]["max_mm"] > 80.0
+    assert wrong["records"]["middle"]["max_mm"] > 15.0
     assert wrong["records"]["middle"]["travel_mm"] == pytest.approx(right["records"]["middle"]["travel_mm"], rel=1e-2)
 
 
@@ -98,8 +100,9 @@ def test_the_rigid_part_before_the_body_counts_as_reach(tmp_path):
 
 def of_errors(most):
     pair = {"measured": None, "modelled": None}
-    return {"rmse_percent_of_travel": 1.6, "travel_mm": 100.0, "max_mm": most, "rmse_mm": 1.6, "steady_state_mm": pair,
-            "frequency_hz": pair, "damping_ratio": pair, "frequency_large_hz": pair, "frequency_small_hz": pair}  # fmt: skip
+    return {"rmse_percent_of_travel": 1.6, "travel_mm": 100.0, "max_mm": most, "rmse_mm": 1.6,
+            "steady_state_mm": pair, "frequency_hz": pair, "damping_ratio": pair,
+            "frequency_large_hz": pair, "frequency_small_hz": pair}  # fmt: skip
 
 
 def test_no_target_is_met_by_a_miss_of_nearly_the_whole_motion():

@@ -155,8 +155,8 @@ def without_spikes(position: NDArray) -> NDArray:
 
 
 def spiked_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
-    """Return a mask (T, S) of the `spikes` of S stations over T frames. Frames that repeat the previous one count as one
-    frame with it, as where a log runs faster than its tracker.
+    """Return a mask (T, S) of the `spikes` of S stations over T frames. Frames that repeat the previous one count as
+    one frame with it, as where a log runs faster than its tracker.
     """
     fresh = ~repeated_frames(position, quaternion)
     return by_blocks(spikes, position[fresh])[np.maximum(np.cumsum(fresh) - 1, 0)]

@@ -218,9 +218,7 @@ def quality(recording: xr.Dataset) -> Quality:
         found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
     if "pressure" in recording:
         found |= pressure_clock(recording)
-    calm = leave_out_glitches(recording)
-    found |= {"pressure_kpa": _pressure_range(calm), "input_range": _input_range(calm),
-              "input_held": staircases(recording), "input_glitches": input_glitches(recording), "lost": known_losses(recording)}  # fmt: skip
+    found |= {**_inputs(recording), "lost": known_losses(recording)}
     if "time" not in recording.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")
@@ -228,9 +226,8 @@ def quality(recording: xr.Dataset) -> Quality:
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
-    units = {**dict.fromkeys(result.pressure_kpa, (1e-3, "kPa")), **_units_shown(recording)}
     findings = (*first, *loss_sentences(result.lost), *_sentences(result), *clock,
-                *staircase_sentences(result.input_held), *glitch_sentences(result.input_glitches, units),
+                *staircase_sentences(result.input_held), *glitch_sentences(result.input_glitches, _units_shown(recording)),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     named = replace(result, findings=findings)
     return replace(named, drawing=recording_svg(recording, named.summary().partition("\n")[0]))
@@ -317,7 +314,14 @@ SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(
 
 
 def _units_shown(recording: xr.Dataset) -> dict[str, tuple[float, str]]:
-    return {one.name: SHOWN_IN[one.kind] for one in recorded_inputs(recording) if one.kind in SHOWN_IN}
+    return {one.name or "p": SHOWN_IN.get(one.kind, (1e-3, "kPa")) for one in recorded_inputs(recording)}
+
+
+def _inputs(recording: xr.Dataset) -> dict[str, Any]:
+    """Return the ranges of the inputs without their glitches, their update intervals, and their glitches."""
+    calm = leave_out_glitches(recording)
+    return {"pressure_kpa": _pressure_range(calm), "input_range": _input_range(calm),
+            "input_held": staircases(recording), "input_glitches": input_glitches(recording)}  # fmt: skip
 
 
 def _input_range(recording: xr.Dataset) -> dict[str, tuple[float, float, str]]:

@@ -56,7 +56,9 @@ def lost_frames(position: NDArray) -> NDArray:
     for s in range(position.shape[1]):
         for marks in (repeated_marks, zero_mark):
             path = path_of(np.where(marked[:, s, None], np.nan, position[:, s]))
-            for mark in [] if path is None else marks(path):
+            if path is None:
+                continue
+            for mark in marks(path):
                 visits = visits_of(path, mark)
                 if visits is not None and is_mark(path, visits, position, s):
                     marked[:, s] |= rows_of(path, visits, len(position))
