@@ -227,7 +227,8 @@ def quality(recording: xr.Dataset) -> Quality:
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
     findings = (*first, *loss_sentences(result.lost), *_sentences(result), *clock,
-                *staircase_sentences(result.input_held), *glitch_sentences(result.input_glitches, _units_shown(recording)),
+                *staircase_sentences(result.input_held),
+                *glitch_sentences(result.input_glitches, _units_shown(recording)),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     named = replace(result, findings=findings)
     return replace(named, drawing=recording_svg(recording, named.summary().partition("\n")[0]))
