@@ -174,3 +174,13 @@ def test_unit_quaternions_keep_their_bits():
     assert not refused.any()
     rough, *_ = unit_poses(np.round(unit, 4), None)
     np.testing.assert_allclose(np.linalg.norm(rough, axis=-1), 1.0, atol=1e-12)
+
+
+def test_a_fixed_pixel_is_a_gap(tmp_path):
+    pixels = np.round(1000 * body()[:, 2, :2], 3)
+    pixels[[0, 1, 150, 200], :] = 0.0
+    np.savetxt(tmp_path / "a.txt", np.column_stack([TIME, pixels]), delimiter=",")
+    mapping = {"time": 0, "camera": {"pixels_per_mm": 2.0}, "stations": {"tip": {"position": [1, 2]}}}
+    ds = read(tmp_path / "a.txt", mapping=mapping)
+    assert np.flatnonzero(np.isnan(ds["position"].values).any(axis=(1, 2))).tolist() == [0, 1, 150, 200]
+    assert "4 point(s) at the pixel that stands for a lost one are gaps" in ds.attrs["history"]

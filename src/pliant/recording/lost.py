@@ -54,15 +54,23 @@ def lost_frames(position: NDArray) -> NDArray:
     """
     marked = np.zeros(position.shape[:2], dtype=bool)
     for s in range(position.shape[1]):
-        for marks in (repeated_marks, zero_mark):
+        for marks in (repeated_marks, zero_mark):  # the second without the positions that the first finds
             path = path_of(np.where(marked[:, s, None], np.nan, position[:, s]))
-            if path is None:
-                continue
-            for mark in marks(path):
-                visits = visits_of(path, mark)
-                if visits is not None and is_mark(path, visits, position, s):
-                    marked[:, s] |= rows_of(path, visits, len(position))
+            if path is not None:
+                marked[:, s] |= frames_at(marks(path), path, position, s)
     return marked
+
+
+def frames_at(marks: list[int], path: Path, position: NDArray, station: int) -> NDArray:
+    """Return a mask (T,) of the frames in which a station's path is at one of the positions with the labels `marks`
+    that stand for "lost". The positions (T, S, d) [m] are those of all stations.
+    """
+    found = np.zeros(len(position), dtype=bool)
+    for mark in marks:
+        visits = visits_of(path, mark)
+        if visits is not None and is_mark(path, visits, position, station):
+            found |= rows_of(path, visits, len(position))
+    return found
 
 
 def path_of(position: NDArray) -> Path | None:

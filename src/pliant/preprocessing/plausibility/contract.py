@@ -31,12 +31,12 @@ class Case:
         The recording in the base frame.
     length, mass, diameter : float, optional
         Stated length [m], mass [kg] and diameter [m] of the body.
-    base_length : float
-        Stated length [m] of the rigid part before the body, between the base and the part that bends.
     gravity : tuple of float, optional
         Stated gravity, m/s^2: x, y of the base frame, or x, y, z of the tracker.
     model : Model, optional
         The fitted model.
+    base_length : float
+        Stated length [m] of the rigid part between the base and the body.
     """
 
     recording: xr.Dataset | None = None
@@ -45,9 +45,9 @@ class Case:
     length: float | None = None
     mass: float | None = None
     diameter: float | None = None
-    base_length: float = 0.0
     gravity: tuple[float, ...] | None = None
     model: Model | None = None
+    base_length: float = 0.0
 
 
 @dataclass(frozen=True)
