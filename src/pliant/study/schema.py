@@ -211,6 +211,7 @@ class Recording(StudyEntry):
     clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align a separate log
     signal: Literal["measured", "commanded"] | None = None  # kind of its inputs, if that is known
     staircase: Literal["lines"] | None = None  # inputs held between updates are replaced by lines between their changes
+    spikes: Literal["leave out", "keep"] = "leave out"  # of stations, and glitches of inputs
     window: tuple[float, float] | None = None  # s on the clock of the shape: the part to use
     part: tuple[float, float] | None = None  # fractions of its rows, 0 to 1: the part to use
     excitation: Excitation | None = None
