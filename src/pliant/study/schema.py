@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -182,8 +182,10 @@ class KnownForce(StudyEntry):
     link: int | None = Field(None, ge=1)  # or a link, numbered from 1
     along: float | None = None  # m, position on that link from its joint
     across: float = 0.0  # m, to the left of the link
+    aside: float = 0.0  # m, out of the plane, in space
     time_s: list[float]
-    force_n: list[tuple[float, float]]  # in the axes of a planar recording, in the base frame of a tracked one
+    # (x, y) in the axes of a planar recording, in the base frame of a tracked one; in space (x, y, z) of the tracker
+    force_n: list[Annotated[list[float], Field(min_length=2, max_length=3)]]
 
     @model_validator(mode="after")
     def one_place(self) -> KnownForce:
@@ -192,10 +194,26 @@ class KnownForce(StudyEntry):
             raise ValueError("a known force needs either station, or link with along (and across)")
         return self
 
-    def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force in the base frame; `x_sign` (1 or -1) is the direction of the recording's x axis there."""
-        point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
-        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
+    @model_validator(mode="after")
+    def one_length(self) -> KnownForce:
+        """Check that all rows of force_n have the same number of components."""
+        if len({len(row) for row in self.force_n}) > 1:
+            raise ValueError("all rows of force_n need the same number of components: (x, y), or (x, y, z) in space")
+        return self
+
+    def in_base_frame(self, x_sign: int, rotation: np.ndarray | None = None) -> PointForce:
+        """Return the force in the base frame.
+
+        Two components are multiplied by `x_sign` (1 or -1), the direction of the recording's x axis there, and 1. Three
+        are turned by `rotation` (3, 3) from the tracker's axes; without it they are in the base frame.
+        """
+        place = (self.link or 1) - 1, self.along or 0.0, self.across, self.aside
+        force = np.array(self.force_n, dtype=float)
+        if force.shape[-1] == 2:
+            force = force * [x_sign, 1.0]
+        elif rotation is not None:
+            force = force @ rotation.T
+        return PointForce(np.array(self.time_s), force, self.station or Station("known force", *place))
 
 
 class Recording(StudyEntry):
@@ -379,6 +397,7 @@ def check_names(study: Study) -> None:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
             raise InputError(f"fit {name} {problem}: correct its train or held_out")
     check_reduction(study)
+    check_forces(study)
     for name, entry in study.forecasts.items():
         check_listed(entry.like, study.recordings, f"`like` of forecast {name} names recording", "correct it")
         if entry.fit:
@@ -386,6 +405,20 @@ def check_names(study: Study) -> None:
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
         raise InputError(f"the name of a recording or forecast must not have a dot, got {bad[0]!r}")
     check_chambers(study)
+
+
+def check_forces(study: Study) -> None:
+    """Check that each known force has as many components as the space in which the body moves has dimensions."""
+    components = "(x, y, z)" if study.actuator.space else "(x, y)"
+    for name, recording in study.recordings.items():
+        for k, force in enumerate(recording.forces):
+            for i, row in enumerate(force.force_n):
+                if len(row) != (3 if study.actuator.space else 2):
+                    where = "in space" if study.actuator.space else "in a plane"
+                    raise InputError(
+                        f"recordings.{name}.forces.{k}.force_n.{i} has {len(row)} components, but the body moves "
+                        f"{where} (space in [actuator]): state {components}"
+                    )
 
 
 def check_reduction(study: Study) -> None:
