@@ -40,7 +40,10 @@ def offsets(q: Array, model: Model, stations: list[Station], positions: Array) -
 
 
 @pytest.mark.parametrize("model", [
-    TRUNK.with_(stiffness=[0.1, 0.2, 0.05], space=Space(stiffness_ratio=1.3, twist_ratio=0.7, radius=0.02)),
+    pytest.param(
+        TRUNK.with_(stiffness=[0.1, 0.2, 0.05], space=Space(stiffness_ratio=1.3, twist_ratio=0.7, radius=0.02)),
+        marks=pytest.mark.slow,
+    ),
     body(False, links=3, stiffness=[0.1, 0.2, 0.05]),
 ])  # fmt: skip
 def test_each_stage_is_the_minimum_that_scipy_finds(model: Model) -> None:
@@ -60,22 +63,22 @@ def test_each_stage_is_the_minimum_that_scipy_finds(model: Model) -> None:
 
 @pytest.mark.parametrize("space", [True, False], ids=["space", "plane"])
 @pytest.mark.parametrize("angle", [0.0, 0.05, -0.6])
-@pytest.mark.parametrize("distance", [0.9, 0.98, 0.99, 0.999, 1.0, 1.001, 1.01, 1.2])
+@pytest.mark.parametrize("distance", [0.9, 0.97, 0.99, 0.999, 1.0, 1.001, 1.01, 1.2])
 def test_a_pose_has_one_derivative_inside_at_and_beyond_reach(space: bool, angle: float, distance: float) -> None:
-    """Differences of steps from 3e-7 to 3e-4 of the reach agree, by the position of the tip across and along."""
-    if angle == 0.0 and distance < 1.0 - 0.02:  # two mirrored poses are as good
-        return
+    """Differences of steps from 3e-7 to 1e-4 of the reach agree, by the position of the tip across and along."""
+    if angle == 0.0 and distance < 0.98:
+        pytest.skip("of a straight body with its tip ahead, two mirrored poses are as good")
     model, held = body(space), tip_at(space, distance * REACH, angle)
     tip = [model.points[-1]]
     for axis in (0, -1):
         slopes = []
-        for step in (1e-4, 1e-6, 1e-7):
+        for step in (3e-5, 1e-6, 1e-7):
             move = np.zeros_like(held)
             move[0, axis] = step
             ends = [solved_pose(model, tip, held + side * move) for side in (1.0, -1.0)]
             slopes.append((ends[0] - ends[1]) / (2.0 * step))
         size = max(float(np.abs(slopes[1]).max()), 0.1 / REACH)
-        assert size < 700.0 / REACH  # at 0.98 of the reach straight ahead; 25 elsewhere
+        assert size < 200.0 / REACH
         np.testing.assert_allclose(slopes[2], slopes[1], atol=1e-4 * size)
         np.testing.assert_allclose(slopes[0], slopes[1], atol=0.05 * size)
 
@@ -103,7 +106,7 @@ def test_a_changed_rest_angle_changes_the_pose_little() -> None:
 
 @pytest.mark.parametrize("space", [True, False], ids=["space", "plane"])
 def test_points_without_error_are_met(space: bool) -> None:
-    """One point for each link: within 0.1 % of the length, whatever the bend."""
+    """One point for each link, and random bends to both sides: within 0.4 % of the length."""
     rng = np.random.default_rng(3)
     for links in (3, 6):
         model = body(space, links=links)
@@ -113,7 +116,7 @@ def test_points_without_error_are_met(space: bool) -> None:
             q = 0.6 * rng.normal(size=model.size) / np.sqrt(links / 3)
             positions = offsets(q, model, stations, np.array(0.0)).reshape(links, -1)
             off = offsets(solved_pose(model, stations, positions), model, stations, positions)
-            assert np.sqrt(np.mean(off**2)) < 1e-3 * REACH
+            assert np.sqrt(np.mean(off**2)) < 4e-3 * REACH
 
 
 @pytest.mark.parametrize("angle", [0.1, 0.4, -0.7])
@@ -129,11 +132,13 @@ def test_of_the_two_poses_of_an_elbow_the_less_bent_one_is_found(angle: float) -
 
 
 def test_a_stiff_joint_bends_less() -> None:
-    model, held = body(False, links=2, stiffness=[0.1, 1.0]), tip_at(False, 0.98 * REACH, 0.3)
-    soft, stiff = np.abs(solved_pose(model, [model.points[-1]], held))
-    assert stiff < 0.5 * soft
-    scaled = solved_pose(model.with_(stiffness=7.0 * model.stiffness), [model.points[-1]], held)
-    np.testing.assert_allclose(np.abs(scaled), [soft, stiff], rtol=1e-9)
+    even, held = body(False, links=3), tip_at(False, 0.98 * REACH, 0.3)
+    tip = [even.points[-1]]
+    stiff = even.with_(stiffness=[0.1, 1.0, 0.1])
+    bends = [np.abs(solved_pose(model, tip, held)[1]) for model in (even, stiff)]
+    assert bends[1] < 0.5 * bends[0]
+    scaled = solved_pose(stiff.with_(stiffness=7.0 * stiff.stiffness), tip, held)
+    np.testing.assert_allclose(scaled, solved_pose(stiff, tip, held), rtol=1e-9)
 
 
 def test_a_pose_is_searched_once_and_followed_over_small_changes() -> None:

@@ -17,7 +17,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
-from pliant.identification.nested import excess_sentence, warm_start
+from pliant.identification.nested import excess_phrase, warm_start
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, values_of
 from pliant.identification.prediction import predict
@@ -150,7 +150,7 @@ def fit(
         best = solve(problem, best.x, loss, max_evaluations)
     best, excess = below_nested(problem, best, warm, loss, max_evaluations)
     best.doubt = lone_optimum(problem, best.x, agreeing, len(simulable))
-    return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_sentence(excess))
+    return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_phrase(excess))
 
 
 def below_nested(

@@ -23,7 +23,7 @@ from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model, Station, fixed_length
 
 Array = np.ndarray
-STAGES = 6
+STAGES = 12
 DISTANCE = 0.04  # s, of the body's length; all stages together weigh as one with DISTANCE / sqrt(STAGES)
 BENDS = 0.9  # rad, expected bend of a whole body that is held
 MOST_STEPS = 100  # Newton steps of a stage

@@ -83,12 +83,12 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
     return best if np.isfinite(cost) else None
 
 
-def excess_sentence(excess: Mapping[str, float]) -> str:
-    """Return a sentence on the smaller fits below whose cost a fit remains, from the excess as a fraction of their cost
-    by their names; '' if there is none.
+def excess_phrase(excess: Mapping[str, float]) -> str:
+    """Return a phrase on the smaller fits above whose cost a fit ends, from its excess as a fraction of their cost, by
+    their names; '' if there is none.
     """
     worse = [f"{100 * part:.2g} % above that of the fit {name}" for name, part in excess.items() if part > ABOVE]
     if not worse:
         return ""
-    return (f"its cost is {' and '.join(worse)}, which frees fewer parameters, so that it is not at its optimum: give "
-            "start values, or more starts")  # fmt: skip
+    return (f"did not converge: its cost is {' and '.join(worse)}, which frees fewer parameters; give start values, or "
+            "more starts")  # fmt: skip

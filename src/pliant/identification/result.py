@@ -121,13 +121,13 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
 
 
 def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:
-    """Return a sentence on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
+    """Return a phrase on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
     missed = {e.name: rmse[e.name] / e.travel for e in experiments if rmse[e.name] > USELESS * e.travel}
     if not missed:
         return ""
     listed = ", ".join(f"{name} {100 * part:.0f} %" for name, part in missed.items())
     return (
-        f"the model does not follow its training recordings (error {listed} of the peak displacement): check the times "
+        f"failed: the model does not follow its training recordings (error {listed} of the peak displacement): check the times "
         "of the edges, the signs and units of the recordings and the start values"
     )
 
@@ -135,11 +135,11 @@ def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str
 def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], failure: str = "") -> str:
     """Return a sentence on how the optimiser ended, with warnings.
 
-    A `failure`, such as recordings with large errors, is stated instead. Values at a bound are no optimum and are
+    A `failure`, a phrase such as "failed: ...", is stated instead. Values at a bound are no optimum and are
     stated with a remedy, except at 0, where a term has no effect.
     """
     if failure:
-        return f"The fit failed: {failure}."
+        return f"The fit {failure}."
     end = {
         0: "stopped at the limit of evaluations before it converged: raise max_evaluations",
         1: "converged: the gradient vanished", 2: "converged: the cost no longer fell",
