@@ -1,5 +1,5 @@
-"""The pose of a body that is held, from its points: SciPy's minima, derivatives near the reach of the straight body, and
-points that allow two poses.
+"""The pose of a body that is held, from its points: SciPy's minima, derivatives near the reach of the straight body,
+and points that allow two poses.
 """
 
 from __future__ import annotations

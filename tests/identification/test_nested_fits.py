@@ -124,7 +124,7 @@ def test_a_fit_that_stays_above_a_smaller_one_is_no_success(
     monkeypatch.setattr(module, "below_nested", lambda _problem, best, *_others: (best, {"small": 0.55, "tiny": 1e-6}))
     found = fit([creeping], truth, SMALL, time_step=STEP, starts=1)
     assert not found.converged
-    assert found.status.startswith("The fit did not converge: its cost is 55 % above that of the fit small, which frees")
+    assert found.status.startswith("The fit did not converge: its cost is 55 % above that of the fit small, which")
     assert "tiny" not in found.status
 
 

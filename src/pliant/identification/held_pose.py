@@ -170,13 +170,12 @@ class HeldPose:
 
 def beyond_reach(model: Model, stations: list[Station], positions: Array) -> dict[str, float]:
     """Return the distances [m] by which S `positions` (S, 2 or 3) [m] lie beyond the reach of the model's points, by
-    station; only those that are worth a message. Points of the rigid base part and bodies that lengthen have none.
+    station; only those that are worth a message. A point that a body reaches because it lengthens is left out.
     """
-    if model.extensions:
-        return {}
-    chain = mechanics_of(model)
-    joint = chain.nodes(chain.coordinates(np.zeros(model.size)))[1]
+    chain = chain_of(model, stations)
+    joint = chain.nodes(chain.coordinates(np.zeros(chain.size)))[1]
     reach = [model.link_length[: p.link].sum() + float(np.linalg.norm(p[2:])) for p in stations]
-    beyond = np.linalg.norm(positions - joint, axis=1) - reach
+    missed = chain.stations(chain.coordinates(solved_stages(chain, positions)[-1].pose))[0] - positions
+    beyond = np.minimum(np.linalg.norm(positions - joint, axis=1) - reach, np.linalg.norm(missed, axis=1))
     return {p.name: float(d) for p, d in zip(stations, beyond, strict=True)
             if p.link >= 0 and d > BEYOND * model.length}  # fmt: skip

@@ -127,8 +127,8 @@ def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str
         return ""
     listed = ", ".join(f"{name} {100 * part:.0f} %" for name, part in missed.items())
     return (
-        f"failed: the model does not follow its training recordings (error {listed} of the peak displacement): check the times "
-        "of the edges, the signs and units of the recordings and the start values"
+        f"failed: the model does not follow its training recordings (error {listed} of the peak displacement): check "
+        "the times of the edges, the signs and units of the recordings and the start values"
     )
 
 

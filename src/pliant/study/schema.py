@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
@@ -14,9 +13,8 @@ from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
-from pliant.model import Station
 from pliant.model.file import AxialCurve
-from pliant.simulation.forces import PointForce
+from pliant.study.known_force import KnownForce, check_forces
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
@@ -171,49 +169,6 @@ class Reduction(StudyEntry):
     boundary: str = "clamped+not-a-knot"
     placement: Literal["equal", "best"] = "equal"
     joint_placement: Literal["base", "midsegment"] = "base"  # where in its segment each joint sits
-
-
-class KnownForce(StudyEntry):
-    """A known force at a point of the body, such as a pulling thread, linearly interpolated between the stated
-    times.
-    """
-
-    station: str | None = None  # name of a point of the model
-    link: int | None = Field(None, ge=1)  # or a link, numbered from 1
-    along: float | None = None  # m, position on that link from its joint
-    across: float = 0.0  # m, to the left of the link
-    aside: float = 0.0  # m, out of the plane, in space
-    time_s: list[float]
-    # (x, y) in the axes of a planar recording, in the base frame of a tracked one; in space (x, y, z) of the tracker
-    force_n: list[Annotated[list[float], Field(min_length=2, max_length=3)]]
-
-    @model_validator(mode="after")
-    def one_place(self) -> KnownForce:
-        """Check that the force acts either at a station or at a position on a link, not both."""
-        if (self.station is None) == (self.link is None) or (self.link is None) != (self.along is None):
-            raise ValueError("a known force needs either station, or link with along (and across)")
-        return self
-
-    @model_validator(mode="after")
-    def one_length(self) -> KnownForce:
-        """Check that all rows of force_n have the same number of components."""
-        if len({len(row) for row in self.force_n}) > 1:
-            raise ValueError("all rows of force_n need the same number of components: (x, y), or (x, y, z) in space")
-        return self
-
-    def in_base_frame(self, x_sign: int, rotation: np.ndarray | None = None) -> PointForce:
-        """Return the force in the base frame.
-
-        Two components are multiplied by `x_sign` (1 or -1), the direction of the recording's x axis there, and 1. Three
-        are turned by `rotation` (3, 3) from the tracker's axes; without it they are in the base frame.
-        """
-        place = (self.link or 1) - 1, self.along or 0.0, self.across, self.aside
-        force = np.array(self.force_n, dtype=float)
-        if force.shape[-1] == 2:
-            force = force * [x_sign, 1.0]
-        elif rotation is not None:
-            force = force @ rotation.T
-        return PointForce(np.array(self.time_s), force, self.station or Station("known force", *place))
 
 
 class Recording(StudyEntry):
@@ -397,7 +352,7 @@ def check_names(study: Study) -> None:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
             raise InputError(f"fit {name} {problem}: correct its train or held_out")
     check_reduction(study)
-    check_forces(study)
+    check_forces({n: r.forces for n, r in study.recordings.items()}, space=bool(study.actuator.space))
     for name, entry in study.forecasts.items():
         check_listed(entry.like, study.recordings, f"`like` of forecast {name} names recording", "correct it")
         if entry.fit:
@@ -405,20 +360,6 @@ def check_names(study: Study) -> None:
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
         raise InputError(f"the name of a recording or forecast must not have a dot, got {bad[0]!r}")
     check_chambers(study)
-
-
-def check_forces(study: Study) -> None:
-    """Check that each known force has as many components as the space in which the body moves has dimensions."""
-    components = "(x, y, z)" if study.actuator.space else "(x, y)"
-    for name, recording in study.recordings.items():
-        for k, force in enumerate(recording.forces):
-            for i, row in enumerate(force.force_n):
-                if len(row) != (3 if study.actuator.space else 2):
-                    where = "in space" if study.actuator.space else "in a plane"
-                    raise InputError(
-                        f"recordings.{name}.forces.{k}.force_n.{i} has {len(row)} components, but the body moves "
-                        f"{where} (space in [actuator]): state {components}"
-                    )
 
 
 def check_reduction(study: Study) -> None:
