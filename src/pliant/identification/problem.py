@@ -240,7 +240,7 @@ def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array
     for i, p in enumerate(free):
         if p.prior_std:
             rows.append(np.eye(len(free))[i] * scale[i] / p.prior_std)
-            aims.append((p.value if p.prior is None else p.prior) / p.prior_std)
+            aims.append((start[i] * scale[i] if p.prior is None else p.prior) / p.prior_std)
     stems = [p.name.rpartition("_")[0] if p.shrink else "" for p in free]
     for stem in sorted(set(stems) - {""}):
         mine = np.array([s == stem for s in stems])

@@ -165,9 +165,10 @@ def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], failu
 
 def stopped_at(p: Parameter) -> str:
     """Return a phrase on the bound other than 0 at which a fitted parameter ends; '' if it ends at none."""
-    if not (p.free and p.value is not None and touches_bound(p)):
+    value = p.value
+    if value is None or not (p.free and touches_bound(p)):
         return ""
-    side, bound = min((("lower", p.lower), ("upper", p.upper)), key=lambda pair: abs(p.value - pair[1]))
+    side, bound = min((("lower", p.lower), ("upper", p.upper)), key=lambda pair: abs(value - pair[1]))
     if bound == 0.0:
         return ""
     known = f", in spite of its prior {p.prior:.3g} +- {p.prior_std:.2g}" if p.prior_std and p.prior is not None else ""
