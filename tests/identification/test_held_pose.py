@@ -4,6 +4,7 @@ and points that allow two poses.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from scipy.optimize import minimize
 
 from pliant.errors import SimulationError
-from pliant.identification import held_pose
+from pliant.identification import Experiment, held_pose
+from pliant.identification.forward_model import held_note
 from pliant.identification.held_pose import BENDS, DISTANCE, STAGES, beyond_reach, pose_through, solved_pose
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Space, Station, chain_model
@@ -170,3 +172,18 @@ def test_a_search_without_an_end_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(held_pose, "MOST_STEPS", 1)
     with pytest.raises(SimulationError, match="pose in which the body is held was not found within 1 steps"):
         solved_pose(TRUNK, DISKS, HELD)
+
+
+@pytest.mark.parametrize("space", [True, False], ids=["space", "plane"])
+def test_the_report_of_a_fit_names_the_station_beyond_reach_in_millimetres(space: bool) -> None:
+    model = body(space).with_(stations=(Station("tip", 4, 0.06),))
+    times = np.arange(0.0, 0.3, 0.01)
+    seen = np.broadcast_to(tip_at(space, REACH, 0.1), (times.size, 1, 2 + space)).copy()
+    seen[20:, 0, 0] += 0.02
+    exp = Experiment("e", times, seen, ("tip",), "release", held=tip_at(space, REACH + 0.007, 0.3))
+    assert held_note(model, exp, {}) == (
+        "Experiment e: before its release the body is held beyond its reach, tip by 7 mm: check the length, the base, "
+        "and the positions of the stations on the body."
+    )
+    assert held_note(model, exp, {"tip.along": 0.066}) == ""
+    assert held_note(model, replace(exp, held=None), {}) == ""

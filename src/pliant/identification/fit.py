@@ -17,7 +17,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
-from pliant.identification.nested import excess_phrase, warm_start
+from pliant.identification.nested import excess_phrase, inside, warm_start
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, values_of
 from pliant.identification.prediction import predict
@@ -137,7 +137,7 @@ def fit(
     problem = Problem(list(experiments), model, filled, time_step, weighting)
     second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
-    further = [x for x in (second, *warm.values()) if x is not None]
+    further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]
     simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), further)
     if regularise:
         problem.hold_to_start()
@@ -167,7 +167,7 @@ def below_nested(
             continue
         cost = solve(problem, x, loss, 1).cost
         if best.cost > cost:
-            best = min(best, solve(problem, x, loss, max_evaluations), key=lambda end: float(end.cost))
+            best = min(best, solve(problem, inside(problem, x), loss, max_evaluations), key=lambda end: float(end.cost))
         excess[name] = float(best.cost / max(cost, 1e-300)) - 1.0
     return best, excess
 

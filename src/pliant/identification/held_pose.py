@@ -30,7 +30,7 @@ MOST_STEPS = 100  # Newton steps of a stage
 LONGEST_STEP, LONG_STEP, REACHED = 0.5, 1e-3, 1e-12  # rad: at most; after it second derivatives change; ends a stage
 CHANGE = 1e-6  # rad, of the differences that give second derivatives
 SAME_POSE = 1e-4  # rad and m: changes after which the pose is followed from the latest one
-BEYOND = 5e-3  # of the body's length: distance beyond reach that is reported
+BEYOND = 0.01  # of the body's length: distance beyond reach that is reported
 
 
 def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Any]) -> Array:

@@ -14,9 +14,11 @@ import numpy as np
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.identification.problem import Problem
 from pliant.identification.result import FitResult
+from pliant.model import Model
 
 Array = np.ndarray
 SWEEPS = 2  # over the added parameters
+OFF_BOUND = 0.01  # in scales: distance of a start from a bound
 ABOVE = 1e-3  # of the smaller fit's cost: excess that counts
 
 
@@ -64,9 +66,10 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
     """Return the scaled parameters (P,) of a fit at the optimum of a smaller one that it contains; None if the model
     cannot be simulated there.
 
-    An added parameter is 0, where most terms have no effect, or has its start value, whichever costs less.
+    An added position or angle has its value in the smaller fit's model. Another added parameter is 0, where most terms
+    have no effect, or has its start value, whichever costs less.
     """
-    ended = smaller.values
+    ended = {**stated_values(smaller.model), **smaller.values}
     fitted = [next((ended[n] for n in (p.name, common_name(p.name)) if n in ended), None) for p in problem.free]
     added = [k for k, value in enumerate(fitted) if value is None]
     kept = problem.start * problem.scale
@@ -81,6 +84,19 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
         if (changed := problem.cost(other)) < cost:
             best, cost = other, changed
     return best if np.isfinite(cost) else None
+
+
+def stated_values(model: Model) -> dict[str, float]:
+    """Return the values (SI) of a model that are parameters of a fit under the same meaning, by parameter name."""
+    places = {f"{p.name}.{axis}": float(getattr(p, axis)) for p in model.points for axis in ("along", "across", "aside")}
+    return {**places, "base_angle": model.base_angle, "mass": float(model.link_mass.sum()), "tip_mass": model.tip_mass}
+
+
+def inside(problem: Problem, x: Array) -> Array:
+    """Return the scaled parameters x (P,) moved off their bounds: a search that starts on a bound hardly moves."""
+    lower, upper = problem.bounds
+    room = np.minimum(OFF_BOUND, 0.1 * (upper - lower))
+    return np.clip(x, lower + room, upper - room)
 
 
 def excess_phrase(excess: Mapping[str, float]) -> str:
