@@ -88,7 +88,8 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
 
 def stated_values(model: Model) -> dict[str, float]:
     """Return the values (SI) of a model that are parameters of a fit under the same meaning, by parameter name."""
-    places = {f"{p.name}.{axis}": float(getattr(p, axis)) for p in model.points for axis in ("along", "across", "aside")}
+    axes = ("along", "across", "aside")
+    places = {f"{p.name}.{axis}": float(getattr(p, axis)) for p in model.points for axis in axes}
     return {**places, "base_angle": model.base_angle, "mass": float(model.link_mass.sum()), "tip_mass": model.tip_mass}
 
 
