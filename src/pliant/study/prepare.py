@@ -23,13 +23,13 @@ from pliant.preprocessing.labels import exclude_swaps, undo_swaps
 from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
 from pliant.preprocessing.repair import leave_out_spikes
-from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
+from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
 from pliant.recording.schema import history_of
 from pliant.sensing import read_shape
-from pliant.study.aligned import Aligned, at_common_rest, on_one_clock, with_pressure
+from pliant.study.aligned import Aligned, at_common_rest, known_forces, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import body_warnings, stated_case, unit_warning_first
 from pliant.study.schema import AlignmentEntry, Recording, Study
@@ -239,7 +239,7 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     stations = entry.stations or moving_stations(name, recording, base)
     return experiment(
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(recording)) for f in entry.forces],
+        angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
         drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
     )
 
