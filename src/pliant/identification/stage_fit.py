@@ -268,7 +268,8 @@ def started(entry: Entry, ended: dict[str, Parameter]) -> Parameter:
     found = next((ended[n] for n in (p.name, p.name.removesuffix("_*"), p.name.rpartition(".")[2]) if n in ended), None)
     if found is None or found.value is None or not p.free or touches_bound(found):
         return p
-    return p.with_(value=float(np.clip(found.value, p.lower, p.upper)), scale=p.scale or found.scale)
+    prior = found.prior if p.prior_std and p.prior is None else p.prior
+    return p.with_(value=float(np.clip(found.value, p.lower, p.upper)), scale=p.scale or found.scale, prior=prior)
 
 
 def simulable(model: Model, time_step: float) -> float:
