@@ -71,7 +71,7 @@ NUMBERS: dict[Per, str] = {"joint": "_<i>", "branch": "_<k>", "power": "_<k>", "
 
 
 @dataclass(frozen=True)
-class Path:
+class ParameterPath:
     """A parameter's name, read: ``left.creep_share_1`` has the owner "left", the stem "creep_share" and the number "1".
 
     Attributes
@@ -158,7 +158,7 @@ def takes(quantity: Quantity, numbers: tuple[str, ...]) -> bool:
 
 
 @cache
-def find_path(name: str) -> Path | None:
+def find_path(name: str) -> ParameterPath | None:
     """Return the parts of a parameter's name, or None for a name that no declaration has."""
     owner, _, own = name.rpartition(".")
     words = own.split("_")
@@ -167,11 +167,11 @@ def find_path(name: str) -> Path | None:
         row = declarations().get(stem)
         if row and takes(row.quantity, numbers):
             possible = bool(owner) if row.part.owner == "station" else "." not in owner
-            return Path(owner, stem, numbers, row) if possible else None
+            return ParameterPath(owner, stem, numbers, row) if possible else None
     return None
 
 
-def path_of(name: str) -> Path:
+def path_of(name: str) -> ParameterPath:
     """Return the parts of a parameter's name: owner, field and number.
 
     Raises
@@ -202,14 +202,14 @@ def families() -> dict[str, Quantity]:
     for name, row in declarations().items():
         quantity = row.quantity
         if quantity.per not in NUMBERS or (quantity.per == "joint" and quantity.alike):
-            rows[Path("", name, (), row).family] = quantity
+            rows[ParameterPath("", name, (), row).family] = quantity
         if quantity.per in NUMBERS:
-            numbered = Path("", name, ("1",), row)
+            numbered = ParameterPath("", name, ("1",), row)
             rows[numbered.family] = numbered.quantity
     return rows
 
 
-def paths(names: Iterable[str], *parts: ModelPart) -> Iterator[tuple[str, Path]]:
+def paths(names: Iterable[str], *parts: ModelPart) -> Iterator[tuple[str, ParameterPath]]:
     """Yield those of `names` that are parameters of the given parts, each with its path. Unknown names are left out."""
     for name in names:
         path = find_path(name)
