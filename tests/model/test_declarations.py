@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ import pliant
 from pliant.equations.law import LawParameter
 from pliant.identification.names import declarations, families, find_path, path_of
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve
+from pliant.model.file import model_to_dict, read_model
 from pliant.model.parts import PARTS, declared
 from pliant.model.quantity import Quantity, declaring, quantities
 
@@ -148,3 +150,22 @@ def test_a_record_explains_a_parameter_that_its_docstring_lacks():
     assert text.count("first : float") == 1
     assert "rise_time" not in text
     assert "Annotated" not in str(inspect.signature(Leaking))
+
+
+@pytest.mark.parametrize(("units", "wrong"), [
+    ({"link_length": "m", "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa", "memory": "1, s, rad, 1/rad^n",
+      "tendons": "m, N/m, N", "space": "rad, 1, m", "extensions": "N, N s, m", "stations": "m"}, ""),
+    ({"link_length": "mm"}, "link_length"), ({"valve": "ms"}, "valve"), ({"stiffness": "N"}, "stiffness"),
+    ({"tip": "m"}, "tip"), ({"valve.rise_time": "Hz"}, "valve.rise_time"),
+])  # fmt: skip
+def test_a_model_file_may_list_the_units_of_whole_tables_but_no_others(units, wrong):
+    model = pliant.chain_model(length=0.1, mass=0.05, links=2, stiffness=1.0, damping=0.02, torque=[1e-6])
+    content = model_to_dict(model)
+    assert content["units"]["valve.rise_time"] == "s"
+    assert not any(name.startswith(("space", "tendons", "extensions")) for name in content["units"])
+    text = json.dumps(content | {"units": units})
+    if wrong:
+        with pytest.raises(pliant.InputError, match=f"these differ: .*{wrong}"):
+            read_model(text, "file")
+    else:
+        assert read_model(text, "file") == model

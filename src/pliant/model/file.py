@@ -160,14 +160,16 @@ def units_in(content: dict[str, Any]) -> dict[str, str]:
     """Return the units of all parameters in the entries of a model file, by name, with the table's name and a dot in
     front for those in tables.
     """
-    entries: list[Any] = [content]
     names: set[str] = set()
-    while entries:
-        entry = entries.pop()
-        names |= {"tendons" if name == "driven_by" else name for name in entry}
-        rows = (row for value in entry.values() for row in (value if isinstance(value, list) else [value]))
-        entries += [row for row in rows if isinstance(row, dict)]
-    return {name: unit for name, unit in UNITS.items() if set(name.split(".")) <= names}
+    tables: list[tuple[str, Any]] = [("", content)]
+    while tables:
+        table, entries = tables.pop()
+        names |= {*entries} if table in ("", "chambers") else {f"{table}.{name}" for name in entries}
+        if "driven_by" in entries:
+            names |= {f"tendons.{name}" for name in entries}
+        for name, value in entries.items():
+            tables += [(name, row) for row in (value if isinstance(value, list) else [value]) if isinstance(row, dict)]
+    return {name: unit for name, unit in UNITS.items() if name in names}
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
