@@ -193,6 +193,12 @@ def path_of(name: str) -> ParameterPath:
     )
 
 
+def stem_of(name: str) -> str:
+    """Return a parameter's name without owner and number, such as "torque"; "" for an unknown name."""
+    path = find_path(name)
+    return path.stem if path else ""
+
+
 @cache
 def families() -> dict[str, Quantity]:
     """Return the parameters that a fit may change by readable names, in which ``<i>`` stands for the number of a joint,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.identification.names import path_of
+from pliant.identification.names import stem_of
 from pliant.identification.problem import Problem
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
@@ -117,7 +117,7 @@ def shifts(problem: Problem) -> Array:
     K (1 + share) alone; with Payne's curve, small oscillations do. The valley of K and share is curved, and becomes
     straight in log K and log (1 + share).
     """
-    kinds = [path_of(p.name).stem for p in problem.free]
+    kinds = [stem_of(p.name) for p in problem.free]
     shift = np.full(len(kinds), np.nan)
     if problem.model.space is None and not shares(problem):
         return shift
@@ -133,7 +133,7 @@ def shares(problem: Problem) -> bool:
     """Return whether any free parameter states the stiffness of creep or of Payne's curve as a fraction of the joints'
     stiffness.
     """
-    return any(path_of(p.name).stem in SHARES for p in problem.free)
+    return any(stem_of(p.name) in SHARES for p in problem.free)
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST
-from pliant.identification.names import path_of
+from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, values_of
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
@@ -186,7 +186,7 @@ def cautions(
 ) -> list[str]:
     """Return warnings about an unphysical fit: zero damping, implausible density, or a lag longer than a pulse."""
     values = values_of(parameters)
-    free = {p.name: path_of(p.name).stem for p in parameters if p.free}
+    free = {p.name: stem_of(p.name) for p in parameters if p.free}
     none = sorted(n for n, stem in free.items() if stem == "damping" and values[n] <= 1e-9 * model.stiffness.mean())
     found = [f"{n} is zero, which no real body has: another parameter accounts for the decay, or the time step is too "
              "long." for n in none]  # fmt: skip

@@ -20,7 +20,7 @@ from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
 from pliant.identification.memory_parameters import usual_start
 from pliant.identification.model_selection import Follows, error, follows, missed, shared_bic, undetermined
-from pliant.identification.names import path_of
+from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, kind_of, values_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import root_mean_square
@@ -200,7 +200,7 @@ class StageFitter:
 
     def bounded(self, p: Parameter) -> Parameter:
         """Return the parameter; a joint stiffness gets an upper bound, above which the time step would be too long."""
-        if path_of(p.name).stem != "stiffness":
+        if stem_of(p.name) != "stiffness":
             return p
         most = min(p.upper, simulable(self.model, self.time_step))
         return p.with_(upper=most, value=p.value if p.value is None else min(p.value, 0.9 * most))

@@ -18,7 +18,7 @@ from pliant.identification.chamber_parameters import GAINS
 from pliant.identification.edges import displacement
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare, ring_start
-from pliant.identification.names import path_of
+from pliant.identification.names import stem_of
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name, values_of
 from pliant.identification.problem import Problem
@@ -90,12 +90,7 @@ def independent_start(
 
 def is_sought(name: str) -> bool:
     """Return whether the search over stiffnesses determines the start value of the parameter `name`."""
-    return shared_name(name) in ("stiffness", "damping") or last_stem(name) in ("torque", *GAINS)
-
-
-def last_stem(name: str) -> str:
-    """Return the name of a parameter without its recording or chamber, and without its number."""
-    return path_of(name).stem
+    return shared_name(name) in ("stiffness", "damping") or stem_of(name) in ("torque", *GAINS)
 
 
 class TrialStart(NamedTuple):
@@ -185,5 +180,5 @@ def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
     """
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
-    laws = {name for name in names if last_stem(name) == "torque"}
-    return laws or {name for name in names if last_stem(name) in GAINS}
+    laws = {name for name in names if stem_of(name) == "torque"}
+    return laws or {name for name in names if stem_of(name) in GAINS}
