@@ -1,0 +1,1 @@
+"""Selection of the terms of a model from training recordings alone."""
