@@ -41,16 +41,19 @@ def left_out(fit: Fitted, groups: Float[Array, " N"]) -> Float[Array, " N"]:
 
     The optimum without a group follows from one linear step: d = (H - J_k^T J_k)^-1 J_k^T r_k for the residuals r_k and
     derivatives J_k of the group, with H of all recordings and priors (the infinitesimal jackknife: Giordano et al.,
-    AISTATS 2019; exact for a linear model).
+    AISTATS 2019; exact for a linear model). The step is held by a weak prior, whose standard deviation is the typical
+    size of each parameter: along combinations that the rest does not determine, a linear step would go astray.
     """
-    H = fit.information
+    r = fit.residual
+    noise = float(r @ r) / effective_numbers(fit.problem, r)
+    H = fit.information + noise * np.eye(fit.x.size)  # parameters are in units of their typical size
     size = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    predicted = fit.residual.copy()
+    predicted = r.copy()
     for group in np.unique(groups):
         mine = groups == group
         J = fit.jacobian[mine] / size
         rest = H / np.outer(size, size) - J.T @ J
-        moves = np.linalg.lstsq(rest, J.T @ fit.residual[mine], rcond=STIFFEST)[0]
+        moves = np.linalg.lstsq(rest, J.T @ r[mine], rcond=STIFFEST)[0]
         predicted[mine] += J @ moves
     return predicted
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.display import Card, Shown
+from pliant.errors import InputError
 from pliant.identification.result import FitResult
 
 
@@ -28,10 +29,10 @@ class Trial(NamedTuple):
 
     name: str
     title: str
-    screened: float | None
-    cost: float | None
-    left_out: float | None
-    reason: str
+    screened: float | None = None
+    cost: float | None = None
+    left_out: float | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ class Step:
     train: Mapping[str, float]
     left_out: Mapping[str, float]
     tried: tuple[Trial, ...] = ()
+
+    @property
+    def joins(self) -> bool:
+        """Return whether a term joined the model in this step."""
+        return bool(self.name) and not self.name.startswith("-")
 
     @property
     def train_percent(self) -> float:
@@ -98,11 +104,26 @@ class ModelSelection(Shown):
 
     def card(self) -> Card:
         """Return a display card: table of the errors after each step, and of the terms that were refused last."""
-        rows = [[s.title if not k else f"{'+' if not s.name.startswith('-') else ''} {s.title}", str(len(s.free)),
-                 f"{s.train_percent:.3g}", f"{s.left_out_percent:.3g}"] for k, s in enumerate(self.steps)]
+        rows = [[f"+ {s.title}" if s.joins else s.title, str(len(s.free)), f"{s.train_percent:.3g}",
+                 f"{s.left_out_percent:.3g}"] for s in self.steps]
         lines = [self.reason[0].upper() + self.reason[1:] + "."]
         lines += [f"Not taken: {t.title}: {t.reason}." for t in self.steps[-1].tried if t.cost is not None]
         return Card("Model selection", lines, ["term", "free", "training %", "left out %"], rows)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], result: FitResult) -> ModelSelection:
+        """Return the selection that `to_dict` turned into `content`, with the fit of the chosen model.
+
+        Raises
+        ------
+        InputError
+            When an earlier version of pliant wrote it.
+        """
+        if "steps" not in content:
+            raise InputError("these results hold a model selection of an earlier version: run the study again")
+        steps = [Step(s["name"], s["title"], tuple(s["free"]), s["cost"], s["train_percent"], s["left_out_percent"],
+                      tuple(Trial(**t) for t in s["tried"])) for s in content["steps"]]
+        return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the selection as a dictionary of plain numbers and strings for JSON."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.errors import PliantError
+from pliant.errors import PliantError, SimulationError
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
 from pliant.selection.fitted import Fitted, Setting
@@ -15,6 +15,7 @@ from pliant.selection.terms import Term
 
 Array = np.ndarray
 LEAST_STEP = 1e-6  # of the largest singular value: directions below do not move in a proposal
+LEAST_PART = 0.1  # of its effect that a law without derivative must have to be tried
 FARTHEST = 3.0  # factor by which a proposal changes a positive parameter at most
 
 
@@ -41,7 +42,9 @@ class Refusal(NamedTuple):
     reason: str
 
 
-def screened(parent: Fitted, model: Model, terms: Iterable[Term], setting: Setting) -> tuple[list[Proposal], list[Refusal]]:
+def screened(
+    parent: Fitted, model: Model, terms: Iterable[Term], setting: Setting,
+) -> tuple[list[Proposal], list[Refusal]]:
     """Return what each term would lower the cost of `parent` by, the best row of its grid first, and the terms that
     cannot be screened. `model` is that of the parent without the values of any term.
 
@@ -49,7 +52,8 @@ def screened(parent: Fitted, model: Model, terms: Iterable[Term], setting: Setti
     residual that the term's derivatives explain beyond those of the parent.
     """
     proposals, refusals = [], []
-    for panel in panels(terms):
+    every = list(terms)
+    for panel in panels(t for t in every if t.null):
         try:
             proposals += screened_together(parent, model, panel, setting)
         except PliantError:  # find out which one
@@ -58,6 +62,11 @@ def screened(parent: Fitted, model: Model, terms: Iterable[Term], setting: Setti
                     proposals += screened_together(parent, model, [pair], setting)
                 except PliantError as error:
                     refusals.append(Refusal(pair[0], str(error)))
+    for term, row in ((t, row) for t in every if not t.null for row in t.grid):
+        try:
+            proposals.append(tried_out(parent, model, term, row, setting))
+        except PliantError as error:
+            refusals.append(Refusal(term, str(error)))
     return sorted(proposals, key=lambda p: p.cost), refusals
 
 
@@ -105,6 +114,24 @@ def screened_together(
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
         found.append(Proposal(term, row, cost, at_null, reached, part > LEAST_STEP))
     return found
+
+
+def tried_out(
+    parent: Fitted, model: Model, term: Term, row: Mapping[str, float], setting: Setting,
+) -> Proposal:
+    """Return the proposal of a term that has no derivative where it has no effect, from one simulation: its effect at
+    one row of its grid counts as the column of a parameter between 0 and 1.
+    """
+    mine = [p.with_(free=False) for p in term.begun(row, {})]
+    names = {p.name for p in mine}
+    kept = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in parent.parameters
+            if p.name not in names]
+    problem = setting.problem(term.model(model), [*kept, *mine])
+    moved = problem.data_residual(problem.start)
+    if problem.broken:
+        raise SimulationError(problem.broken)
+    cost, (part,) = explained(parent, term.replaces, (moved - parent.residual)[:, None])
+    return Proposal(term, row, cost, dict(row), dict(row), bool(part > LEAST_PART))
 
 
 def explained(parent: Fitted, replaced: Sequence[str], columns: Array) -> tuple[float, Array]:

@@ -1,18 +1,18 @@
-"""`select_model`: which terms the training recordings ask for, found by screens and a few refits, within a time budget."""
+"""`select_model`: the terms that the training recordings ask for, found by screens and a few refits."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.errors import FitError, InputError, PliantError
+from pliant.errors import InputError, PliantError
 from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit import LOSSES, WEIGHTINGS, finished, fit
+from pliant.identification.fit import check_choices, finished, fit
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.identification.result import FitResult
@@ -27,12 +27,16 @@ from pliant.selection.terms import Term, terms_for
 Array = np.ndarray
 Notify = Callable[[str], None]
 Entry = Parameter | str
+MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
 MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 DETERMINED = 0.5  # standard error over value above which a parameter is not determined: its 95 % interval holds zero
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
+LAST_EVALUATIONS = 60
+OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
+NO_BETTER = "no further term improves the prediction of left-out parts by 3 % of its square"
 
 
 class SearchOptions(TypedDict, total=False):
@@ -60,9 +64,9 @@ def select_model(
     The search begins with stiffness, damping and a torque proportional to each input. In each step, a screen predicts
     from one Jacobian what every further term would lower the cost by; the three best are fitted from the parent's
     optimum. The term that predicts parts of the recordings best from the other parts (see
-    `pliant.selection.criterion`) joins the model if it improves this prediction by 3 % and the recordings determine
-    its parameters (standard error at most half the value). At the end, terms that are no longer determined, or without
-    which the prediction is as good, are dropped again.
+    `pliant.selection.criterion`) joins the model if it improves its sum of squares by 3 %. At the end, terms without
+    which the prediction is as good, and terms that the recordings do not determine (standard error above half the
+    value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
 
     Parameters
     ----------
@@ -101,18 +105,34 @@ def select_model(
     first = fit(train, model, beginning(model, train, common), starts=2, time_step=how["time_step"],
                 weighting=how["weighting"], loss=how["loss"], rng=how["rng"], max_evaluations=100)
     setting = Setting(tuple(train), first.time_step, how["weighting"], how["loss"])
-    parent = fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0)
+    parent = anchored(fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0),
+                      setting)
     given = model.with_(stations=parent.model.stations)
-    hunt = Hunt(setting, given, parent, terms_for(model, train) if how["terms"] is None else how["terms"],
-                began + 60 * how["minutes"], progress or (lambda _line: None), began)
-    return hunt.run()
+    terms = terms_for(model, train) if how["terms"] is None else how["terms"]
+    return Search(setting, given, parent, terms, began, began + 60 * how["minutes"], progress or ignore).run()
+
+
+def anchored(parent: Fitted, setting: Setting) -> Fitted:
+    """Return a fit of the first model in which the stiffness is held, if the recordings do not determine it.
+
+    Stiffness, damping and torque then have a common scale that no recording of this body shows, and the other
+    parameters are determined relative to the stiffness.
+    """
+    error, value = parent.standard_errors().get("stiffness", 0.0), parent.values.get("stiffness", 0.0)
+    if error is not None and error <= DETERMINED * value:
+        return parent
+    why = f"held: the recordings show only {value:.3g}" + ("" if error is None else f" +- {error:.2g}")
+    held = [replace(p, free=False, source=why) if p.name == "stiffness" else p for p in parent.parameters]
+    return fitted(setting, parent.model, held)
+
+
+def ignore(_line: str) -> None:
+    """Ignore a line of progress."""
 
 
 def check_options(how: SearchOptions) -> None:
     """Raise InputError for an unknown weighting or loss, or a time limit that is not positive."""
-    for what, value, known in (("loss", how["loss"], LOSSES), ("weighting", how["weighting"], WEIGHTINGS)):
-        if value not in known:
-            raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
+    check_choices(how["loss"], how["weighting"])
     if not how["minutes"] > 0:
         raise InputError(f"minutes must be positive, got {how['minutes']}: give the time that the search may take")
 
@@ -144,30 +164,42 @@ def torque_names(model: Model) -> list[str]:
 
 
 @dataclass
-class Hunt:
-    """A search under way: the best model so far, the terms that it has, and what was tried."""
+class Search:
+    """A search under way: the best model so far, the terms that it has, and what was tried.
+
+    Attributes
+    ----------
+    given : Model
+        Model without the values of any term, with the stations of the first fit.
+    began, deadline : float
+        Times on the monotonic clock, s.
+    """
 
     setting: Setting
-    given: Model  # without the values of any term, with the stations of the first fit
+    given: Model
     best: Fitted
     terms: Sequence[Term]
-    deadline: float  # s, on the monotonic clock
-    notify: Notify
     began: float
+    deadline: float
+    notify: Notify
+    chosen: list[Term] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.groups = groups_of(self.best)
+        self.score = self.scored(self.best)
+        self.record("", "stiffness, damping and torque")
 
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
-        self.chosen: list[Term] = []
-        self.groups = groups_of(self.best)
-        self.score = self.scored(self.best)
-        self.steps = [self.step("", "stiffness, damping and torque", ())]
         stop = ""
         while not stop:
-            stop = self.forward()
-        self.backward()
-        result = self.final()
-        return ModelSelection(tuple(self.steps), tuple(t.name for t in self.chosen), self.reason(stop), result,
-                              clock.monotonic() - self.began)
+            stop = self.add_term()
+        while self.drop_term() or self.hold_parameter():
+            pass
+        result = self.final_fit()
+        names = tuple(term.name for term in self.chosen)
+        return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began)
 
     def model(self, *more: Term) -> Model:
         """Return the given model with the segments that the chosen terms and `more` need."""
@@ -181,12 +213,18 @@ class Hunt:
         predicted = left_out(fit, self.groups)
         return float(predicted @ predicted)
 
-    def step(self, name: str, title: str, trials: Sequence[Trial]) -> Step:
-        """Return the record of the model as it is now, after the term `name` joined it or left it."""
+    def record(self, name: str, title: str) -> None:
+        """Record the model as it is now, after the term `name` joined it or left it."""
         predicted = left_out(self.best, self.groups)
-        return Step(name, title, self.best.free, self.best.cost, self.best.percent(self.best.residual),
-                    self.best.percent(predicted), tuple(trials))
+        errors = self.best.percent(self.best.residual), self.best.percent(predicted)
+        self.steps.append(Step(name, title, self.best.free, self.best.cost, *errors))
+        left = max(self.deadline - clock.monotonic(), 0.0)
+        self.notify(
+            f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
+            f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)"
+        )
 
+    @property
     def late(self) -> bool:
         """Return whether the time that is left is needed for the last fit."""
         return clock.monotonic() > self.deadline - RESERVE * (self.deadline - self.began)
@@ -201,53 +239,53 @@ class Hunt:
             and set(t.replaces) <= free and not any(p.name in parameters for p in t.adds if p.free)
         ]  # fmt: skip
 
-    def forward(self) -> str:
-        """Add the best term to the model. Return why the search ends, or '' if a term was added."""
-        if self.late():
-            return "the time limit was reached"
+    def ranked(self) -> tuple[list[Proposal], list[Trial]]:
+        """Return the best proposal of each open term, the most promising first, and the terms that cannot be
+        screened or whose screen ends at a bound.
+
+        The rank is the information criterion of the cost that the screen predicts.
+        """
         proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting)
-        trials = [Trial(r.term.name, r.term.title, None, None, None, f"cannot be screened: {r.reason}")
-                  for r in refused]
+        trials = [Trial(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}") for r in refused]
         numbers = effective_numbers(self.best.problem, self.best.residual)
-        ranked = sorted(proposals, key=lambda p: numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * added(p.term))
-        names: list[str] = []
-        taken: tuple[float, Fitted, Term] | None = None
-        for proposal in ranked:
-            term = proposal.term
-            if term.name in names:
-                continue
-            names.append(term.name)
-            if len(names) > REFITS or not proposal.sense:
-                why = "" if proposal.sense else "the recordings ask for a value beyond its bounds"
-                trials.append(Trial(term.name, term.title, proposal.cost, None, None, why or "others promise more"))
-                continue
-            if self.late():
-                return "the time limit was reached"
+        best: dict[str, Proposal] = {}
+        for p in proposals:  # the lowest cost of each term comes first
+            if p.sense:
+                best.setdefault(p.term.name, p)
+        beyond = {p.term.name: p.term for p in proposals if p.term.name not in best}
+        trials += [Trial(t.name, t.title, reason="its value would lie beyond its bounds") for t in beyond.values()]
+        rank = {name: numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * extra_parameters(p.term)
+                for name, p in best.items()}
+        return sorted(best.values(), key=lambda p: rank[p.term.name]), trials
+
+    def add_term(self) -> str:
+        """Add the best term to the model. Return why the search ends, or '' if a term was added."""
+        if self.late:
+            return OUT_OF_TIME
+        proposals, trials = self.ranked()
+        children: list[tuple[float, Fitted, Term]] = []
+        for proposal in proposals[:REFITS]:
+            if self.late:
+                return OUT_OF_TIME
             child, trial = self.child(proposal)
             trials.append(trial)
-            if child is not None and (taken is None or trial.left_out < taken[0]):
-                taken = (trial.left_out, child, term)
-        if taken is None or taken[0] > (1 - MATERIAL) * self.score:
-            self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
-            return "no further term improves the prediction of left-out parts of the training recordings by 3 %"
+            if child is not None:
+                children.append((self.scored(child), child, proposal.term))
+        trials += [Trial(p.term.name, p.term.title, p.cost, reason="other terms promise more")
+                   for p in proposals[REFITS:]]
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
-        self.score, self.best, term = taken
+        if not children:
+            return NO_BETTER
+        self.score, self.best, term = min(children, key=lambda c: c[0])
         self.chosen.append(term)
-        self.steps.append(self.step(term.name, term.title, ()))
-        self.tell(f"added {term.title}")
+        self.record(term.name, term.title)
         return ""
-
-    def tell(self, what: str) -> None:
-        """Report the state of the search in one line of text."""
-        left = max(self.deadline - clock.monotonic(), 0.0)
-        self.notify(f"{what}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
-                    f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)")
 
     def child(self, proposal: Proposal) -> tuple[Fitted | None, Trial]:
         """Fit the model with one more term. Return the fit, or None if the term is refused, and what was tried."""
-        term = proposal.term
-        trial = Trial(term.name, term.title, proposal.cost, None, None, "")
-        others = [p for p in self.best.parameters if p.name not in {*term.replaces, *(q.name for q in term.adds)}]
+        term, trial = proposal.term, Trial(proposal.term.name, proposal.term.title, proposal.cost)
+        gone = {*term.replaces, *(p.name for p in term.adds)}
+        others = [p for p in self.best.parameters if p.name not in gone]
         best: Fitted | None = None
         for start in proposal.starts():
             try:
@@ -265,96 +303,112 @@ class Hunt:
         trial = trial._replace(cost=best.cost, left_out=score, reason="")
         if best.cost > (1 + SAME) * self.best.cost:
             return None, trial._replace(reason="its fit has not converged: the cost is above that without the term")
-        if loose := self.loose(best, term):
-            return None, trial._replace(reason=f"not determined: {loose}")
+        by = f"{100 * (np.sqrt(score / self.score) - 1):+.2g} %"
         if score > (1 - MATERIAL) * self.score:
-            return None, trial._replace(reason=f"left-out parts are predicted no better ({change(score, self.score)})")
-        return best, trial._replace(reason=f"left-out parts are predicted better ({change(score, self.score)})")
+            return None, trial._replace(reason=f"left-out parts are predicted no better (error {by})")
+        return best, trial._replace(reason=f"left-out parts are predicted better (error {by})")
 
-    def loose(self, fit: Fitted, term: Term) -> str:
-        """Return which parameters of a term the recordings do not determine, as text; '' if they determine all."""
-        errors, values = fit.standard_errors(), fit.values
-        names = [p.name for p in term.adds if p.free and not p.shrink and not p.prior_std]
-        said = []
-        for name in names:
-            error = errors[name]
-            null = term.null.get(name, 0.0)
-            away = values[name] - (null if abs(null) > 1e-5 else 0.0)
-            if error is None:
-                said.append(f"{name} is not shown")
-            elif error > DETERMINED * abs(away):
-                said.append(f"{name} {values[name]:.3g} +- {error:.2g}")
-        return ", ".join(said)
+    def drop_term(self) -> bool:
+        """Drop the term without which left-out parts are predicted best, if the model does not need it. Return whether
+        a term was dropped.
+        """
+        needed = {t.needs for t in self.chosen} | {t.name for t in self.chosen[-1:]}
+        smaller = [s for t in self.chosen if t.name not in needed and not t.extension and not t.replaces
+                   and not self.late and (s := self.without(t)) is not None]  # fmt: skip
+        if not smaller:
+            return False
+        self.score, self.best, term = min(smaller, key=lambda s: s[0])
+        self.chosen.remove(term)
+        self.record(f"-{term.name}", f"without {term.title}")
+        return True
 
-    def backward(self) -> None:
-        """Drop the terms that are not determined, or without which left-out parts are predicted as well."""
-        while len(self.chosen) > 1 and not self.late():
-            worst = self.dispensable()
-            if worst is None:
-                return
-            self.score, self.best, term = worst
-            self.chosen.remove(term)
-            self.steps.append(self.step(f"-{term.name}", f"without {term.title}", ()))
-            self.tell(f"dropped {term.title}")
+    def without(self, term: Term) -> tuple[float, Fitted, Term] | None:
+        """Return criterion and fit of the model without a term; None if the model needs the term.
 
-    def dispensable(self) -> tuple[float, Fitted, Term] | None:
-        """Return the term that the model needs least, with the model without it; None if it needs all."""
-        needed = {t.needs for t in self.chosen} | {self.chosen[-1].name}
-        options = []
-        for term in self.chosen:
-            if term.name in needed or term.extension or term.replaces:
-                continue
-            loose = self.loose(self.best, term)
-            if not loose and self.costs_without(term) > (1 + 2 * MATERIAL) * 2 * self.best.cost:
-                continue
-            gone = {p.name for p in term.adds}
-            try:
-                end = fitted(self.setting, self.model(), [p for p in self.best.parameters if p.name not in gone],
-                             prior_weight=self.best.prior_weight)
-            except PliantError:
-                continue
-            score = self.scored(end)
-            if score < (1 + MATERIAL) * self.score:
-                options.append((score, end, term))
-        return min(options, key=lambda o: o[0]) if options else None
+        A term is needed if left-out parts are predicted worse without it: by 3 % in the sum of squares or, if the
+        recordings do not determine the term, by 10 %. A term whose loss, by linearisation, raises the cost beyond doubt
+        is not fitted.
+        """
+        vague = undetermined(self.best, term)
+        if not vague and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost:
+            return None
+        gone = {p.name for p in term.adds}
+        try:
+            end = fitted(self.setting, self.model(), [p for p in self.best.parameters if p.name not in gone],
+                         prior_weight=self.best.prior_weight)
+        except PliantError:
+            return None
+        score = self.scored(end)
+        return (score, end, term) if score < (1 + (MUCH if vague else MATERIAL)) * self.score else None
 
-    def costs_without(self, term: Term) -> float:
-        """Return the sum of squares that the linearised model leaves with a term at its null values."""
-        fit = self.best
-        mine = [k for k, name in enumerate(fit.free) if name in term.null]
-        keep = [k for k in range(len(fit.free)) if fit.free[k] not in {p.name for p in term.adds}]
-        away = np.array([term.null[fit.free[k]] for k in mine]) / fit.problem.scale[mine] - fit.x[mine]
-        moved = fit.residual + fit.jacobian[:, mine] @ away
-        basis = np.linalg.qr(fit.jacobian[:, keep])[0]
-        left = moved - basis @ (basis.T @ moved)
-        return float(left @ left)
+    def hold_parameter(self) -> bool:
+        """Hold an undetermined time, angle or limit of a term constant at its value; return whether there was one.
 
-    def final(self) -> FitResult:
+        The value is stated with its source, and the other parameters of the term are determined relative to it.
+        """
+        vague = {name: text for t in self.chosen for name, text in undetermined(self.best, t).items()
+                 if name not in t.null}  # fmt: skip
+        if not vague or self.late:
+            return False
+        name = next(iter(vague))
+        held = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
+                for p in self.best.parameters]
+        try:
+            self.best = fitted(self.setting, self.model(), held, prior_weight=self.best.prior_weight)
+        except PliantError:
+            return False
+        self.score = self.scored(self.best)
+        self.record(f"={name}", f"{name} held at {self.best.values[name]:.3g}")
+        return True
+
+    def final_fit(self) -> FitResult:
         """Return the chosen model, fitted until it converges."""
-        problem = self.best.problem
-        began = clock.perf_counter()
-        best = solve(problem, self.best.x, self.setting.loss, 60)
+        problem, began = self.best.problem, clock.perf_counter()
+        best = solve(problem, self.best.x, self.setting.loss, LAST_EVALUATIONS)
         for _ in range(2 if problem.learns else 0):
             problem.learn_sizes(best.x)
-            best = solve(problem, best.x, self.setting.loss, 60)
+            best = solve(problem, best.x, self.setting.loss, LAST_EVALUATIONS)
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began)
 
     def reason(self, stop: str) -> str:
         """Return a sentence on the model that was chosen and why the search ended."""
         names = ", ".join(t.title for t in self.chosen) or "no further term"
         first, last = self.steps[0].left_out_percent, self.steps[-1].left_out_percent
+        vague = {n: v for t in self.chosen for n, v in undetermined(self.best, t).items()}
+        stop += "".join(f"; not determined, but needed: {n} ({v})" for n, v in vague.items())
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")
 
 
-def added(term: Term) -> int:
+def extra_parameters(term: Term) -> int:
     """Return by how many a term raises the number of free parameters."""
     return sum(p.free for p in term.adds) - len(term.replaces)
 
 
-def change(score: float, before: float) -> str:
-    """Return the change of the root of a sum of squares as text, such as "-12 %"."""
-    return f"{100 * (np.sqrt(score / before) - 1):+.2g} %"
+def undetermined(fit: Fitted, term: Term) -> dict[str, str]:
+    """Return the parameters of a term that the recordings do not determine, each with its value and error as text.
+
+    The standard error is compared with the distance from the value without effect. Parameters of single joints, which
+    shrink to their mean, and those with a prior rest on that.
+    """
+    errors, values, vague = fit.standard_errors(), fit.values, {}
+    for name in (p.name for p in term.adds if p.name in errors and not p.shrink and not p.prior_std):
+        error, value = errors[name], values[name]
+        without_effect = term.null.get(name, 0.0)
+        if error is None:
+            vague[name] = "no effect of it"
+        elif error > DETERMINED * abs(value - without_effect):
+            vague[name] = f"{value:.3g} +- {error:.2g}"
+    return vague
 
 
-__all__ = ["FitError", "ModelSelection", "select_model"]
+def cost_without(fit: Fitted, term: Term) -> float:
+    """Return the cost that the linearised model leaves with the parameters of a term at their null values."""
+    names = {p.name for p in term.adds}
+    mine = [k for k, name in enumerate(fit.free) if name in term.null]
+    keep = [k for k, name in enumerate(fit.free) if name not in names]
+    away = np.array([term.null[fit.free[k]] for k in mine]) / fit.problem.scale[mine] - fit.x[mine]
+    moved = fit.residual + fit.jacobian[:, mine] @ away
+    basis = np.linalg.qr(fit.jacobian[:, keep])[0]
+    left = moved - basis @ (basis.T @ moved)
+    return 0.5 * float(left @ left)

@@ -7,14 +7,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.errors import InputError
 from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter
+from pliant.identification.torque_start import grown, highest_level
 from pliant.model import Chamber, Extension, Model, Tendon
 
 NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
-TIMES = (0.1, 0.7, 5.0)  # s, of creep
-LENGTHENING = "body"  # name of the segment that lengthens
+GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
+TERMS = {  # the names of all terms, and what they add
+    "joints": "stiffness of each joint",
+    "softening": "springs that soften or stiffen, within a bound",
+    "cubic": "springs that stiffen with the square of the bend",
+    "directions": "another stiffness about y, in space",
+    "creep": "creep",
+    "creep_2": "a second creep branch",
+    "slip": "internal friction",
+    "torque_2": "curvature of the torque law",
+    "torque_3": "odd cubic torque law",
+    "swell": "a late part of the torque",
+    "wall": "a hyperelastic wall",
+    "bounded_wall": "a bound of the wall's stretch",
+    "lag": "lag of the input",
+    "vent": "a limited rate of the falling pressure",
+    "settle": "late settling of the input",
+    "clock": "offset of the input's clock",
+    "base": "error of the base tangent",
+    "lengthening": "a body that lengthens",
+}
 
 
 class Term(NamedTuple):
@@ -23,17 +44,19 @@ class Term(NamedTuple):
     Attributes
     ----------
     name, title : str
+        The name is one of `TERMS`, for a term of one chamber with the chamber's name and a dot before it.
     adds : tuple of Parameter
         The parameters of the term. Their values are the start of a fit.
     null : mapping
-        Values (SI) at which the term has no effect, by parameter; the derivatives are taken there. Parameters without an
-        entry keep the value of `grid` or of `adds`. Of a term that replaces a parameter: factors on its value.
+        Values (SI) at which the term has no effect, by parameter; the derivatives are taken there. Parameters without
+        an entry keep the value of `grid` or of `adds`. Of a term that replaces a parameter: factors on its value.
+        Empty for a law that has no derivative where it has no effect, such as a limited rate: it is tried as it is.
     grid : tuple of mappings
         Values of the parameters that have no effect of their own there, such as times: each is tried.
     replaces : tuple of str
         Parameters that the term's parameters replace.
     group : str
-        Alternatives have the same group: a model has one of them at most. Default: the name.
+        Alternatives have the same group: a model has one of them at most.
     needs : str
         Name of a term without which this one has no meaning.
     extension : Extension or None
@@ -66,13 +89,15 @@ class Term(NamedTuple):
         """Return the term's parameters as the start of a fit: at the `values` (SI) that a screen proposes, else at one
         row of the grid, else at their own.
         """
-        return [p.with_(value=float(np.clip(values.get(p.name, row.get(p.name, p.value)), p.lower, p.upper)))
+        now = {**{p.name: p.value for p in self.adds}, **row, **values}
+        return [p if (v := now[p.name]) is None else p.with_(value=float(np.clip(v, p.lower, p.upper)))
                 for p in self.adds]
 
 
-def free(name: str, value: float, **options: Any) -> Parameter:
-    """Return a free parameter with a start value (SI)."""
-    return Parameter(name, value, **options)
+def term(name: str, owner: str, adds: Sequence[Parameter], null: Mapping[str, float], **options: Any) -> Term:
+    """Return a term of the model, or of the chamber `owner`, with the title of `TERMS`."""
+    title = TERMS[name] + (f" of {owner.rstrip('.')}" if owner else "")
+    return Term(owner + name, title, tuple(adds), null, **options)
 
 
 def held(name: str, value: float) -> Parameter:
@@ -80,107 +105,126 @@ def held(name: str, value: float) -> Parameter:
     return Parameter(name, value, free=False)
 
 
-def terms_for(model: Model, experiments: Sequence[Experiment]) -> tuple[Term, ...]:
+def check_terms(names: Sequence[str]) -> None:
+    """Raise InputError for a name that is no term. Names of chambers before a dot are not checked."""
+    if unknown := [n for n in names if n.rpartition(".")[2] not in TERMS]:
+        raise InputError(f"unknown term {unknown[0]!r}: choose from {', '.join(TERMS)}")
+
+
+def terms_for(
+    model: Model, experiments: Sequence[Experiment], *, only: Sequence[str] = (), without: Sequence[str] = (),
+) -> tuple[Term, ...]:
     """Return the terms that may be added to a model for these recordings, in plane or space, for chambers and tendons.
 
     Parameters
     ----------
     model : Model
-        The model of the parent: its chambers, tendons, segments and space decide which terms exist.
+        The model with which a search begins: its chambers, tendons, segments and space decide which terms exist.
     experiments : sequence of Experiment
         Training recordings.
+    only, without : sequences of str
+        Names of `TERMS`: the only terms to return (default: all), and terms to leave out. The name of a chamber's term,
+        such as "torque_2", means all chambers, "left.torque_2" one of them.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
     """
-    return (*springs(model), *relaxation(), *friction(model), *inputs(model, experiments), *places(model, experiments),
-            *lengthening(model))  # fmt: skip
+    check_terms([*only, *without])
+
+    def named(one: Term, names: Sequence[str]) -> bool:
+        return one.name in names or one.name.rpartition(".")[2] in names
+
+    every = (*springs(model), *relaxation(), *inputs(model, experiments), *places(model, experiments),
+             *lengthening(model, experiments))  # fmt: skip
+    return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
 
 
 def springs(model: Model) -> Iterator[Term]:
     """Yield the terms of the joints' springs. Laws that lose all stiffness at a large bend are not among them."""
-    yield Term("softening", "springs that soften or stiffen, within a bound",
-               (free("stiffening", 0.0), held("stiffening_bound", 0.75)), {"stiffening": 0.0})
-    yield Term("cubic", "springs that stiffen with the square of the bend",
-               (free("cubic_stiffening", 0.05, lower=0.0),), {"cubic_stiffening": 0.0})
+    bound = held("stiffening_bound", 0.75)
+    yield term("softening", "", [Parameter("stiffening", 0.0), bound], {"stiffening": 0.0})
+    yield term("cubic", "", [Parameter("cubic_stiffening", 0.05, lower=0.0)], {"cubic_stiffening": 0.0})
     if model.n > 1:
-        each = [f"stiffness_{i + 1}" for i in range(model.n)]
+        names = [f"stiffness_{i + 1}" for i in range(model.n)]
         ratio = model.stiffness / model.stiffness.mean()
-        yield Term("joints", "stiffness of each joint", tuple(Parameter(n, shrink=0.3) for n in each),
-                   {n: float(r) for n, r in zip(each, ratio, strict=True)}, replaces=("stiffness",), group="joints")
+        yield term("joints", "", [Parameter(n, shrink=0.3) for n in names],
+                   {n: float(r) for n, r in zip(names, ratio, strict=True)}, replaces=("stiffness",))
     if model.space is not None:
-        yield Term("directions", "another stiffness about y", (free("stiffness_ratio", 1.0),),
+        yield term("directions", "", [Parameter("stiffness_ratio", 1.0)],
                    {"stiffness_ratio": model.space.stiffness_ratio})
 
 
 def relaxation() -> Iterator[Term]:
-    """Yield creep of the joints, one branch and a second one."""
-    yield branch("creep", "creep", "creep_share_1", "creep_time_1", TIMES)
-    yield branch("creep_2", "second creep branch", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0))._replace(
-        needs="creep")
+    """Yield creep of the joints, with one branch and a second one, and friction."""
+    yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
+    yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
+    yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
 
 
-def friction(model: Model) -> Iterator[Term]:
-    """Yield friction of the joints: two laws, of which a model has one."""
-    yield branch("slip", "internal friction", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))._replace(
-        group="friction")
-
-
-def branch(name: str, title: str, share: str, inner: str, grid: Sequence[float], start: float = 0.1) -> Term:
+def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:
     """Return a term of a fraction `share` without effect at 0, and an inner time or angle that is tried on a grid."""
-    return Term(name, title, (free(share, start), free(inner, grid[0])), {share: NO_SHARE},
-                tuple({inner: v} for v in grid))
+    return term(name, owner, [Parameter(share, 0.1), Parameter(inner, grid[0])], {share: NO_SHARE},
+                grid=tuple({inner: v} for v in grid), **options)
 
 
 def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield the terms of the inputs: torque laws of chambers, lags of valves, clock and sensor."""
-    moving = [e for e in experiments if e.excitation != "release"]
-    if not moving:
-        return
-    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+    """Yield the terms of the inputs: torque laws of chambers, lags of valves, offset of the clock."""
+    driven = [e for e in experiments if e.excitation != "release"]
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True) if driven else ():
         if not isinstance(chamber, Tendon):
-            yield from torque_laws(start, chamber, experiments)
-    if all(e.poses for e in moving):
+            yield from torque_laws(start, chamber, highest_level(driven))
+    if all(e.poses for e in driven):
         return
-    if any(has_effect("valve_rise", c) for c in model.chambers):
-        yield Term("lag", "lag of the input", (free("valve_rise", 0.02), free("valve_fall", 0.02)),
-                   {"valve_rise": 0.0, "valve_fall": 0.0})
-        yield branch("settle", "late settling of the input", "valve_settle_share", "valve_settle_time",
-                     (0.3, 1.0, 3.0))._replace(group="settle")
-    if any(e.excitation == "trace" for e in moving):
-        yield Term("clock", "offset of the input's clock", (free("start", 0.0),), {"start": 0.0})
+    slow = [start for start, c in zip(prefixes(model), model.chambers, strict=True) if has_effect("valve_rise", c)]
+    for start in dict.fromkeys(["", *slow] if slow else []):  # a common lag, and one of each chamber
+        names = [f"{start}valve_rise", f"{start}valve_fall"]
+        yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
+    if slow:
+        if any(p.excitation == "pulse" for p in driven):
+            yield term("vent", "", [Parameter("valve_fall_rate", 1e5)], {},
+                       grid=tuple({"valve_fall_rate": v} for v in (3e4, 1e5, 1e6)))
+        yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
+    if any(e.excitation == "trace" for e in driven):
+        yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
 
 
-def torque_laws(start: str, chamber: Chamber, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield the terms of one pressure chamber's torque law; `start` is the prefix of its parameters."""
+def torque_laws(start: str, chamber: Chamber, highest: float) -> Iterator[Term]:
+    """Yield the terms of one pressure chamber's torque law, for recordings up to the pressure `highest` [Pa]; `start`
+    is the prefix of its parameters.
+    """
     group = f"{start}torque"
-    title = f" of {chamber.name}" if start else ""
-    if chamber.torque.size < 2 or not chamber.torque[1]:
-        yield Term(f"{start}torque_2", f"curvature of the torque law{title}", (free(f"{start}torque_2", 0.0),),
-                   {f"{start}torque_2": 0.0}, group=group)
-        yield Term(f"{start}torque_3", f"odd cubic torque law{title}", (free(f"{start}torque_3", 0.0),),
-                   {f"{start}torque_3": 0.0}, group=group)
-    yield branch(f"{start}swell", f"late part of the torque{title}", f"{start}swell_share", f"{start}swell_time",
-                 (0.1, 0.5, 2.0))._replace(needs=f"{start}torque_2")
+    if chamber.torque.size < 2 or not chamber.torque[1:].any():
+        for name in ("torque_2", "torque_3"):
+            yield term(name, start, [Parameter(start + name, 0.0)], {start + name: 0.0}, group=group)
+        limit, time = f"{start}inflation_limit", f"{start}inflation_time"
+        yield term("wall", start, [Parameter(limit, 2.0 * highest), Parameter(time, 0.05)], {}, group=group,
+                   grid=tuple({limit: f * highest, time: t} for f in (1.5, 4.0) for t in (0.02, 0.2)))
+        yield term("bounded_wall", start, [Parameter(f"{start}inflation_jm", 20.0)], {}, needs=f"{start}wall",
+                   grid=tuple({f"{start}inflation_jm": v} for v in (20.0, 60.0)))
+    yield branch("swell", start, f"{start}swell_share", f"{start}swell_time", (0.1, 0.5, 2.0), needs=f"{start}torque_2")
 
 
 def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield errors of the base tangent and of the last station's position, for recordings of few stations."""
+    """Yield the error of the base tangent, for recordings of positions."""
     if all(e.without_positions for e in experiments):
         return
-    if model.space is None:
-        yield Term("base", "error of the base tangent", (free("base_angle", model.base_angle),),
-                   {"base_angle": model.base_angle})
-    else:
-        tilt = model.space.base_tilt
-        names = ["base_tilt_x", "base_tilt_y"]
-        yield Term("base", "error of the base tangent", tuple(free(n, float(t)) for n, t in zip(names, tilt, strict=False)),
-                   {n: float(t) for n, t in zip(names, tilt, strict=False)})
+    now = {"base_angle": model.base_angle}
+    if model.space is not None:
+        now = dict(zip(("base_tilt_x", "base_tilt_y"), model.space.base_tilt[:2].tolist(), strict=True))
+    yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
 
 
-def lengthening(model: Model) -> Iterator[Term]:
-    """Yield a segment that lengthens under pressure, for models whose body has a constant length."""
+def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
+    """Yield a segment that lengthens under pressure, for a body of constant length in space, or in a plane if its
+    stations move apart by 1 %.
+    """
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if not isinstance(c, Tendon)]  # fmt: skip
-    if model.extensions or not gains:
+    apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
+    if model.extensions or not gains or not (model.space is not None or apart > GROWN):
         return
-    yield Term("lengthening", "a body that lengthens",
-               (*(free(n, 0.0) for n in gains), held("axial_stiffness", 1000.0), held("axial_damping", 10.0)),
-               dict.fromkeys(gains, 0.0), extension=Extension(1000.0, 10.0, name=LENGTHENING))
+    yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
+                                   held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
+               extension=Extension(1000.0, 10.0))  # fmt: skip

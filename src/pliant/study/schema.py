@@ -16,6 +16,7 @@ from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
 from pliant.model import Station
 from pliant.model.file import AxialCurve
+from pliant.selection.terms import check_terms
 from pliant.simulation.forces import PointForce
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
@@ -247,19 +248,36 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors, or by its
-    BIC.
-    """
+    """Model selection: the terms of the model are chosen from the training recordings; the others judge the choice."""
 
     train: list[str]
     held_out: list[str] = []
-    choose_by: Literal["held_out", "training"] = "held_out"
-    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every stage
-    stages: list[str] = []  # names of `pliant.identification.STAGES`; all when empty
+    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free in every model
+    terms: list[str] = []  # names of `pliant.selection.TERMS` that may be added; all when empty
+    without: list[str] = []  # names of terms that may not be added
+    minutes: float = Field(5.0, gt=0, le=1e4)  # time limit
     weighting: Weighting = "travel"
     loss: Loss = "linear"
-    starts: int = Field(1, ge=1, le=100)
     bootstrap: int = Replicates
+
+    @model_validator(mode="before")
+    @classmethod
+    def without_stages(cls, content: Any) -> Any:
+        """Refuse the entries of earlier versions, whose stages were chosen with the held-out recordings in view."""
+        old = [k for k in ("choose_by", "stages", "starts") if isinstance(content, Mapping) and k in content]
+        if old:
+            raise ValueError(f"{old[0]} is no longer an entry, because the training recordings choose the terms: "
+                             "remove it, and name terms in `terms` or `without` to restrict the choice")
+        return content
+
+    @model_validator(mode="after")
+    def known_terms(self) -> SelectionEntry:
+        """Check the names of terms."""
+        try:
+            check_terms([*self.terms, *self.without])
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return self
 
 
 class WiringEntry(StudyEntry):
