@@ -13,7 +13,6 @@ from pliant.selection.criterion import FEWEST_BLOCKS, MOST_BLOCKS, RECORDINGS, g
 from pliant.selection.fitted import Fitted, percent_of
 from pliant.selection.screen import explained, within
 
-
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
 

@@ -82,7 +82,7 @@ def test_common_parameters_replace_those_of_the_beginning():
 def test_bad_input_is_refused():
     still = Experiment("still", TIMES, np.zeros((TIMES.size, 1, 2)) + 1e-6 * TIMES[:, None, None], ("tip",), "trace",
                        Trace([0.0, 2.0], [0.0, 0.0]))
-    with pytest.raises((FitError, InputError), match="torque_1|pressure|show"):
+    with pytest.raises((FitError, InputError), match=r"torque_1|pressure|show"):
         select_model([still], GIVEN)
     with pytest.raises(InputError, match="minutes"):
         select_model(two(chain()), GIVEN, minutes=0.0)

@@ -254,9 +254,11 @@ class Search:
                 best.setdefault(p.term.name, p)
         beyond = {p.term.name: p.term for p in proposals if p.term.name not in best}
         trials += [Trial(t.name, t.title, reason="its value would lie beyond its bounds") for t in beyond.values()]
-        rank = {name: numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * extra_parameters(p.term)
-                for name, p in best.items()}
-        return sorted(best.values(), key=lambda p: rank[p.term.name]), trials
+
+        def rank(p: Proposal) -> float:
+            return float(numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * extra_parameters(p.term))
+
+        return sorted(best.values(), key=rank), trials
 
     def add_term(self) -> str:
         """Add the best term to the model. Return why the search ends, or '' if a term was added."""
@@ -264,7 +266,11 @@ class Search:
             return OUT_OF_TIME
         proposals, trials = self.ranked()
         children: list[tuple[float, Fitted, Term]] = []
+        tries = 0
         for proposal in proposals[:REFITS]:
+            if children and min(child.cost for _, child, _ in children) < proposal.cost:
+                break  # already better than the screen promises of this one
+            tries += 1
             if self.late:
                 return OUT_OF_TIME
             child, trial = self.child(proposal)
@@ -272,7 +278,7 @@ class Search:
             if child is not None:
                 children.append((self.scored(child), child, proposal.term))
         trials += [Trial(p.term.name, p.term.title, p.cost, reason="other terms promise more")
-                   for p in proposals[REFITS:]]
+                   for p in proposals[tries:]]
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
         if not children:
             return NO_BETTER
