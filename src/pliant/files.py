@@ -1,4 +1,6 @@
-"""Functions that write files atomically, and read TOML and JSON files within limits of size and nesting depth."""
+"""Functions that write files atomically, and read files within limits: regular files of a limited size alone, and TOML
+and JSON of a limited nesting depth.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +8,14 @@ import json
 import os
 import re
 import shutil
+import stat
 import tempfile
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import file_digest, sha256
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +27,8 @@ except ImportError:  # a system without such locks
     fcntl = None  # type: ignore[assignment]
 
 DEEPEST, LONGEST_TEXT, LARGEST_FILE = 32, 4000, 20_000_000  # levels, characters, bytes
+LARGEST_TABLE = 2_000_000_000  # bytes of a table of numbers, such as a recording or a log
+SPECIAL = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
 LARGEST_NUMBER = 1e300
 PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""  # of a dotted key of TOML
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}")
@@ -43,10 +49,18 @@ def whole(path: Path) -> Iterator[Path]:
         yield draft
         draft.replace(path)
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+        raise InputError(f"cannot write {path}: {reason_of(error)}") from None
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def reason_of(error: OSError) -> str:
+    """Return the system's description of an error, also of one that the HDF5 library reports inside a text of its own,
+    such as ``No space left on device``.
+    """
+    inside = re.search(r"error message = '([^']*)'", str(error))
+    return error.strerror or (inside[1] if inside else str(error))
 
 
 def writable(folder: str | Path) -> Path:
@@ -112,7 +126,7 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
                 for name in names:
                     (draft / name).replace(folder / name)
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+        raise InputError(f"cannot write into {folder}: {reason_of(error)}") from None
 
 
 def on_disk(path: Path) -> None:
@@ -186,12 +200,116 @@ def hdf5_bytes(head: bytes) -> int:
     return int.from_bytes(head[at : at + 8], "little")
 
 
+def write_new(path: str | Path, text: str, mode: int = 0o666) -> Path:
+    """Write `text` to a file that does not exist yet, atomically: after an error there is no such file.
+
+    Parameters
+    ----------
+    path : str or Path
+    text : str
+    mode : int
+        Permissions, from which those of the process's umask are taken.
+
+    Raises
+    ------
+    InputError
+        When the file exists, also if another process has written it meanwhile, or cannot be written.
+    """
+    path = Path(path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        draft.touch(mode)
+        draft.write_text(text, encoding="utf-8")
+        try:
+            os.link(draft, path)  # unlike a replacement, it fails if the file exists
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without hard links
+            path.touch(exist_ok=False)
+            draft.replace(path)
+    except FileExistsError:
+        raise InputError(
+            f"{path} exists already and is not overwritten: choose another name, or remove it first"
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+    return path
+
+
 def write_text(path: str | Path, text: str) -> Path:
     """Write `text` to the file `path`, atomically: a killed process leaves the old content or the new."""
     path = Path(path)
     with whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
     return path
+
+
+@contextmanager
+def regular_file(path: str | Path, what: str) -> Iterator[BufferedReader]:
+    """Context manager that opens a regular file for reading. Pipes, devices and sockets are refused before they are
+    opened, because reading them may never end.
+
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        Kind of the file for error messages, such as "study".
+
+    Raises
+    ------
+    InputError
+        When the path is a pipe, a device or a socket.
+    OSError
+        When the file cannot be opened.
+    """
+    refuse_special(path, Path(path).stat().st_mode, what)
+    with open(path, "rb", opener=without_waiting) as file:
+        refuse_special(path, os.fstat(file.fileno()).st_mode, what)  # it may have been replaced meanwhile
+        yield file
+
+
+def without_waiting(path: str, flags: int) -> int:
+    """Open a file as `os.open` does, without waiting for the writer of a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def refuse_special(path: str | Path, mode: int, what: str) -> None:
+    """Raise InputError if the mode of a file is that of a pipe, a device or a socket."""
+    if special := SPECIAL.get(stat.S_IFMT(mode)):
+        raise InputError(
+            f"cannot read the {what} {path}: it is {special}; save its content to a file and name this file"
+        )
+
+
+def content_of(path: str | Path, what: str, largest: int = LARGEST_FILE) -> bytes:
+    """Return the content of a regular file of at most `largest` bytes.
+
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        Kind of the file for error messages, such as "study".
+    largest : int
+        Largest size, bytes.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is a pipe or a device, or is larger.
+    """
+    try:
+        with regular_file(path, what) as file:
+            size = os.fstat(file.fileno()).st_size
+            content = file.read(largest + 1) if size <= largest else b""
+    except OSError as error:
+        raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None
+    size = max(size, len(content))  # some files of the system state 0
+    if size > largest:
+        raise InputError(f"{what} {path} has {size} bytes: at most {largest} are read; make the file smaller")
+    return content
 
 
 def read_entries(path: str | Path, what: str) -> Any:
@@ -213,18 +331,12 @@ def read_entries(path: str | Path, what: str) -> Any:
     path = Path(path)
     kind = "JSON" if path.suffix == ".json" else "TOML"
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(
-                f"{what} {path} has {path.stat().st_size} bytes: at most {LARGEST_FILE} are read; make the file smaller"
-            )
-        text = path.read_text(encoding="utf-8")
+        text = content_of(path, what).decode("utf-8").replace("\r\n", "\n")
         if kind == "TOML" and (key := LONG_KEY.search(text)):  # the time to read a key grows as the square of its parts
             raise InputError(
                 f"{what} {path} has a key of more than {DEEPEST} parts: '{clipped(key.group(), 60)}'; shorten it"
             )
         content = json.loads(text) if kind == "JSON" else tomllib.loads(text)
-    except OSError as error:
-        raise InputError(f"cannot read the {what} {path}: {error.strerror or error}") from None
     except RecursionError:
         raise InputError(
             f"{what} {path} is nested deeper than {DEEPEST} levels: use fewer levels of tables and lists"

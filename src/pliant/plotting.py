@@ -14,6 +14,7 @@ from cycler import cycler
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from pliant.files import whole
 from pliant.recording.inputs import recorded_inputs
 from pliant.units import input_words, shown_in
 
@@ -113,7 +114,8 @@ def save_figure(figure: Figure, path: str | Path) -> list[Path]:
     targets = [path] if path.suffix else [path.with_suffix(".svg"), path.with_suffix(".png")]
     for target in targets:
         metadata = {"Date": None} if target.suffix == ".svg" else None  # the same figure, the same bytes
-        figure.savefig(target, metadata=metadata)
+        with whole(target) as draft:
+            figure.savefig(draft, format=target.suffix[1:], metadata=metadata)
     return targets
 
 

@@ -34,10 +34,7 @@ CHOSEN = {  # page -> section -> why its numbers need no source
         "fitsname": "defaults", "how-a-fit-is-judged": "a bound that is set",
         "forecastsname": "the level of the intervals",
     },
-    "time_step.md": {
-        "time-step-and-accuracy": "a bound that is set", "energy": "bounds that are set",
-        "where-a-time-step-is-fixed": "defaults",
-    },
+    "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},
     "your_own_camera.md": {"filming": "1.5 m/s times 1 ms"},
     "your_own_data.md": {"a-table-and-its-mapping": "an example"},
 }

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.loop import SystemClock, UdpSink, UdpSource, ValveReceiver, VirtualClock, ZmqSource, sample
+from pliant.loop import SystemClock, UdpSink, UdpSource, ValveReceiver, VirtualClock, ZmqSink, ZmqSource, sample
 from pliant.loop.keyed import ANSWER, MOST_SESSIONS, TAG, WINDOW, Sealer, Sessions, new_key, read_key
 from pliant.loop.network import refuse_open_host
 from pliant.loop.packet import pack
@@ -504,6 +504,25 @@ def test_a_key_or_a_private_link_opens_it():
         UdpSource(("127.0.0.1", 70000))
     with pytest.raises(InputError, match=r"other machines can reach 192\.0\.2\.7"):
         ZmqSource("tcp://192.0.2.7:5555")
+
+
+@pytest.mark.parametrize("endpoint", [
+    "ipc:///tmp/shape", "inproc://shape", "pgm://eth0;239.192.1.1:5555", "epgm://239.192.1.1:5555", "udp://127.0.0.1:5555",
+    "ws://127.0.0.1:5555", "TCP://127.0.0.1:5555", "127.0.0.1:5555", "tcp://127.0.0.1", "tcp://:5555",
+    "tcp://127.0.0.1:0", "tcp://127.0.0.1:70000", "tcp://127.0.0.1:*", "",
+])  # fmt: skip
+@pytest.mark.parametrize("kind", [ZmqSource, ZmqSink])
+def test_zeromq_takes_tcp_alone(kind, endpoint):
+    with pytest.raises(InputError, match=r"must be tcp://HOST:PORT.* other transports"):
+        kind(endpoint)
+
+
+def test_two_publishers_at_one_port_are_refused():
+    pytest.importorskip("zmq")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.raises(InputError, match="cannot publish at tcp"):
+            ZmqSink(f"tcp://127.0.0.1:{taken.getsockname()[1]}")
 
 
 def test_keys_in_files(tmp_path):

@@ -134,6 +134,19 @@ def only(bench, name):
     bench.arm.read = filtered
 
 
+def stall(bench, part, method):
+    """Let a method of a part of the loop take a second, once."""
+    owner = getattr(bench, part)
+    quick = getattr(owner, method)
+
+    def slow(*given):
+        setattr(owner, method, quick)
+        bench.clock.sleep_until(bench.clock.now() + 1_000_000_000)
+        return quick(*given)
+
+    setattr(owner, method, slow)
+
+
 FAULTS = {
     "stale shape": (lambda b: only(b, "pressure"), 6, "stale shape"),
     "stale pressure": (lambda b: only(b, "shape"), 6, "stale pressure"),
@@ -148,6 +161,12 @@ FAULTS = {
     "inconsistent": (lambda b: setattr(b.estimator, "fault", "it slipped"), 1, "consistency: it slipped"),
     "estimator raises": (lambda b: setattr(b.estimator, "wrong", True), 1, "ZeroDivisionError"),
     "controller raises": (lambda b: setattr(b.controller, "wrong", True), 1, "RuntimeError"),
+    "estimator stalls": (lambda b: stall(b, "estimator", "state"), 1, "the estimator took 1000.0 ms in one period"),
+    "estimator stalls in an update": (
+        lambda b: stall(b, "estimator", "push_frame"), 1, "sources and updating the estimator took 1000.0 ms"
+    ),
+    "controller stalls": (lambda b: stall(b, "controller", "step"), 1, "the controller took 1000.0 ms"),
+    "sink stalls": (lambda b: stall(b, "arm", "write"), 2, "sending the command and logging took 1000.0 ms"),
     "command not a number": (lambda b: setattr(b.controller, "answer", np.nan), 1, "command is nan"),
     "command too high": (lambda b: setattr(b.controller, "answer", 2e5), 1, "is outside 0 ..."),
     "command negative": (lambda b: setattr(b.controller, "answer", -1.0), 1, "is outside 0 ..."),
@@ -174,6 +193,19 @@ def test_every_fault_vents(name):
     bench.periods(3)
     assert bench.loop.command == 0.0, "it stays vented"
     assert bench.arm._command == 0.0, "and the valve knows"
+
+
+def test_a_slow_estimator_within_the_bound_is_no_fault():
+    bench = Bench()
+    quick = bench.estimator.state
+
+    def slow(time):
+        bench.clock.sleep_until(bench.clock.now() + 3_000_000)
+        return quick(time)
+
+    bench.estimator.state = slow
+    bench.periods(20)
+    assert not bench.loop.watchdog.fault
 
 
 def test_further_chambers_are_counted_and_told():

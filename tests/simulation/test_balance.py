@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections import deque
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 import pliant
 from pliant.actuators import chen2018
 from pliant.mechanics import mechanics_of
-from pliant.model import Model
+from pliant.model import Memory, Model
 from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning, energy_defects
 
@@ -74,6 +76,51 @@ def test_a_stepper_balances_what_the_dampers_take():
     work, dampers, _ = stepper._watch.total - total
     assert after - before == pytest.approx(work - dampers, rel=1e-2)
     assert dampers == pytest.approx(float(motion.dissipated_energy[-1]), rel=1e-9)
+
+
+LIGHT_TIP = Model(
+    link_length=[0.013, 0.013, 0.076, 0.092, 0.119], link_mass=[0.011, 0.0056, 0.032, 0.0069, 0.027],
+    stiffness=[0.042] * 5, damping=0.0, torque=[4e-8], gravity=[-0.26, -0.63],
+    memory=Memory(creep_share=(0.36,), creep_time=(4.2,)),
+)  # fmt: skip
+THROWN = {"initial_angle": [0.33, 0.40, -0.29, 0.40, -0.75], "initial_rate": [-1.24, -0.54, 0.09, 0.25, -0.76]}
+
+
+def test_energy_that_the_tip_does_not_show_shortens_the_step_or_is_reported():
+    """Short links turn fast and hardly move the tip: its error is below 1 % where more of the energy is lost."""
+    how = {"duration": 0.1, **THROWN}
+    for step in (1e-3, 5e-4):
+        with pytest.warns(EnergyWarning, match=r"loses .* of its energy.*use time_step=0\.0002 or leave it out"):
+            motion = pliant.simulate(LIGHT_TIP, pliant.Step(0.0), time_step=step, **how)
+        assert motion.attrs["energy_loss"] > 0.01
+        assert motion.attrs["tip_error"] < 0.01 * LIGHT_TIP.length
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for step in (None, 2e-4):
+            motion = pliant.simulate(LIGHT_TIP, pliant.Step(0.0), time_step=step, **how)
+            assert max(motion.attrs["energy_gain"], motion.attrs["energy_loss"]) < 0.01
+            assert motion.attrs["step_s"] == 2e-4
+
+
+@pytest.mark.parametrize(("method", "more", "advice"), [
+    ("extrapolated", {"time_step": 2e-3}, r"use time_step="), ("accurate", {"tolerance": 0.5}, r"use time_step="),
+    ("LSODA", {"rtol": 0.1}, r"use method='accurate'"),
+])  # fmt: skip
+def test_every_method_keeps_the_promise(method, more, advice):
+    """Each method, too coarse for this motion, reports the missing energy."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        motion = pliant.simulate(LIGHT_TIP, pliant.Step(0.0), duration=0.1, method=method, **more, **THROWN)
+    assert max(motion.attrs["energy_gain"], motion.attrs["energy_loss"]) > 0.01
+    (warning,) = caught
+    assert issubclass(warning.category, AccuracyWarning)
+    assert re.search(rf"its energy with.*{advice}", str(warning.message))
+
+
+def test_energies_of_the_returned_motion_are_those_of_the_balance():
+    motion = pliant.simulate(LIGHT_TIP, pliant.Step(0.0), duration=0.05, **THROWN)
+    assert energy_defects(motion) == (motion.attrs["energy_gain"], motion.attrs["energy_loss"])
+    assert {"memory_energy", "memory_dissipation"} <= set(motion)
 
 
 def test_nothing_at_all_gains_nothing():

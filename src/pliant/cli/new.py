@@ -41,13 +41,14 @@ def new(
     """
     from pliant.cli.terminal import busy
     from pliant.errors import InputError
+    from pliant.files import write_new
     from pliant.study.draft import draft_study
 
     study, *more = paths
     if study.suffix != ".toml":
         raise InputError(f"the name of a study file must end in .toml, got {study.name!r}")
     if study.exists():
-        raise InputError(f"{study} exists and is not overwritten: choose another name, or remove it first")
+        raise InputError(f"{study} exists already and is not overwritten: choose another name, or remove it first")
     if not study.parent.is_dir():
         raise InputError(f"there is no folder {study.parent}: create it first")
     level = None if level_kpa is None else 1e3 * level_kpa
@@ -57,11 +58,7 @@ def new(
     columns, given = load_mapping(mapping), [*files, *more]
     with busy("reading the recordings"):
         draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
-    try:
-        with study.open("x", encoding="utf-8") as out:
-            out.write(draft.text)
-    except OSError as error:
-        raise InputError(f"cannot write {study}: {error.strerror or error}") from None
+    write_new(study, draft.text)
     print_draft(study, draft, as_json=json)
 
 

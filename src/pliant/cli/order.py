@@ -86,5 +86,7 @@ def _draw(result: OrderResult, path: Path) -> list[Path]:
         order_bars(right, errors, bound=result.bound)
         try:
             return save_figure(figure, path)
-        except (OSError, ValueError) as error:
+        except InputError:
+            raise
+        except ValueError as error:
             raise InputError(f"cannot save the figure {path}: {error}") from None

@@ -6,30 +6,21 @@ a version of Numba that lacks one of them, kernels are compiled again in every p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
-from pathlib import Path
-from time import monotonic, sleep
 from types import FunctionType
-from typing import IO, Any
+from typing import Any
 from warnings import warn
 
 import numba
 from numba import njit, types
 from numba.core.compiler_lock import global_compiler_lock
 
+from pliant.compiler.kernel_files import alone
+
 try:
     from pliant.compiler import kernel_cache
 except (ImportError, AttributeError):  # a Numba version with other private names
     kernel_cache = None  # type: ignore[assignment]
-
-try:
-    import fcntl
-except ImportError:  # no such locks on this system: processes may compile the same kernel at the same time
-    fcntl = None  # type: ignore[assignment]
-
-LONGEST_WAIT = 120.0  # s, for another process that compiles the same kernel; then this one compiles for itself
 
 
 def has_array(kind: Any) -> bool:
@@ -120,36 +111,3 @@ def warn_of_numba() -> None:
         "takes seconds: install a version that pliant was tested with (pip install 'numba<0.69')",
         RuntimeWarning, stacklevel=2,
     )
-
-
-@contextmanager
-def alone(file: Path, wait: float | None = None) -> Iterator[bool]:
-    """Context manager that locks `file` against other processes; yields True if locked, False if the lock was not free
-    within `wait` seconds.
-
-    `wait` None means `LONGEST_WAIT`. Systems without file locks always yield True.
-    """
-    if fcntl is None:
-        yield True
-        return
-    with file.open("ab") as handle:
-        got = taken(handle, LONGEST_WAIT if wait is None else wait)
-        try:
-            yield got
-        finally:
-            if got:
-                fcntl.flock(handle, fcntl.LOCK_UN)  # explicit, since a forked child may hold the handle too
-
-
-def taken(handle: IO[bytes], wait: float) -> bool:
-    """Lock an open file against other processes, and return whether this succeeded within `wait` seconds."""
-    end = monotonic() + wait
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            if monotonic() > end:
-                return False
-            sleep(0.02)
-        else:
-            return True

@@ -6,6 +6,9 @@ processes of a user share one folder: the one in the environment variable NUMBA_
 cache folder. (Numba's default cache lies beside each source file, and two processes which save into one of its indices
 at once may give a signature the other's code.)
 
+The files hold at most 256 MB: the kernels that were used least recently are removed first. Where a kernel cannot be
+stored, for example on a full disk, one warning says so, and the calculation goes on.
+
 Every file begins with a checksum of the rest, which is compared before anything is unpickled or run. A damaged file,
 for example after a power cut or on a full disk, is removed with a warning, and the kernel is compiled again.
 
@@ -36,6 +39,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.runtime.nrt import rtsys
 from numba.misc.appdirs import AppDirs
+
+from pliant.compiler.kernel_files import evict, mark_used
 
 config: Any = numba.config  # set from environment variables by Numba
 DIGEST = 32  # bytes of a checksum
@@ -89,7 +94,10 @@ class CheckedFiles(IndexDataCacheFile):
     def load(self, key: Any) -> Any:
         """Return the compiled kernel stored under `key`, or None if it is absent or its file is damaged."""
         name = self._load_index().get(key)
-        return None if name is None else self._read(Path(self._data_path(name)))
+        if name is None:
+            return None
+        mark_used(Path(self._index_path))
+        return self._read(Path(self._data_path(name)))
 
     def _load_index(self) -> Any:
         found = self._read(Path(self._index_path))
@@ -166,12 +174,18 @@ class KernelCache(FunctionCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled machine code on disk, and remove outdated files of the same kernel."""
-        super().save_overload(sig, data)
-        self.sweep()
+        """Store compiled machine code on disk, and remove outdated files of the same kernel and kernels beyond the
+        limit of the cache. Warn once if the code cannot be stored.
+        """
+        try:
+            super().save_overload(sig, data)
+            self.sweep()
+            evict(self.index.parent)
+        except OSError as error:
+            tell_unsaved(self.index.parent, error.strerror or str(error))
 
     def sweep(self) -> None:
-        """Remove stored files of earlier versions of this kernel that have not changed for 14 days."""
+        """Remove stored files of earlier versions of this kernel that were not used for 14 days."""
         kernel, _, rest = self.index.name.rpartition("_")
         digest = rest.partition("-")[0]
         for file in self.index.parent.glob(f"{kernel}_????????????-*"):
@@ -224,3 +238,13 @@ class _PartLibrary(JITCodeLibrary):
 def tell_damaged(place: Path) -> None:
     """Warn once that damaged compiled kernels in the cache folder `place` are removed and compiled again."""
     warn(f"damaged kernels in the cache {place} are removed and compiled again", RuntimeWarning, stacklevel=2)
+
+
+@cache
+def tell_unsaved(place: Path, reason: str) -> None:
+    """Warn once that compiled kernels cannot be stored in the cache folder `place`."""
+    warn(
+        f"compiled kernels cannot be stored in {place} ({reason}), so the next start compiles them again, which takes "
+        "seconds: free space there, or set the environment variable NUMBA_CACHE_DIR to another folder",
+        RuntimeWarning, stacklevel=2,
+    )

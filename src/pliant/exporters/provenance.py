@@ -11,6 +11,7 @@ from typing import Any
 
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference
+from pliant.files import content_of
 from pliant.model import Model
 from pliant.model.file import UNITS, model_to_dict
 from pliant.text import Form, escaped
@@ -116,13 +117,14 @@ def first_fit(path: str | Path) -> dict[str, Any]:
     InputError
         When the file cannot be read or holds no parameters.
     """
+    text = content_of(path, "result of a fit")
     try:
-        content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+        content: dict[str, Any] = json.loads(text)
         if "fits" in content:
             fits = content["fits"]
             content = next(iter(fits.values())) if isinstance(fits, dict) else fits[0]
         for row in content["parameters"].values():
             row["std"] = None if row.get("std") is None else float(row["std"])
-    except (OSError, ValueError, LookupError, TypeError, StopIteration, AttributeError, OverflowError, RecursionError):
+    except (ValueError, LookupError, TypeError, StopIteration, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path} is not the result of a fit: give the metrics.json of `pliant run`") from None
     return content

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pliant.errors import InputError
+from pliant.files import regular_file, write_new
 from pliant.loop.packet import LARGEST
 
 MAGIC, CHALLENGE = b"PLN3", b"PLNC"
@@ -49,14 +50,8 @@ def new_key(path: str | Path) -> bytes:
     InputError
         When the file exists already or cannot be written.
     """
-    key, path = secrets.token_bytes(32), Path(path)
-    try:
-        path.touch(mode=0o600, exist_ok=False)
-        path.write_text(key.hex() + "\n", encoding="ascii")
-    except FileExistsError:
-        raise InputError(f"the key file {path} exists already: give the name of a new file") from None
-    except OSError as error:
-        raise InputError(f"cannot write the key file {path}: {error.strerror or error}") from None
+    key = secrets.token_bytes(32)
+    write_new(path, key.hex() + "\n", mode=0o600)
     return key
 
 
@@ -72,7 +67,7 @@ def read_key(path: str | Path) -> bytes:
     try:
         if os.name == "posix" and path.stat().st_mode & 0o077:
             raise InputError(f"other users may read the key file {path}: run chmod 600 {path}")
-        with path.open("rb") as file:
+        with regular_file(path, "key file") as file:
             text = file.read(1025)
     except OSError as error:
         raise InputError(f"cannot read the key file {path}: {error.strerror or error}") from None

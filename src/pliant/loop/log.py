@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.files import LARGEST_TABLE, content_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +44,7 @@ class LoopLog:
         self.path, self.columns, self.dropped, self.fault = Path(path), tuple(columns), 0, ""
         try:
             self._file = self.path.open("xb", buffering=0)
-            self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
+            self._begin()
         except FileExistsError:
             raise InputError(f"the log {path} exists already: give the name of a new file") from None
         except OSError as error:
@@ -52,6 +53,16 @@ class LoopLog:
         self._thread = threading.Thread(target=self._work, name="pliant-log", daemon=True)
         self._closed = threading.Event()
         self._thread.start()
+
+    def _begin(self) -> None:
+        """Write the first lines of the file. Remove it if this fails, because its name would be refused next time."""
+        try:
+            self._append(f"{MARK}\n{','.join(self.columns)}\n".encode("ascii"))
+        except OSError:
+            self._file.close()
+            with suppress(OSError):
+                self.path.unlink()
+            raise
 
     def write(self, row: Sequence[float]) -> None:
         """Queue one row with a number for each column, without waiting."""
@@ -122,10 +133,8 @@ def read_log(path: str | Path) -> pd.DataFrame:
     """
     import pandas as pd
 
-    try:
-        lines = Path(path).read_text(encoding="ascii", errors="replace").split("\n")
-    except OSError as error:
-        raise InputError(f"cannot read the log {path}: {error.strerror or error}") from None
+    text = content_of(path, "log", LARGEST_TABLE).decode("ascii", "replace")
+    lines = text.replace("\r\n", "\n").split("\n")
     if len(lines) < 2 or lines[0] != MARK:
         raise InputError(f"{path} is not a log of a control loop: its first line must be {MARK!r}")
     columns, remarks = lines[1].split(","), [line[2:] for line in lines[2:-1] if line.startswith("# ")]

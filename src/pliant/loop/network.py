@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from collections.abc import Sequence
 from contextlib import suppress
 from ipaddress import ip_address
 from typing import Any
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 from pliant.loop.keyed import Sealer, Sessions
 from pliant.loop.packet import LARGEST, pack, unpack
 from pliant.loop.sample import Sample, Sender
@@ -176,21 +177,41 @@ def _zmq() -> Any:
     return optional("zmq", "ZeroMQ is not installed: pip install 'pliant[zmq]', or use UDP")
 
 
+def host_and_port(endpoint: str) -> Address:
+    """Return host and port of a ZeroMQ endpoint ``tcp://HOST:PORT``; raise InputError for any other transport, whose
+    senders cannot be checked.
+    """
+    parts = re.fullmatch(r"tcp://(.+):([0-9]{1,5})", str(endpoint))
+    if parts is None or not 0 < int(parts[2]) < 1 << 16:
+        raise InputError(
+            "a ZeroMQ endpoint must be tcp://HOST:PORT, such as tcp://127.0.0.1:5555, got "
+            f"{clipped(str(endpoint), 60)!r}: other transports (ipc, inproc, pgm, ...) are not supported, because "
+            "their senders cannot be checked"
+        )
+    return parts[1], int(parts[2])
+
+
 class ZmqSource:
     """Samples from a ZeroMQ publisher; at most 100 wait to be read.
 
     Parameters
     ----------
     endpoint : str
-        Address of the publisher, e.g. ``tcp://127.0.0.1:5555``.
+        Address of the publisher, ``tcp://HOST:PORT``, e.g. ``tcp://127.0.0.1:5555``.
     private_link : bool
         True if the publisher may be another machine, on a link that only trusted machines share. ZeroMQ samples have
         no key.
+
+    Raises
+    ------
+    InputError
+        For another transport than TCP, or a host on another machine without `private_link`.
     """
 
     def __init__(self, endpoint: str, *, private_link: bool = False) -> None:
-        if endpoint.startswith("tcp://"):
-            refuse_open_host(numeric(endpoint.removeprefix("tcp://").rpartition(":")[0]), private_link=private_link)
+        name, port = host_and_port(endpoint)
+        host = numeric(name)
+        refuse_open_host(host, private_link=private_link)
         zmq = _zmq()
         self._nothing = zmq.Again
         self._flag = zmq.NOBLOCK
@@ -198,7 +219,7 @@ class ZmqSource:
         self._socket.setsockopt(zmq.RCVHWM, 100)
         self._socket.setsockopt(zmq.MAXMSGSIZE, LARGEST)
         self._socket.setsockopt(zmq.SUBSCRIBE, b"")
-        self._socket.connect(endpoint)
+        self._socket.connect(f"tcp://{host}:{port}")  # the address that was checked, not a name that may change
         self.rejected, self.finished = 0, False
 
     def read(self) -> Sample | None:
@@ -219,13 +240,27 @@ class ZmqSource:
 
 
 class ZmqSink:
-    """Publishes samples at a ZeroMQ endpoint."""
+    """Publishes samples at a ZeroMQ endpoint ``tcp://HOST:PORT``.
+
+    Raises
+    ------
+    InputError
+        For another transport than TCP, or an address at which the system does not let it publish.
+    """
 
     def __init__(self, endpoint: str) -> None:
+        host_and_port(endpoint)
         zmq = _zmq()
         self._flag = zmq.NOBLOCK
         self._socket = zmq.Context.instance().socket(zmq.PUB)
-        self._socket.bind(endpoint)
+        try:
+            self._socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            self._socket.close(0)
+            reason = error.strerror or error
+            raise InputError(
+                f"cannot publish at {endpoint}: {reason}; choose another port, or an address of this machine"
+            ) from None
 
     def write(self, sample: Sample) -> None:
         """Send a sample without waiting."""

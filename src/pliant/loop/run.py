@@ -165,6 +165,7 @@ class ControlLoop:
         """Run one period of the control loop, which starts at `now` [ns] and was due at `deadline` [ns]."""
         try:
             self._read()
+            self.watchdog.stalled(now, self.clock.now(), "reading the sources and updating the estimator")
             self.watchdog.readings(now, self.shapes.reference_time, self.pressures.reference_time, self.pressure)
             self.watchdog.frozen(now, self.shapes.repeats, self.pressures.repeats)
             self._check_log(now)
@@ -173,9 +174,11 @@ class ControlLoop:
             self.watchdog.trip(f"{type(error).__name__}: {error}", now)
             wish = self._vent
         self.command = self.watchdog.command(now, wish)
+        ready = self.clock.now()
         self._send(now)
         if self.log is not None:
             self._write(self.log, now, deadline)
+        self.watchdog.stalled(ready, self.clock.now(), "sending the command and logging")
 
     def _send(self, now: int) -> None:
         self.sink.write(sample(COMMAND, self.command, now, self.watchdog.bounds.unit, self.hold))
@@ -192,12 +195,15 @@ class ControlLoop:
     def _control(self, now: int) -> Array:
         if not self.frames or self.watchdog.fault:
             return self._vent
+        began = self.clock.now()
         self._state = self.pipeline.estimator.state(now * 1e-9)
+        began = self.watchdog.stalled(began, self.clock.now(), "the estimator")
         self.watchdog.estimate(now, self._state)
         if self.watchdog.fault:
             return self._vent
         controller = self.pipeline.controller
         given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        self.watchdog.stalled(began, self.clock.now(), "the controller")
         wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
             raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} "

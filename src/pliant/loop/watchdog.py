@@ -38,6 +38,9 @@ class Bounds:
         sensors whose resolution is coarser than their noise.
     controller_faults : int
         Largest number of consecutive periods in which the controller reports a fault, e.g. continues an earlier plan.
+    stall : float
+        Longest time [s] that one part of a period may take: the sources with the estimator's updates, the estimated
+        state, the controller, and the sink with the log.
     unit : str
         SI unit of the inputs, and so of `highest_pressure` and `lowest_pressure`: "Pa", of tendons "N", "m" or "rad".
     """
@@ -52,10 +55,11 @@ class Bounds:
     shape_repeats: int = 25
     pressure_repeats: int = 250
     controller_faults: int = 25
+    stall: float = 0.2
     unit: str = "Pa"
 
     def __post_init__(self) -> None:
-        for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate"):
+        for name in ("highest_pressure", "shape_age", "pressure_age", "largest_angle", "largest_rate", "stall"):
             if not getattr(self, name) > 0:
                 raise InputError(f"watchdog bound {name} must be positive, got {getattr(self, name)}")
         for name in ("clock_skew", "shape_repeats", "pressure_repeats", "controller_faults"):
@@ -118,6 +122,12 @@ class Watchdog:
             if age > limit:
                 self.trip(f"stale {what}: last complete reading {age * 1e3:.1f} ms ago, {limit * 1e3:.1f} allowed", now)
         self.pressure(now, pressure)
+
+    def stalled(self, began: int, ended: int, part: str) -> int:
+        """Set a fault if a `part` of a period took too long, from `began` to `ended` [ns]; return `ended`."""
+        if (took := (ended - began) * 1e-9) > self.bounds.stall:
+            self.trip(f"{part} took {took * 1e3:.1f} ms in one period, {self.bounds.stall * 1e3:g} allowed", ended)
+        return ended
 
     def frozen(self, now: int, shape_repeats: int, pressure_repeats: int) -> None:
         """Set a fault if too many consecutive readings of the shape sensor or of the pressure sensor are identical."""

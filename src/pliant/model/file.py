@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field
 
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError, explain_validation, shown
-from pliant.files import write_text
+from pliant.files import content_of, write_text
 from pliant.model.chamber import Chamber
 from pliant.model.extension import CURVES, Extension
 from pliant.model.memory import Memory
@@ -279,12 +279,7 @@ def load_model(path: str | Path) -> Model:
     ...     pliant.load_model(path) == chen2018.model()
     True
     """
-    path = Path(path)
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read the model file {path}: {error.strerror or error}") from None
-    return read_model(text, f"model file {path}")
+    return read_model(content_of(path, "model file"), f"model file {path}")
 
 
 def read_model(text: bytes | str, where: str) -> Model:

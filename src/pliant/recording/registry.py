@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
+from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.published import PREFIX, published_path
@@ -130,12 +131,12 @@ def read_recording(
     """
     path = published_path(Path(path).as_posix()) if str(path).startswith(PREFIX) else Path(path)
     try:
-        there = path.is_file()
+        there = path.exists()
     except OSError as error:  # such as a name too long
         where = clipped(str(path), 200)
         raise InputError(f"cannot read a recording from {where}: {error.strerror or error}") from None
-    if not there:
-        what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
+    if not there or path.is_dir():
+        what = "this is a folder, not a file" if there else "there is no such file"
         raise InputError(f"cannot read a recording from {path}: {what}")
     if mapping is not None and not hasattr(mapping, "items"):
         raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
@@ -143,7 +144,7 @@ def read_recording(
         format = format or str(mapping["format"])  # noqa: A001
         mapping = {k: v for k, v in mapping.items() if k != "format"} or None
     try:
-        with path.open("rb") as file:
+        with regular_file(path, "recording") as file:
             head = file.read(HEAD_BYTES)
             file.seek(0)
             digest = hashlib.file_digest(file, "sha256").hexdigest()

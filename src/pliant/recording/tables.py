@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.files import LARGEST_TABLE, content_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,7 @@ LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
 def read_text(path: Path) -> str:
     """Read a UTF-8 file and return its text without a byte-order mark and with newlines as line ends."""
-    data = path.read_bytes()
+    data = content_of(path, "table", LARGEST_TABLE)
     if not data.strip():
         raise InputError(f"{path.name} is empty: copy or export it again")
     if b"\0" in data:

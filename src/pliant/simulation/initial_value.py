@@ -30,6 +30,7 @@ class Solution(NamedTuple):
     time_step: float  # s, longest step
     stretch: Array | None = None  # (T, C) hoop stretch, if a chamber inflates
     error: float = np.nan  # upper estimate of the error of the tip, over the length; NaN: not estimated
+    energies: dict[str, Array] | None = None  # J, by name, see `balance.energies`; None: not computed
 
 
 class InitialValueProblem(NamedTuple):

@@ -44,10 +44,17 @@ def laws_of(model: Model) -> list[MemoryLaw]:
     return [axial if i >= model.size - segments else joints for i in range(rows)]
 
 
-def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Entry]:
-    """Return dataset variables, by name, for hysteresis states, torque and energies; {} for a chain
-    without hysteresis.
-    """
+def memory_energy(model: Model, x: Array, states: Array) -> Array:
+    """Return the energy (T,) [J] that hysteresis branches hold at T instants."""
+    chain = mechanics_of(model)
+    rows = chain.remembering
+    q, moved = chain.joint_coordinates(x)[:, :rows], np.moveaxis(states, 0, -1)  # (rows, branches, T)
+    stored = [kernels.memory_stored(i, q[:, i], moved, law) for i, law in enumerate(laws_of(model))]
+    return np.asarray(np.stack(stored, axis=1) @ chain.joints.K[:rows])
+
+
+def outputs(model: Model, x: Array, states: Array) -> dict[str, Entry]:
+    """Return dataset variables, by name, for hysteresis states and torque; {} for a chain without hysteresis."""
     if not model.memory:
         return {}
     chain = mechanics_of(model)
@@ -56,7 +63,6 @@ def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Ent
     moved = np.moveaxis(states, 0, -1)  # (rows, branches, T), as the kernels index
     laws = laws_of(model)
     angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
-    stored = np.stack([kernels.memory_stored(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
     values: dict[str, Entry] = {}
     for kind in chain.kinds:
         if kind.over == "joint":
@@ -69,4 +75,4 @@ def outputs(model: Model, x: Array, states: Array, loss: Array) -> dict[str, Ent
             labels = model.memory.axial.labels
             values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
             values["axial_memory_force"] = (("time", "segment"), (K * angle)[:, kind.rows] / model.segment_length)
-    return values | {"memory_energy": (("time",), stored @ K), "memory_dissipation": (("time",), loss)}
+    return values

@@ -15,7 +15,7 @@ from pliant.model import Model
 from pliant.shapes import Float
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
-from pliant.simulation.balance import Defects, energy_defects, warn_of_defects
+from pliant.simulation.balance import Defects, energies, energy_defects, warn_of_defects
 from pliant.simulation.drive import LONGEST
 from pliant.simulation.extrapolation import march_accurate, march_extrapolated
 from pliant.simulation.forces import PointForce
@@ -77,7 +77,7 @@ def simulate(
     time_step : float, optional
         Longest time step, s. Steps end at every output time and at every jump of the pressure. Default: that of
         `pliant.simulation.time_step.resolving_step`, at most 1 ms, shortened until the estimated error of the tip is
-        below 1 % of the length.
+        below 1 % of the length and less than 1 % of the energy appears or disappears.
     method : {"midpoint", "extrapolated", "accurate", "LSODA", "BDF", "Radau"}
         "midpoint": the linearly implicit midpoint rule (second order, stable, fixed cost). "extrapolated": two such
         simulations extrapolated to fourth order, for errors below a hundredth of a millimetre. "accurate": steps halved
@@ -147,14 +147,15 @@ def simulate(
     problem = posed(model, pressure, output_times(duration, times, time_step), forces)._replace(graded=graded)
     problem = problem.started(initial_angle, initial_rate, initial_memory)
     solution = solved(problem, how)
-    phi, w, work, states = solution.marched
+    phi, w, _, states = solution.marched
     if lost := state.first_given_way(model, problem.times, phi):
         raise SimulationError(lost)
-    extra = memory.outputs(model, phi, states, work[:, -1])
+    extra = memory.outputs(model, phi, states)
     if solution.stretch is not None:
         extra["hoop_stretch"] = (("time", "input"), solution.stretch)
+    balance = solution.energies or energies(model, solution.marched)
     motion = trajectory(
-        model, Motion(problem.times, solution.pressure, phi, w), energies(model, phi, w, work), extra,
+        model, Motion(problem.times, solution.pressure, phi, w), balance, extra,
         method=method, time_step=solution.time_step,
     )
     motion.attrs["graded"] = int(graded)  # netCDF has no Booleans
@@ -167,11 +168,14 @@ def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float)
     motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
     if np.isfinite(solution.error):
         motion.attrs["tip_error"] = solution.error * length
-    if how.check and how.method != "accurate":
+    if how.check:
         advice = "use method='accurate' or simulate a shorter time"
-        if how.time_step is not None and how.method in OWN_METHODS:
-            shorter = nice(solution.time_step * step_for(max(solution.error, LIMIT)))
-            advice = f"use time_step={shorter:g} or leave it out"
+        if how.method in OWN_METHODS and (how.time_step is not None or how.method != "midpoint"):
+            worst = np.fmax(solution.error, max(gain, loss, LIMIT))  # the error may be NaN: not estimated
+            shorter = nice(solution.time_step * step_for(worst))
+            advice = f"use time_step={shorter:g}"
+            if how.method == "midpoint":
+                advice += " or leave it out"
         warn_of_defects(Defects(solution.error, length, gain, loss), solution.time_step, advice)
     return motion
 
@@ -207,7 +211,8 @@ def first_step(problem: InitialValueProblem, how: Settings) -> float:
 
 
 def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
-    """Integrate by the midpoint rule; an automatic step is shortened until the tip position is accurate.
+    """Integrate by the midpoint rule; an automatic step is shortened until the tip position is accurate and the energy
+    is balanced.
 
     If the motion is too fast for the first automatic step, shorter ones are tried, and SimulationError is raised if
     none makes the tip accurate.
@@ -224,13 +229,15 @@ def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
                 raise refused or failure from None
             refused, time_step = refused or failure, nice(0.5 * time_step)
             continue
+        energy = energies(problem.model, marched)
         error = tip_error(partial(problem.repeated, plan, marched[0])) if how.check else np.nan
-        if how.time_step is not None or not error > LIMIT or plan.h.size > MOST_STEPS * step_for(error):
+        worst = max(error, *energy_defects(energy)) if how.check else np.nan
+        if how.time_step is not None or not worst > LIMIT or plan.h.size > MOST_STEPS * step_for(worst):
             break
-        time_step = nice(time_step * step_for(error))
+        time_step = nice(time_step * step_for(worst))
     if refused is not None and error > LIMIT:
         raise refused
-    return Solution(plan.pressure, marched, time_step, plan.stretch, error)
+    return Solution(plan.pressure, marched, time_step, plan.stretch, error, energy)
 
 
 def output_times(duration: float | None, times: Array | None, time_step: float | None) -> Array:
@@ -266,17 +273,3 @@ def check_step(model: Model, time_step: float | None, method: str) -> None:
             f"a step of {time_step * 1e3:.3g} ms is too long: the first mode rings at {first:.3g} Hz and needs at "
             f"least {STEPS_PER_PERIOD} steps a period; use a step of {longest * 1e3:.3g} ms or less"
         )
-
-
-def energies(model: Model, phi: Array, w: Array, work: Array) -> dict[str, Array]:
-    """Return, by name, the energies (T,) [J] of a motion at T instants: kinetic, elastic, gravitational, work of the
-    inputs, dissipated.
-    """
-    stored = mechanics_of(model).energy(phi, w)
-    return {
-        "kinetic_energy": np.asarray(stored.kinetic),
-        "elastic_energy": np.asarray(stored.elastic),
-        "gravitational_energy": np.asarray(stored.gravity),
-        "input_work": work[:, 0],
-        "dissipated_energy": work[:, 1],
-    }

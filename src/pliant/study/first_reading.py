@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.files import regular_file
 from pliant.recording import read, readers
 from pliant.recording.registry import HEAD_BYTES
 from pliant.sensing import read_shape
@@ -38,7 +39,9 @@ def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
     """
     if not path.is_file():
         return []
-    head, known, named = path.read_bytes()[:HEAD_BYTES], readers(), stated.get("format")
+    with regular_file(path, "recording") as file:
+        head = file.read(HEAD_BYTES)
+    known, named = readers(), stated.get("format")
     fits = [n for n in (*TRACKERS, "angles") if n == named
             or (named is None and path.suffix.lower() in known[n].suffixes and known[n].recognises(head))]
     if "angles" in fits:

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError, PliantError
-from pliant.files import SEAL_BYTES, seal_of, whole, write_text
+from pliant.files import SEAL_BYTES, content_of, seal_of, whole, write_text
 from pliant.recording.npz import read_arrays
 from pliant.version import __version__
 
@@ -81,8 +81,8 @@ class Store:
         note = self.folder / "sweep.json"
         if note.exists() or any(self.chunks.iterdir()):
             try:
-                before = json.loads(note.read_text(encoding="utf-8")).get("key")
-            except (OSError, ValueError, AttributeError):
+                before = json.loads(content_of(note, "sweep")).get("key")
+            except (InputError, ValueError, AttributeError):
                 before = None
             if before != self.key:
                 raise InputError(

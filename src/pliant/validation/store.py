@@ -13,7 +13,7 @@ import xarray as xr
 
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
-from pliant.files import whole
+from pliant.files import content_of, whole
 from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
@@ -205,12 +205,12 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     """Return the content of metrics.json; InputError if it cannot be read or was not written by `pliant run`."""
     path = folder / "metrics.json"
     try:
-        metrics: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        reason, cure = error.strerror or error, "name a folder that `pliant run` has written"
+        metrics: dict[str, Any] = json.loads(content_of(path, "result"))
+    except InputError as error:
+        cure = "name a folder that `pliant run` has written"
         if (folder / FILE).exists():
             cure = "a run was interrupted while it replaced its files: run the study again"
-        raise InputError(f"cannot read {path}: {reason}; {cure}") from None
+        raise InputError(f"{error}; {cure}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid JSON: {clipped(str(error))}; run the study again") from None
     if not isinstance(metrics, dict) or metrics.get("schema") != "pliant-metrics":

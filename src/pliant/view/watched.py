@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.contact.locate import locate
 from pliant.errors import InputError
+from pliant.files import regular_file
 from pliant.loop.log import MARK
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, fixed_length
@@ -43,7 +44,7 @@ class WatchedLoop:
 
     def __init__(self, path: Path, model: Model, touch: float = 0.0) -> None:
         try:
-            with path.open("rb") as file:
+            with regular_file(path, "log") as file:
                 mark, names = (file.readline().decode("ascii", "replace").strip() for _ in range(2))
                 self.read = file.tell()
         except OSError as error:
