@@ -19,7 +19,7 @@ from pliant.identification.result import FitResult
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 from pliant.reduction import select_order
-from pliant.selection import ModelSelection, Step, Trial
+from pliant.selection import ModelSelection, SelectionStep, TriedTerm
 from pliant.validation.outcome import FitOutcome, RecordOutcome, StudyOutcome
 
 HOSTILE = "<b>&"
@@ -63,8 +63,8 @@ MADE = {
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
     "model_selection": (
         lambda: ModelSelection(
-            (Step("", "stiffness and damping", ("stiffness", "damping"), 0.1, {"low": 2.0}, {"low": 3.0},
-                  (Trial("creep", "creep", 0.09, 0.09, 0.2, "not determined"),)),),
+            (SelectionStep("", "stiffness and damping", ("stiffness", "damping"), 0.1, {"low": 2.0}, {"low": 3.0},
+                  (TriedTerm("creep", "creep", 0.09, 0.09, 0.2, "not determined"),)),),
             (), "no term is needed", fitted(), 1.5,
         ),
         ["stiffness and damping", "3", "No term is needed.", "Not taken: creep: not determined."],

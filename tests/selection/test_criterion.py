@@ -10,7 +10,7 @@ import pytest
 
 from pliant.identification import Experiment
 from pliant.selection.criterion import FEWEST_BLOCKS, MOST_BLOCKS, RECORDINGS, groups_of, left_out
-from pliant.selection.fitted import Fitted, percent_of
+from pliant.selection.fitted import FittedModel, percent_of
 from pliant.selection.screen import explained, within
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
@@ -23,7 +23,7 @@ def linear(rng: np.random.Generator, frames: int = 60, free: int = 4) -> tuple[A
     part = SimpleNamespace(seen=np.ones((frames, 1, 1), bool))
     problem = SimpleNamespace(parted=lambda r: [(part, r)], size=0.0, all_known=(np.zeros((0, free)), np.zeros(0)),
                               free=[SimpleNamespace(name=f"p{k}") for k in range(free)])  # fmt: skip
-    return Fitted(problem, x, A @ x - y, A), A, y
+    return FittedModel(problem, x, A @ x - y, A), A, y
 
 
 def test_left_out_parts_are_predicted_as_by_a_fit_without_them(rng):
@@ -42,7 +42,7 @@ def test_a_prior_counts_when_a_part_is_left_out(rng):
     whole, aim = np.vstack([A, rows]), np.append(y, 0.6)
     x = np.linalg.lstsq(whole, aim, rcond=None)[0]
     fit.problem.size, fit.problem.all_known = 1.0, (rows, np.array([0.6]))
-    held = Fitted(fit.problem, x, A @ x - y, A)
+    held = FittedModel(fit.problem, x, A @ x - y, A)
     mine = np.arange(60) < 20
     rest = np.append(~mine, True)
     without = np.linalg.lstsq(whole[rest], aim[rest], rcond=None)[0]
@@ -87,7 +87,7 @@ def test_few_recordings_are_left_out_by_blocks_and_several_whole(rng, recordings
     slow = np.repeat(np.sin(np.arange(80) / 5.0), 2)
     residual = np.tile(slow, recordings) + 0.01 * rng.normal(size=160 * recordings)
     problem = SimpleNamespace(observed=parts, parted=lambda r: list(zip(parts, np.split(r, recordings), strict=True)))
-    groups = groups_of(Fitted(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
+    groups = groups_of(FittedModel(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
     each = groups.reshape(recordings, 160)
     if recordings >= RECORDINGS:
         assert (each == np.arange(recordings)[:, None]).all()

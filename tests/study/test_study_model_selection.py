@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import invoke
+from command_line import program
 
 from pliant.errors import InputError
 from pliant.study import demo_study, load_study, run_study
@@ -31,8 +31,8 @@ def written(folder: Path, **selection: Any) -> Path:
 @pytest.mark.slow
 def test_the_chosen_model_is_the_study_s_and_the_page_shows_what_was_tried(tmp_path: Path) -> None:
     path = written(tmp_path, terms=["softening", "slip", "clock"], common={"stiffness_*": {"shrink": 0.3}})
-    done = invoke("run", path, "-o", tmp_path / "out")
-    assert done.exit_code == 0, done.output
+    done = program("run", path, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
     MetricsFile.model_validate(metrics)
     chosen = metrics["model_selection"]
@@ -56,9 +56,9 @@ def test_the_chosen_model_is_the_study_s_and_the_page_shows_what_was_tried(tmp_p
     ({"minutes": 0}, ["minutes", "greater than 0"]), ({"train": ["nowhere"]}, ["nowhere", "pulse_60"]),
 ])  # fmt: skip
 def test_a_wrong_entry_is_refused_before_any_work(tmp_path: Path, entries: dict[str, Any], words: list[str]) -> None:
-    done = invoke("run", written(tmp_path, **entries), "-o", tmp_path / "out")
-    assert done.exit_code == 1
-    assert all(word in done.output for word in words), done.output
+    done = program("run", written(tmp_path, **entries), "-o", tmp_path / "out")
+    assert done.returncode == 1
+    assert all(word in done.stderr for word in words), done.stderr
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError):
         load_study(written(tmp_path, **entries))

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import animation
 
 from pliant.errors import InputError
-from pliant.selection import ModelSelection, Step
+from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
 from pliant.validation.motion import body_film
 from pliant.validation.selection_figures import selection_figure, shape_figure
@@ -117,9 +117,9 @@ def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
 
 
 def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
-    steps = (Step("", "first", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
-             Step("creep", "creep", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
-             Step("-lag", "without lag", ("a", "b"), 0.1, {"x": 3.5}, {"x": 3.9}))
+    steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
+             SelectionStep("creep", "creep", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
+             SelectionStep("-lag", "without lag", ("a", "b"), 0.1, {"x": 3.5}, {"x": 3.9}))
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
     lines = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
     assert lines == {"training": [[1, 9], [3, 3], [2, 3.5]], "parts left out": [[1, 10], [3, 4], [2, 3.9]],

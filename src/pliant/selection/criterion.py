@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
-from pliant.selection.fitted import Fitted
+from pliant.selection.fitted import FittedModel
 from pliant.shapes import Float
 
 Array = np.ndarray
@@ -16,7 +16,7 @@ CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of t
 STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
 
 
-def groups_of(fit: Fitted) -> Float[Array, " N"]:
+def groups_of(fit: FittedModel) -> Float[Array, " N"]:
     """Return for each residual the number of the part of the recordings to which it belongs.
 
     The parts are whole recordings if there are at least `RECORDINGS`. Otherwise they are blocks of each recording, at
@@ -36,7 +36,7 @@ def groups_of(fit: Fitted) -> Float[Array, " N"]:
     return np.concatenate(groups)
 
 
-def left_out(fit: Fitted, groups: Float[Array, " N"]) -> Float[Array, " N"]:
+def left_out(fit: FittedModel, groups: Float[Array, " N"]) -> Float[Array, " N"]:
     """Return the residuals (N,) of each group as predicted by the parameters that fit the other groups best.
 
     The optimum without a group follows from one linear step: d = (H - J_k^T J_k)^-1 J_k^T r_k for the residuals r_k and

@@ -24,7 +24,7 @@ EVALUATIONS = 40
 
 
 @dataclass(frozen=True)
-class Setting:
+class FitSetting:
     """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals."""
 
     experiments: tuple[Experiment, ...]
@@ -39,7 +39,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedModel:
     """A fitted model of a search.
 
     Attributes
@@ -123,9 +123,9 @@ def percent_of(observed: Observations, residual: Array) -> float:
 
 
 def fitted(
-    setting: Setting, model: Model, parameters: Sequence[Parameter], *, prior_weight: float | None = None,
+    setting: FitSetting, model: Model, parameters: Sequence[Parameter], *, prior_weight: float | None = None,
     evaluations: int = EVALUATIONS,
-) -> Fitted:
+) -> FittedModel:
     """Fit the free parameters from their start values, and return the optimum.
 
     Parameters
@@ -154,4 +154,4 @@ def fitted(
     residual = problem.data_residual(x)
     if problem.broken:
         raise FitError(problem.broken)
-    return Fitted(problem, x, residual, problem.data_jacobian(x), converged)
+    return FittedModel(problem, x, residual, problem.data_jacobian(x), converged)

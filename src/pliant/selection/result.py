@@ -13,8 +13,8 @@ from pliant.errors import InputError
 from pliant.identification.result import FitResult
 
 
-class Trial(NamedTuple):
-    """A term that was tried in one step of a search.
+class TriedTerm(NamedTuple):
+    """A term that was tried in one step of a search. Costs are sums of squares of residuals without a unit.
 
     Attributes
     ----------
@@ -36,8 +36,8 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Step:
-    """A model on the way of a search.
+class SelectionStep:
+    """A model on the way of a search, with errors in % of the peak displacement.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Step:
     train, left_out : mapping
         RMS error of each training recording, % of its peak displacement, and the same of its parts as predicted from
         the other parts.
-    tried : tuple of Trial
+    tried : tuple of TriedTerm
         Terms that were tried next.
     """
 
@@ -60,7 +60,7 @@ class Step:
     cost: float
     train: Mapping[str, float]
     left_out: Mapping[str, float]
-    tried: tuple[Trial, ...] = ()
+    tried: tuple[TriedTerm, ...] = ()
 
     @property
     def joins(self) -> bool:
@@ -84,7 +84,7 @@ class ModelSelection(Shown):
 
     Attributes
     ----------
-    steps : tuple of Step
+    steps : tuple of SelectionStep
         From the first model to the chosen one.
     terms : tuple of str
         Names of the chosen terms.
@@ -96,7 +96,7 @@ class ModelSelection(Shown):
         Wall time of the search, s.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     terms: tuple[str, ...]
     reason: str
     result: FitResult
@@ -121,8 +121,8 @@ class ModelSelection(Shown):
         """
         if "steps" not in content:
             raise InputError("these results hold a model selection of an earlier version: run the study again")
-        steps = [Step(s["name"], s["title"], tuple(s["free"]), s["cost"], s["train_percent"], s["left_out_percent"],
-                      tuple(Trial(**t) for t in s["tried"])) for s in content["steps"]]
+        steps = [SelectionStep(s["name"], s["title"], tuple(s["free"]), s["cost"], s["train_percent"],
+                               s["left_out_percent"], tuple(TriedTerm(**t) for t in s["tried"])) for s in content["steps"]]
         return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"])
 
     def to_dict(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
-from pliant.selection.fitted import Fitted, Setting
+from pliant.selection.fitted import FittedModel, FitSetting
 from pliant.selection.terms import Term
 
 Array = np.ndarray
@@ -19,7 +19,7 @@ LEAST_PART = 0.1  # of its effect that a law without derivative must have to be 
 FARTHEST = 3.0  # factor by which a proposal changes a positive parameter at most
 
 
-class Proposal(NamedTuple):
+class TermProposal(NamedTuple):
     """A term with the cost that a screen predicts, and the values (SI) that its parameters would take."""
 
     term: Term
@@ -35,7 +35,7 @@ class Proposal(NamedTuple):
         return [self.values, almost]
 
 
-class Refusal(NamedTuple):
+class TermRefusal(NamedTuple):
     """A term that cannot be screened, with the reason."""
 
     term: Term
@@ -43,8 +43,8 @@ class Refusal(NamedTuple):
 
 
 def screened(
-    parent: Fitted, model: Model, terms: Iterable[Term], setting: Setting,
-) -> tuple[list[Proposal], list[Refusal]]:
+    parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting,
+) -> tuple[list[TermProposal], list[TermRefusal]]:
     """Return what each term would lower the cost of `parent` by, the best row of its grid first, and the terms that
     cannot be screened. `model` is that of the parent without the values of any term.
 
@@ -61,12 +61,12 @@ def screened(
                 try:
                     proposals += screened_together(parent, model, [pair], setting)
                 except PliantError as error:
-                    refusals.append(Refusal(pair[0], str(error)))
+                    refusals.append(TermRefusal(pair[0], str(error)))
     for term, row in ((t, row) for t in every if not t.null for row in t.grid):
         try:
             proposals.append(tried_out(parent, model, term, row, setting))
         except PliantError as error:
-            refusals.append(Refusal(term, str(error)))
+            refusals.append(TermRefusal(term, str(error)))
     return sorted(proposals, key=lambda p: p.cost), refusals
 
 
@@ -91,8 +91,8 @@ def fit_together(one: Term, other: Term) -> bool:
 
 
 def screened_together(
-    parent: Fitted, model: Model, panel: Sequence[tuple[Term, Mapping[str, float]]], setting: Setting,
-) -> list[Proposal]:
+    parent: FittedModel, model: Model, panel: Sequence[tuple[Term, Mapping[str, float]]], setting: FitSetting,
+) -> list[TermProposal]:
     """Return the proposals of terms that one model can hold at their null values, from one Jacobian."""
     values = parent.values
     added = [p.with_(shrink=0.0) for term, row in panel for p in term.at_null(row, values)]
@@ -112,13 +112,13 @@ def screened_together(
         parameters = {p.name: p for p in term.adds}
         part = min((within(parameters[n], at_null[n], target[n]) for n in at_null), default=1.0)
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
-        found.append(Proposal(term, row, cost, at_null, reached, part > LEAST_STEP))
+        found.append(TermProposal(term, row, cost, at_null, reached, part > LEAST_STEP))
     return found
 
 
 def tried_out(
-    parent: Fitted, model: Model, term: Term, row: Mapping[str, float], setting: Setting,
-) -> Proposal:
+    parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting,
+) -> TermProposal:
     """Return the proposal of a term that has no derivative where it has no effect, from one simulation: its effect at
     one row of its grid counts as the column of a parameter between 0 and 1.
     """
@@ -131,10 +131,10 @@ def tried_out(
     if problem.broken:
         raise SimulationError(problem.broken)
     cost, (part,) = explained(parent, term.replaces, (moved - parent.residual)[:, None])
-    return Proposal(term, row, cost, dict(row), dict(row), bool(part > LEAST_PART))
+    return TermProposal(term, row, cost, dict(row), dict(row), bool(part > LEAST_PART))
 
 
-def explained(parent: Fitted, replaced: Sequence[str], columns: Array) -> tuple[float, Array]:
+def explained(parent: FittedModel, replaced: Sequence[str], columns: Array) -> tuple[float, Array]:
     """Return the cost that is left when k further columns (N, k) of derivatives join those of the parent's parameters,
     of which `replaced` are left out, and the changes (k,) of the further parameters.
     """

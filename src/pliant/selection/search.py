@@ -19,9 +19,9 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import effective_numbers, groups_of, left_out
-from pliant.selection.fitted import Fitted, Setting, fitted
-from pliant.selection.result import ModelSelection, Step, Trial
-from pliant.selection.screen import Proposal, screened
+from pliant.selection.fitted import FittedModel, FitSetting, fitted
+from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
+from pliant.selection.screen import TermProposal, screened
 from pliant.selection.terms import Term, terms_for
 
 Array = np.ndarray
@@ -104,7 +104,7 @@ def select_model(
     began = clock.monotonic()
     first = fit(train, model, beginning(model, train, common), starts=2, time_step=how["time_step"],
                 weighting=how["weighting"], loss=how["loss"], rng=how["rng"], max_evaluations=100)
-    setting = Setting(tuple(train), first.time_step, how["weighting"], how["loss"])
+    setting = FitSetting(tuple(train), first.time_step, how["weighting"], how["loss"])
     parent = anchored(fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0),
                       setting)
     given = model.with_(stations=parent.model.stations)
@@ -112,7 +112,7 @@ def select_model(
     return Search(setting, given, parent, terms, began, began + 60 * how["minutes"], progress or ignore).run()
 
 
-def anchored(parent: Fitted, setting: Setting) -> Fitted:
+def anchored(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """Return a fit of the first model in which the stiffness is held, if the recordings do not determine it.
 
     Stiffness, damping and torque then have a common scale that no recording of this body shows, and the other
@@ -175,15 +175,15 @@ class Search:
         Times on the monotonic clock, s.
     """
 
-    setting: Setting
+    setting: FitSetting
     given: Model
-    best: Fitted
+    best: FittedModel
     terms: Sequence[Term]
     began: float
     deadline: float
     notify: Notify
     chosen: list[Term] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    steps: list[SelectionStep] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.groups = groups_of(self.best)
@@ -208,7 +208,7 @@ class Search:
             model = term.model(model)
         return model
 
-    def scored(self, fit: Fitted) -> float:
+    def scored(self, fit: FittedModel) -> float:
         """Return the criterion: the sum of squares of the residuals as predicted from other parts of the recordings."""
         predicted = left_out(fit, self.groups)
         return float(predicted @ predicted)
@@ -217,7 +217,7 @@ class Search:
         """Record the model as it is now, after the term `name` joined it or left it."""
         predicted = left_out(self.best, self.groups)
         errors = self.best.percent(self.best.residual), self.best.percent(predicted)
-        self.steps.append(Step(name, title, self.best.free, self.best.cost, *errors))
+        self.steps.append(SelectionStep(name, title, self.best.free, self.best.cost, *errors))
         left = max(self.deadline - clock.monotonic(), 0.0)
         self.notify(
             f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
@@ -239,23 +239,23 @@ class Search:
             and set(t.replaces) <= free and not any(p.name in parameters for p in t.adds if p.free)
         ]  # fmt: skip
 
-    def ranked(self) -> tuple[list[Proposal], list[Trial]]:
+    def ranked(self) -> tuple[list[TermProposal], list[TriedTerm]]:
         """Return the best proposal of each open term, the most promising first, and the terms that cannot be
         screened or whose screen ends at a bound.
 
         The rank is the information criterion of the cost that the screen predicts.
         """
         proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting)
-        trials = [Trial(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}") for r in refused]
+        trials = [TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}") for r in refused]
         numbers = effective_numbers(self.best.problem, self.best.residual)
-        best: dict[str, Proposal] = {}
+        best: dict[str, TermProposal] = {}
         for p in proposals:  # the lowest cost of each term comes first
             if p.sense:
                 best.setdefault(p.term.name, p)
         beyond = {p.term.name: p.term for p in proposals if p.term.name not in best}
-        trials += [Trial(t.name, t.title, reason="its value would lie beyond its bounds") for t in beyond.values()]
+        trials += [TriedTerm(t.name, t.title, reason="its value would lie beyond its bounds") for t in beyond.values()]
 
-        def rank(p: Proposal) -> float:
+        def rank(p: TermProposal) -> float:
             return float(numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * extra_parameters(p.term))
 
         return sorted(best.values(), key=rank), trials
@@ -265,7 +265,7 @@ class Search:
         if self.late:
             return OUT_OF_TIME
         proposals, trials = self.ranked()
-        children: list[tuple[float, Fitted, Term]] = []
+        children: list[tuple[float, FittedModel, Term]] = []
         tries = 0
         for proposal in proposals[:REFITS]:
             if children and min(child.cost for _, child, _ in children) < proposal.cost:
@@ -277,7 +277,7 @@ class Search:
             trials.append(trial)
             if child is not None:
                 children.append((self.scored(child), child, proposal.term))
-        trials += [Trial(p.term.name, p.term.title, p.cost, reason="other terms promise more")
+        trials += [TriedTerm(p.term.name, p.term.title, p.cost, reason="other terms promise more")
                    for p in proposals[tries:]]
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
         if not children:
@@ -287,12 +287,12 @@ class Search:
         self.record(term.name, term.title)
         return ""
 
-    def child(self, proposal: Proposal) -> tuple[Fitted | None, Trial]:
+    def child(self, proposal: TermProposal) -> tuple[FittedModel | None, TriedTerm]:
         """Fit the model with one more term. Return the fit, or None if the term is refused, and what was tried."""
-        term, trial = proposal.term, Trial(proposal.term.name, proposal.term.title, proposal.cost)
+        term, trial = proposal.term, TriedTerm(proposal.term.name, proposal.term.title, proposal.cost)
         gone = {*term.replaces, *(p.name for p in term.adds)}
         others = [p for p in self.best.parameters if p.name not in gone]
-        best: Fitted | None = None
+        best: FittedModel | None = None
         for start in proposal.starts():
             try:
                 end = fitted(self.setting, self.model(term), [*others, *term.begun(proposal.row, start)],
@@ -328,7 +328,7 @@ class Search:
         self.record(f"-{term.name}", f"without {term.title}")
         return True
 
-    def without(self, term: Term) -> tuple[float, Fitted, Term] | None:
+    def without(self, term: Term) -> tuple[float, FittedModel, Term] | None:
         """Return criterion and fit of the model without a term; None if the model needs the term.
 
         A term is needed if left-out parts are predicted worse without it: by 3 % in the sum of squares or, if the
@@ -391,7 +391,7 @@ def extra_parameters(term: Term) -> int:
     return sum(p.free for p in term.adds) - len(term.replaces)
 
 
-def undetermined(fit: Fitted, term: Term) -> dict[str, str]:
+def undetermined(fit: FittedModel, term: Term) -> dict[str, str]:
     """Return the parameters of a term that the recordings do not determine, each with its value and error as text.
 
     The standard error is compared with the distance from the value without effect. Parameters of single joints, which
@@ -408,7 +408,7 @@ def undetermined(fit: Fitted, term: Term) -> dict[str, str]:
     return vague
 
 
-def cost_without(fit: Fitted, term: Term) -> float:
+def cost_without(fit: FittedModel, term: Term) -> float:
     """Return the cost that the linearised model leaves with the parameters of a term at their null values."""
     names = {p.name for p in term.adds}
     mine = [k for k, name in enumerate(fit.free) if name in term.null]

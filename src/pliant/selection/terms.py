@@ -12,6 +12,7 @@ from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter
 from pliant.identification.torque_start import grown, highest_level
+from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Model, Tendon
 
 NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
@@ -105,10 +106,17 @@ def held(name: str, value: float) -> Parameter:
     return Parameter(name, value, free=False)
 
 
-def check_terms(names: Sequence[str]) -> None:
-    """Raise InputError for a name that is no term. Names of chambers before a dot are not checked."""
-    if unknown := [n for n in names if n.rpartition(".")[2] not in TERMS]:
-        raise InputError(f"unknown term {unknown[0]!r}: choose from {', '.join(TERMS)}")
+def known_term(name: str) -> str:
+    """Return the name of a term. The name of a chamber before its dot is not checked.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no term.
+    """
+    if name.rpartition(".")[2] not in TERMS:
+        raise ValueError(f"is no term: {name!r}; choose from {', '.join(TERMS)}")
+    return name
 
 
 def terms_for(
@@ -131,7 +139,11 @@ def terms_for(
     InputError
         For an unknown name.
     """
-    check_terms([*only, *without])
+    try:
+        for name in (*only, *without):
+            known_term(name)
+    except ValueError as error:
+        raise InputError(f"a name {error}") from None
 
     def named(one: Term, names: Sequence[str]) -> bool:
         return one.name in names or one.name.rpartition(".")[2] in names
@@ -223,7 +235,7 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if not isinstance(c, Tendon)]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
-    if model.extensions or not gains or not (model.space is not None or apart > GROWN):
+    if mechanics_of(model).lengthens or not gains or not (model.space is not None or apart > GROWN):
         return
     yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                    held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),

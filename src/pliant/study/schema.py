@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
 from pliant.files import read_entries
@@ -16,13 +16,14 @@ from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
 from pliant.model import Station
 from pliant.model.file import AxialCurve
-from pliant.selection.terms import check_terms
+from pliant.selection.terms import known_term
 from pliant.simulation.forces import PointForce
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise", "decay"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
+TermName = Annotated[str, AfterValidator(known_term)]
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
 
 
@@ -253,31 +254,12 @@ class SelectionEntry(StudyEntry):
     train: list[str]
     held_out: list[str] = []
     common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free in every model
-    terms: list[str] = []  # names of `pliant.selection.TERMS` that may be added; all when empty
-    without: list[str] = []  # names of terms that may not be added
+    terms: list[TermName] = []  # names of `pliant.selection.TERMS` that may be added; all when empty
+    without: list[TermName] = []  # names of terms that may not be added
     minutes: float = Field(5.0, gt=0, le=1e4)  # time limit
     weighting: Weighting = "travel"
     loss: Loss = "linear"
     bootstrap: int = Replicates
-
-    @model_validator(mode="before")
-    @classmethod
-    def without_stages(cls, content: Any) -> Any:
-        """Refuse the entries of earlier versions, whose stages were chosen with the held-out recordings in view."""
-        old = [k for k in ("choose_by", "stages", "starts") if isinstance(content, Mapping) and k in content]
-        if old:
-            raise ValueError(f"{old[0]} is no longer an entry, because the training recordings choose the terms: "
-                             "remove it, and name terms in `terms` or `without` to restrict the choice")
-        return content
-
-    @model_validator(mode="after")
-    def known_terms(self) -> SelectionEntry:
-        """Check the names of terms."""
-        try:
-            check_terms([*self.terms, *self.without])
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        return self
 
 
 class WiringEntry(StudyEntry):
