@@ -9,6 +9,16 @@ from typing import Any, get_args
 
 from pliant.text import escaped
 
+LONGEST = 1000  # characters of a message
+HEAD, TAIL = 600, 300  # characters that are kept of a longer one: what is wrong, and what to do
+
+
+def bounded(message: str) -> str:
+    """Return a message of at most `LONGEST` characters: of a longer one, the middle is left out and counted."""
+    if len(message) <= LONGEST:
+        return message
+    return f"{message[:HEAD]} ... ({len(message) - HEAD - TAIL} characters left out) ... {message[-TAIL:]}"
+
 
 class PliantError(Exception):
     """Base class of all exceptions that pliant raises for bad input or a failed computation.
@@ -16,7 +26,7 @@ class PliantError(Exception):
     The message says what was expected, what was given and what to do. The command line prints
     it as one sentence and exits with ``exit_code``: 2 for bad input, 1 for a job that failed.
     Text that the message quotes from a file is escaped, so that it is always one printable line
-    (`pliant.text.escaped`).
+    (`pliant.text.escaped`), and the middle of a very long message is left out.
 
     Examples
     --------
@@ -31,7 +41,7 @@ class PliantError(Exception):
     exit_code = 1
 
     def __init__(self, message: object = "", *more: object) -> None:
-        super().__init__(escaped(message, "line"), *more)
+        super().__init__(bounded(escaped(message, "line")), *more)
 
 
 class InputError(PliantError, ValueError):

@@ -12,6 +12,7 @@ from typing import Literal
 from unicodedata import category, combining, normalize
 
 Form = Literal["line", "c_comment", "xml_comment", "identifier"]
+SHOWN = 80  # characters of a name in a list
 LONGEST = 63  # characters of an identifier that every C99 compiler tells apart
 
 
@@ -54,6 +55,20 @@ def escaped(text: object, form: Form) -> str:
         line = re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", line)
         line = f"{line}." if line.rstrip().endswith("\\") else line
     return line
+
+
+def listed(names: Iterable[object], most: int = 8) -> str:
+    """Return names as one text, separated by commas: at most `most` of them, each cut to 80 characters, and how many
+    more there are.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], most=2)
+    'a, b and 1 more'
+    """
+    every = [str(name) for name in names]
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(name if len(name) <= SHOWN else f"{name[: SHOWN - 3]}..." for name in every[:most]) + more
 
 
 def is_line(text: str) -> bool:

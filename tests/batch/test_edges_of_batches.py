@@ -14,6 +14,7 @@ from pliant.batch.schedule import Schedule
 from pliant.batch.simd import outputs
 from pliant.batch.stepper import batch_stepper
 from pliant.compiler.simd import WIDTH, aligned
+from pliant.errors import InputError
 from pliant.model import Chamber, Memory, Valve
 from pliant.simulation import Pulse, Stepper, equilibrium
 
@@ -153,7 +154,8 @@ def test_one_of_two_chambers_may_be_slow():
 
 
 def test_every_chain_of_a_stepper_needs_its_pressure(paper):
-    body = paper.with_(memory=Memory(slip_share=(0.3,), slip_angle=(0.02,)))
-    batch = batch_stepper([body], 2, 1e-3)
-    with pytest.raises(ValueError, match="zip"):
-        batch.hold(np.full((1, 1), 1e4), 1)
+    for body in (paper, paper.with_(memory=Memory(slip_share=(0.3,), slip_angle=(0.02,)))):
+        batch = batch_stepper([body], 2, 1e-3)
+        for pressure in (np.full((1, 1), 1e4), np.full((2, 2), 1e4), 1e4):
+            with pytest.raises(InputError, match="2 chains and 1 chambers"):
+                batch.hold(pressure, 1)

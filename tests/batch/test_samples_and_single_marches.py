@@ -9,6 +9,7 @@ from pliant.batch import one_by_one
 from pliant.batch.batch import simulate_batch
 from pliant.batch.samples import gather, repeated
 from pliant.errors import InputError
+from pliant.identification.forward_model import no_drive
 from pliant.model import Chamber, Memory, chain_model
 from pliant.simulation import Pulse, simulate
 
@@ -87,7 +88,8 @@ def test_a_body_alone_starts_at_rest_or_where_it_is_told(paper):
 def test_a_march_alone_names_the_step_that_failed(paper, monkeypatch, code, step):
     """From 0: a link turned too far; from -2 downwards: the memory came to no agreement."""
     monkeypatch.setattr(one_by_one, "lane_twin", lambda *_: lambda *_: code)
-    made, failed = one_by_one.march_alone(paper, None, np.zeros(paper.n), np.zeros(paper.n), 2)
+    steps = no_drive(paper).steps
+    made, failed = one_by_one.march_alone(paper, steps, np.zeros(paper.n), np.zeros(paper.n), 2)
     assert failed == step
     assert bool(made) is (step < 0)
 

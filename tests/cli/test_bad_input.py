@@ -12,8 +12,9 @@ import pytest
 from command_line import invoke, program
 from small_study import HEADER, STUDY, body, changed, table, write_recording, write_study
 
-from pliant.errors import PliantError
-from pliant.model import Chamber, save_model
+from pliant.actuators import chen2018
+from pliant.errors import InputError, PliantError
+from pliant.model import Chamber, chain_model, save_model
 
 
 def refused(*arguments: str | Path) -> str:
@@ -190,3 +191,40 @@ def test_the_program_itself_prints_the_sentence_and_leaves_with_two(case: str, t
     line, = done.stderr.strip().splitlines()
     assert line.startswith("pliant: ")
     assert says in line
+
+
+@pytest.mark.parametrize("entries", [
+    {"extensions": [{"stiffness": 300.0, "damping": 1.0, "name": "body"}] * 200},
+    {"stations": [{"name": "s" * 60, "link": 0, "along": 0.01, "across": 0.0}] * 200},
+    {"mass_at": "x" * 5000}, {"unknown": ["y" * 70] * 300}, {"name": "n" * 4000, "link_mass": [-1.0]},
+    {"memory": {"boucwen_share": 0.1, "boucwen_beta": 0.5, "boucwen_gamma": 0.5, "slip_share": [0.001] * 81,
+                "slip_angle": [0.1] * 81, "creep_share": [0.001] * 81, "creep_time": [0.1] * 81}},
+])  # fmt: skip
+def test_a_refused_model_file_takes_one_readable_line(entries, tmp_path):
+    content = json.loads(save_model(chen2018.model(), tmp_path / "model.json").read_text()) | entries
+    del content["checksum"]
+    (tmp_path / "model.json").write_text(json.dumps(content))
+    path = tmp_path / "arm.mat"
+    assert len(refused("export", tmp_path / "model.json", "--to", "state-space", "-o", path)) < 400
+    assert not path.exists()
+
+
+def test_the_middle_of_a_long_message_is_left_out_and_counted():
+    message = str(InputError("first " + "x" * 5000 + " do this"))
+    assert len(message) < 1000
+    assert message.startswith("first xx")
+    assert "(4114 characters left out)" in message
+    assert message.endswith("xx do this")
+
+
+def test_an_approximate_export_says_by_how_much_its_second_chamber_differs(tmp_path):
+    """Through the command: the feature that is left out belongs to a chamber that the first input does not drive."""
+    chambers = Chamber(torque=(6.7e-7,), name="a"), Chamber(torque=(6.7e-7,), name="b", inflation_limit=3e5)
+    model = chain_model(length=0.17, mass=0.069, links=3, stiffness=1.6, damping=8e-3, chambers=chambers)
+    save_model(model, tmp_path / "arm.json")
+    path = tmp_path / "arm.xml"
+    done = invoke("export", tmp_path / "arm.json", "--to", "mjcf", "-o", path, "--approximate", "--json")
+    assert done.exit_code == 0, done.output
+    difference = json.loads(done.stdout)["difference"]
+    assert "kPa in b from 0.1 s" in difference["input"]
+    assert difference["largest_tip_difference_mm"] > 10.0

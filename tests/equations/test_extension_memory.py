@@ -148,5 +148,5 @@ def test_where_the_laws_mean_nothing_they_are_refused() -> None:
         Extension(9.0, stiffening_bound=1.0)
     with pytest.raises(InputError, match="axial_slip_share and axial_slip_strain must have the same length"):
         Memory(axial_slip_share=(0.1,))
-    with pytest.raises(InputError, match="does not follow hysteresis of segments"):
+    with pytest.raises(InputError, match="does not support hysteresis of segments"):
         simulate(ARM.with_(memory=AXIAL), Trace([0.0, 0.1], [0.0, PUSH]), times=[0.0, 0.1], method="LSODA")

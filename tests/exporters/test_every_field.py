@@ -14,12 +14,12 @@ from hostile_models import code_of, fields_of
 from target_models import pulled
 
 import pliant
-from pliant.exporters import features
 from pliant.exporters.c99 import defaults, public_step
 from pliant.exporters.c_space import text_of
-from pliant.exporters.features import FEATURES, KNOWN, missing, without
+from pliant.exporters.features import without
 from pliant.exporters.registry import BUILT_IN, exporters
-from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve
+from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve, features
+from pliant.model.features import FEATURES, KNOWN, missing
 
 PARTS = (Model, Chamber, Valve, Memory, Extension, Station, Space, Tendon)
 ENDS = {name: e.suffixes[0] for name, e in exporters().items()} | {"state-space": ".npz"}
@@ -45,7 +45,7 @@ def rich(kind: str = "limits") -> Model:
                           cubic_stiffening=0.2, stiffening_bound=0.7)
     lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1,
                     dead_band=500.0, opening_time=0.05)  # fmt: skip
-    ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004)
+    ringing = Valve(natural_frequency=9.0, damping_ratio=0.6, dead_time=0.004, settle_share=0.1)
     chambers = tuple(
         Chamber([6e-7, 1e-13], [1.0, 0.5], valve, swell_share=0.2, inflation_limit=2e6, inflation_jm=9.0,
                 axial_gain=20.0, name=name)
@@ -181,7 +181,7 @@ def test_a_field_that_no_feature_knows_is_refused(monkeypatch, tmp_path):
         monkeypatch.setattr(features, "KNOWN", KNOWN - {feature})
         for target in BUILT_IN:
             for approximate in (False, True):
-                with pytest.raises(pliant.InputError, match=f"^{feature}.*: unknown to the exporters"):
+                with pytest.raises(pliant.InputError, match=f"^{feature}.*: unknown to the consumers of models"):
                     pliant.export(model, target, tmp_path / f"a{ENDS[target]}", approximate=approximate)
     monkeypatch.setattr(features, "KNOWN", KNOWN - {"Model.cubic_stiffening", "Valve.settle_share"})
     from pliant.actuators import chen2018

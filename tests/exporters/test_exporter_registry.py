@@ -15,11 +15,12 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.exporters.difference import difference
-from pliant.exporters.features import FEATURES, missing, named, without
+from pliant.exporters.features import FEATURES, without
 from pliant.exporters.provenance import standard_errors
 from pliant.exporters.registry import BUILT_IN, exporters
 from pliant.mechanics import springs
 from pliant.model import Chamber, Extension, Memory, Valve, load_model, save_model
+from pliant.model.features import missing, named
 from pliant.simulation import equilibrium
 from pliant.simulation.state import typical_pressure
 

@@ -12,7 +12,7 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import draw_models
-from pliant.model import Memory
+from pliant.model import Memory, save_model
 from pliant.simulation import simulate
 from pliant.simulation.inputs import Trace
 from pliant.testbed import fibre
@@ -125,6 +125,12 @@ def test_bodies_of_the_covariance(tmp_path):
     told = {"parameters": rows, "covariance": {"names": list(rows), "matrix": C.tolist(), "hidden": [False] * 3}}
     (tmp_path / "metrics.json").write_text(json.dumps({"fits": {"one": told}}), encoding="utf-8")
     bodies = draw_models(model, tmp_path / "metrics.json", n, 1)
+    read = draw_models(str(save_model(model, tmp_path / "model.json")), str(tmp_path / "metrics.json"), 2, 1)
+    assert [m.stiffness[0] for m in read] == [m.stiffness[0] for m in bodies[:2]]
+    for wrong, words in ((tmp_path / "none.json", "cannot read the model file"), ({}, "expected a Model or the path"),
+                         (tmp_path / "metrics.json", "model file .*metrics.json")):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            draw_models(wrong, tmp_path / "metrics.json", 2)
     drawn = np.array([[m.stiffness[0], m.damping[0]] for m in bodies])
     assert np.std(drawn, axis=0) == pytest.approx(np.sqrt(np.diag(C)[:2]), rel=4 / np.sqrt(2 * n))
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=4 * (1 - 0.8**2) / np.sqrt(n))

@@ -13,7 +13,6 @@ import pliant
 from pliant.batch import simulate_batch
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
-from pliant.exporters.features import missing
 from pliant.exporters.registry import exporters
 from pliant.exporters.state_space import linear_model
 from pliant.identification.experiment import Experiment
@@ -21,6 +20,7 @@ from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
 from pliant.mechanics import mechanics_of, springs
 from pliant.model import Extension, Model, Space, Station
+from pliant.model.features import missing
 from pliant.model.parameters import ChainValues
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, Stepper, Trace, equilibrium, simulate

@@ -30,7 +30,8 @@ MODELS = {
 def sizes(model: Model) -> dict[str, int]:
     """The letters of the shapes, each with a size of its own where the model leaves it open."""
     return {"N": model.size, "n": model.n, "J": model.size - len(model.extensions), "S": len(model.points),
-            "C": len(model.chambers), "d": mechanics_of(model).dimension, "T": 5, "K": 6, "P": 7}  # fmt: skip
+            "C": len(model.chambers), "R": len(model.actuation.levers), "d": mechanics_of(model).dimension,
+            "T": 5, "K": 6, "P": 7}  # fmt: skip
 
 
 def shape(text: str, letters: dict[str, int], leading: tuple[int, ...] = (5,)) -> tuple[int, ...]:

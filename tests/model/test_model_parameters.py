@@ -10,7 +10,6 @@ import pytest
 from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Model, Station, Valve, chain_model
-from pliant.model.statics import torques_over
 
 GOOD = {"link_length": [0.05, 0.03], "link_mass": 0.01, "stiffness": [1.0, 0.5], "damping": 5e-3, "torque": 6e-7}
 
@@ -60,7 +59,7 @@ def test_one_number_stands_for_all_links():
         ({"stations": [Station("a", 0, np.nan)]}, "must sit on a link"),
         ({"stations": [("a", 0.5, 0.0)]}, "an integer link"),
         ({"stations": [("a",)]}, "a station is"),
-        ({"stations": [("a", 0, 0.01), ("a", 1, 0.01)]}, "names must differ"),
+        ({"stations": [("a", 0, 0.01), ("a", 1, 0.01)]}, "must have different names"),
     ],
 )
 def test_what_is_not_physical_is_refused(changes, words):
@@ -159,10 +158,10 @@ def test_an_extension_stops_after_its_start_or_at_the_tip():
 
 def test_torques_over_a_record_take_one_pressure_for_each_chamber():
     one = Model(**GOOD).actuation
-    np.testing.assert_allclose(torques_over(one, [1e5, 2e5])[:, 0], [0.06, 0.12], rtol=1e-12)
+    np.testing.assert_allclose(one.torques_over([1e5, 2e5])[:, 0], [0.06, 0.12], rtol=1e-12)
     two = Model(**{k: v for k, v in GOOD.items() if k != "torque"}, chambers=(
         Chamber(torque=[6e-7], name="a"), Chamber(torque=[4e-7], name="b"))).actuation  # fmt: skip
-    np.testing.assert_allclose(torques_over(two, [[1e5, 2e5]]), [[0.06, 0.08]], rtol=1e-12)
+    np.testing.assert_allclose(two.torques_over([[1e5, 2e5]]), [[0.06, 0.08]], rtol=1e-12)
     for wrong in ([1e5, 2e5], np.zeros((3, 1)), np.zeros((1, 2, 2))):
         with pytest.raises(InputError, match=r"expected pressures \(T, 2\): 2 pressure\(s\) in Pa"):
-            torques_over(two, wrong)
+            two.torques_over(wrong)

@@ -19,7 +19,6 @@ from pliant.model.limits import LIMITS, check_limit
 from pliant.model.memory import payne, springpot
 from pliant.model.section import bending_stiffness, joint_placement, segments
 from pliant.model.space import Space, rows_of, space_of
-from pliant.model.statics import joint_torques_over, torques_over
 from pliant.model.summary import in_words
 from pliant.model.torque_law import laid_torque, unfinished_law
 
@@ -311,7 +310,7 @@ def test_segments_hold_parts_of_links_and_joints():
     assert joints_inside(model.with_(extensions=later)) == ((0,), (1,))
     for pair, said in (
         ((Extension(50.0, 0.0, 0.0, 0.2, "a"), Extension(50.0, 0.0, 0.1, None, "b")), "must not overlap, but a, b do"),
-        ((Extension(50.0, name="a"), Extension(50.0, 0.0, 0.4, 0.5, "a")), "different names, got a, a"),
+        ((Extension(50.0, name="a"), Extension(50.0, 0.0, 0.4, 0.5, "a")), "but .a. is the name of 2 of 2"),
         ((Extension(50.0, 0.0, 0.4, 0.5, "far"),), r"'far' lies beyond the body, which is 0\.35 m long"),
         (
             tuple(Extension(50.0, 0.0, 0.01 * k, 0.01 * (k + 1), f"e{k}") for k in range(4)),
@@ -379,14 +378,14 @@ def test_pressures_of_several_inputs():
     np.testing.assert_allclose(both.torques([1e4, 2e4]), torque)
     np.testing.assert_allclose(both.joint_torques([1e4, 2e4]), torque)
     p = np.array([[1e4, 2e4], [0.0, 1e4]])
-    np.testing.assert_allclose(torques_over(both, p), [torque, [0, -5e-3]])
-    np.testing.assert_allclose(joint_torques_over(both, p), [torque, [0, -5e-3]])
-    np.testing.assert_allclose(torques_over(Actuation(two_chambers()[1:], 2), [1e4, 2e4]), [[-5e-3], [-1e-2]])
+    np.testing.assert_allclose(both.torques_over(p), [torque, [0, -5e-3]])
+    np.testing.assert_allclose(both.joint_torques_over(p), [torque, [0, -5e-3]])
+    np.testing.assert_allclose(Actuation(two_chambers()[1:], 2).torques_over([1e4, 2e4]), [[-5e-3], [-1e-2]])
     with pytest.raises(InputError, match=r"expected pressures \(T, 2\): 2 pressure\(s\) in Pa"):
-        torques_over(both, [1e4, 2e4])
+        both.torques_over([1e4, 2e4])
     one = Actuation(two_chambers()[:1], 2)
     with pytest.raises(InputError, match=r"got shape \(1, 1, 1\)"):
-        torques_over(one, np.zeros((1, 1, 1)))
+        one.torques_over(np.zeros((1, 1, 1)))
 
 
 def test_a_soft_wall_multiplies_the_torque_at_rest():
@@ -461,7 +460,7 @@ def test_a_model_has_chambers_or_the_numbers_of_one():
     near, far = two_chambers()
     assert chambers_of({}, [near, far]) == (near, far)
     for values, given, said in (
-        ({"torque": [1e-6]}, (near,), "not both"), ({}, (near, near), "different names, got near, near"),
+        ({"torque": [1e-6]}, (near,), "not both"), ({}, (near, near), "but .near. is the name of 2 of 2"),
         ({}, (), "needs a torque law"),
     ):
         with pytest.raises(InputError, match=said):
@@ -485,7 +484,7 @@ def test_a_model_has_chambers_or_the_numbers_of_one():
         ({"stations": [Station("a", 2, 0.0)]}, r"must sit on a link 0\.\.1 or the base"),
         ({"stations": [Station("a", -2, 0.0)]}, "must sit on a link"),
         ({"stations": [Station("a", 0, 2e3)]}, "station along"),
-        ({"stations": [Station("a", 0, 0.1), Station("a", 1, 0.1)]}, "must differ"),
+        ({"stations": [Station("a", 0, 0.1), Station("a", 1, 0.1)]}, "must have different names"),
         ({"stations": [Station("a", 0, 0.1, 0.0, 0.1)]}, "out of the bending plane"),
         ({"stations": [Station("a", 0, np.nan)]}, "must sit"),
         ({"stations": [Station(f"s{k}", 0, 0.0) for k in range(4097)]}, "at most 4096 stations, got 4097"),

@@ -7,7 +7,8 @@ import pliant
 from pliant.control import design_lqr
 from pliant.errors import InputError
 from pliant.estimation import AdaptiveObserver
-from pliant.model import Chamber, Space, Station
+from pliant.model import Chamber, Model, Space, Station
+from pliant.simulation import modes
 
 BODY = {"length": 0.3, "mass": 0.1, "links": 4, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 1e-3}
 
@@ -88,5 +89,17 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
     lambda model: design_lqr(model, 1e5, 1e-3),
 ])  # fmt: skip
 def test_what_takes_planar_chains_alone_refuses_one_in_space(use):
-    with pytest.raises(InputError, match="needs a planar chain"):
+    with pytest.raises(InputError, match=r"needs a planar chain|does not support a body in space"):
         use(in_space())
+
+
+@pytest.mark.parametrize(("mass", "radius"), [(0.0, 0.01), (1e-9, 1e-6)])
+def test_a_last_link_that_twists_needs_inertia_about_its_axis(mass, radius):
+    """A tip mass is a point on the axis. Without twist the link may be without mass."""
+    body = {"link_length": [0.05, 0.05], "link_mass": [0.02, mass], "tip_mass": 0.01, "stiffness": 0.5, "damping": 5e-3,
+            "torque": (6e-7,)}  # fmt: skip
+    with pytest.raises(InputError, match=r"the last link of a chain that twists has .* set twist_ratio to 0"):
+        Model(**body, space=Space(twist_ratio=0.7, radius=radius))
+    assert Model(**body, space=Space(radius=0.01)).n == 2
+    thin = Model(**body | {"link_mass": [0.02, 0.001]}, space=Space(twist_ratio=0.7, radius=1e-4))
+    assert np.isfinite(modes(thin)[0]).all()

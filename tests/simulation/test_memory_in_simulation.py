@@ -204,7 +204,7 @@ def test_what_is_not_passive_or_not_a_number_is_refused(entries, sentence):
 
 
 def test_refusals(paper):
-    with pytest.raises(InputError, match="does not support slip or Bouc-Wen, only creep"):
+    with pytest.raises(InputError, match="does not support slip element 1"):
         simulate(paper.with_(memory=SLIP), PULSE, duration=0.1, method="LSODA")
     with pytest.raises(InputError, match="swell_share must be at most 1"):
         paper.with_(swell_share=1.2)

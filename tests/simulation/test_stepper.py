@@ -10,7 +10,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Memory, Valve
+from pliant.model import Chamber, Memory, Valve, chain_model
 from pliant.simulation import Stepper, Trace, simulate, state
 
 HELD = np.repeat([0.0, 4e4, 1.2e5, 3e4, 9e4, 0.0], 40)
@@ -102,6 +102,19 @@ def test_a_loose_budget(paper):
     for _ in range(1000):
         stepper.step(1e5)
     assert perf_counter() - began < 0.2
+
+
+@pytest.mark.parametrize("wrong", [5e4, [5e4], [5e4, 0.0, 1.0], [[5e4, 0.0]]])
+def test_each_input_needs_its_value(wrong):
+    """As in `simulate` and `equilibrium`: one number does not fill two inputs; a single 0 does."""
+    pair = Chamber(torque=(6e-7,), name="a"), Chamber(torque=(6e-7,), joint_gain=[0.0, -1.0], name="b")
+    stepper = Stepper(chain_model(length=0.17, mass=0.07, links=2, stiffness=1.6, damping=8e-3, chambers=pair))
+    with pytest.raises(InputError, match=r"expected 2 pressure\(s\) in Pa, one for each chamber \(a, b\)"):
+        stepper.step(wrong)
+    assert not stepper.pressure.any()
+    stepper.step(0.0)
+    stepper.step([1e4, 2e4])
+    assert stepper.pressure.tolist() == [1e4, 2e4]
 
 
 @pytest.mark.parametrize("valve", [Valve(dead_time=0.01), Valve(natural_frequency=5.0)])

@@ -18,6 +18,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.simulation import march_loops, state
 from pliant.simulation.drive import drive, inputs_of
@@ -68,6 +69,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     (N,), joint coordinates.
     """
     chain = mechanics_of(model)
+    check_lengths(chain, x=angle, v=rate, torque=steps.gain)
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate

@@ -13,12 +13,30 @@ from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import WIDTH, aligned
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, fixed_length
+from pliant.model import Model
+from pliant.model.features import (
+    FIRST_ORDER,
+    HYSTERESIS,
+    IN_SPACE,
+    LAWS,
+    LENGTHENS,
+    SPRINGS,
+    TENDONS,
+    WALLS,
+    Consumer,
+)
 from pliant.simulation import Stepper, state
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.solve import check_step
+from pliant.simulation.stepper import STEPPER
 
 Array = np.ndarray
+
+
+BATCH_STEPPER = Consumer(
+    "a batch that is simulated step by step", SPRINGS | LAWS | WALLS | FIRST_ORDER | HYSTERESIS,
+    remedy=dict(STEPPER.remedy) | dict.fromkeys(LENGTHENS | IN_SPACE | TENDONS, "use a Stepper for each body"),
+)  # fmt: skip
 
 
 def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> OnLanes | OneByOne:
@@ -27,16 +45,27 @@ def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> OnLan
     Raises
     ------
     InputError
-        When the models differ in kind, the `time_step` [s] is too long for one, or `Stepper` does not support a valve.
+        When the models differ in kind, one is in space or lengthens, the `time_step` [s] is too long for one, or
+        `Stepper` does not support a valve.
     """
-    first = fixed_length(models[0])
-    Stepper(first, time_step, np.zeros(first.actuation.count))  # what it refuses is refused
+    for model in models:
+        BATCH_STEPPER.check(model)
+    first = models[0]
+    Stepper(first, time_step, np.zeros(first.actuation.count))  # a step that it refuses is refused
     check_alike(models, {k: of for k, of in ALIKE.items() if k != "memory" or not all(m.memory for m in models)})
     if len({m.actuation.count for m in models}) > 1:
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, time_step, "midpoint")
     return OneByOne(models, size, time_step) if first.memory else OnLanes(models, size, time_step)
+
+
+def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
+    """Raise InputError unless there is a pressure for each of N chains and C chambers; `shape` is (N, C)."""
+    if np.shape(pressure) != shape:
+        raise InputError(
+            f"expected pressures {shape} of {shape[0]} chains and {shape[1]} chambers, got shape {np.shape(pressure)}"
+        )
 
 
 class OnLanes:
@@ -91,6 +120,7 @@ class OnLanes:
         each chain whether it failed, as booleans (N,).
         """
         command = self._chambers.command
+        check_commands(pressure, (self.size, command.shape[-1]))
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
         return np.asarray(self._failed.ravel()[: self.size] > 0)
@@ -157,6 +187,7 @@ class OneByOne:
         each chain whether it failed, as booleans (N,).
         """
         failed = np.zeros(len(self._time_steppers), dtype=bool)
+        check_commands(pressure, (failed.size, self._models[0].actuation.count))
         for i, (stepper, p) in enumerate(zip(self._time_steppers, pressure, strict=True)):
             try:
                 stepper.step(p, steps)

@@ -9,7 +9,6 @@ import numpy as np
 from pliant.contact.likelihood_ratio import InnovationResponse, frames_of
 from pliant.errors import InputError
 from pliant.model import Model
-from pliant.model.statics import torques_over
 
 Array = np.ndarray
 CAP = 1.5  # upper limit of the cumulative sum, in thresholds
@@ -132,7 +131,7 @@ def features_of(model: Model, time: Array, pressure: Array, angle: Array, rate: 
     from scipy.signal import lfilter
 
     h, columns = float(np.median(np.diff(time))), [np.ones(len(angle))]
-    for tau in torques_over(model.actuation, pressure).T:
+    for tau in model.actuation.torques_over(pressure).T:
         columns += [tau, tau**2 / max(float(np.abs(tau).max()), 1e-12)]
         for lag in LAGS:
             keep = float(np.exp(-h / lag))

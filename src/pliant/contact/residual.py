@@ -8,11 +8,30 @@ from pliant.compiler.choose import twin
 from pliant.equations import contact, elastic
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, fixed_length
-from pliant.model.statics import joint_torques_over
+from pliant.mechanics.lengths import check_lengths
+from pliant.model import Model
+from pliant.model.features import (
+    HYSTERESIS,
+    IN_SPACE,
+    LAWS,
+    LENGTHENS,
+    SPRINGS,
+    TENDONS,
+    VALVES,
+    WALLS,
+    Consumer,
+)
 from pliant.shapes import Float
 
 Array = np.ndarray
+EXTERNAL = dict.fromkeys(
+    HYSTERESIS | {"axial_memory", "space_memory", "tendon_friction"}, "its torques count as external"
+) | dict.fromkeys(VALVES, "pressures are those behind the valves")
+MOMENTUM_RESIDUAL = Consumer(
+    "momentum_residual", SPRINGS | LAWS, EXTERNAL,
+    dict.fromkeys(LENGTHENS | IN_SPACE | TENDONS, "use pliant.estimate, whose disturbance is the external torque"),
+)
+STATIC_RESIDUAL = Consumer("static_residual", SPRINGS | LAWS | WALLS | LENGTHENS | IN_SPACE | TENDONS, EXTERNAL)
 
 
 def momentum_residual(
@@ -38,10 +57,14 @@ def momentum_residual(
     Raises
     ------
     InputError
-        When lengths do not agree or the bandwidth is not positive.
+        When lengths do not agree, the bandwidth is not positive, the body is in space or lengthens, or a chamber has
+        a lagging pressure or a hyperelastic wall.
 
     Source: De Luca and Mattone (2003); hysteresis of the joints counts as external here
     """
+    MOMENTUM_RESIDUAL.check(model)
+    chain = mechanics_of(model)
+    check_lengths(chain, x=angle)
     T, n = np.shape(angle)
     if np.shape(rate) != (T, n):
         raise InputError(f"the rates must have the shape {(T, n)} of the angles, got {np.shape(rate)}")
@@ -52,11 +75,11 @@ def momentum_residual(
         )
     if not bandwidth > 0:
         raise InputError(f"the bandwidth of the observer must be above 0 1/s, got {bandwidth}")
-    body, joints, _ = mechanics_of(fixed_length(model)).parts()
+    body, joints, _ = chain.parts()
     momentum, momentum_rate = twin(contact.momentum), twin(contact.momentum_rate)
     torques = twin(elastic.joint_torques)
     p, rates, t = np.empty((T, n)), np.empty((T, n)), np.empty(n + 1)
-    tau = joint_torques_over(model.actuation, pressure)
+    tau = model.actuation.joint_torques_over(pressure)
     for k in range(T):
         momentum(angle[k], rate[k], body, p[k])
         torques(angle[k], rate[k], joints, tau[k], 0.0, t)
@@ -86,12 +109,15 @@ def static_residual(model: Model, angle: Float[Array, "T N"], pressure: Float[Ar
     Raises
     ------
     InputError
-        When a shape does not have n angles and S strains.
+        When a shape does not have n angles and S strains, or there is not one row of pressures for each shape.
     """
+    STATIC_RESIDUAL.check(model)
     if np.shape(angle)[1:] != (model.size,):
         counted = mechanics_of(model).counted
         raise InputError(f"each shape at rest must hold {counted}, (T, {model.size}), got shape {np.shape(angle)}")
-    tau = joint_torques_over(model.actuation, pressure)
+    if np.shape(pressure)[:1] != np.shape(angle)[:1]:
+        raise InputError(f"{len(angle)} shapes at rest need as many rows of inputs, got shape {np.shape(pressure)}")
+    tau = model.actuation.joint_torques_over(pressure)
     chain = mechanics_of(model)
     unexplained = [chain.static_forces(x, t) for x, t in zip(angle, tau, strict=True)]
     return np.asarray(-np.array(unexplained) @ chain.from_joints)

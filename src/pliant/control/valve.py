@@ -13,7 +13,9 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.errors import FitError, InputError
+from pliant.linear.linearisation import LINEARISE
 from pliant.model import Model, Valve
+from pliant.model.features import Consumer
 
 Array = np.ndarray
 FINE = 5e-4  # s, time step of the valve's equation
@@ -65,18 +67,24 @@ class SupplyValve:
         return out
 
 
-def check_followed(model: Model) -> None:
-    """Raise InputError if a valve of the model has a property that controllers do not support: slow settling, dead band
-    or opening time.
+OF_THE_RIG = {"settling": "settle_share", "dead_band": "dead_band", "opening": "opening_time"}
+CONTROL = Consumer(
+    "a controller", LINEARISE.can - {"settling", "tendon_friction"}, LINEARISE.by_nature,
+    {
+        key: f"give the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
+        for key, name in OF_THE_RIG.items()
+    } | {
+        "inflation": LINEARISE.remedy["inflation"],
+        "tendon_friction": "set friction to 0 in the model, so that integral action acts against that of the body",
+    },
+)
 
-    The controllers' models do not include these properties.
+
+def check_followed(model: Model) -> None:
+    """Raise InputError if the model has a feature that controllers do not support, such as a valve with slow settling,
+    a dead band or an opening time. The controllers' models do not include them.
     """
-    for chamber in model.chambers:
-        if name := next((n for n in ("settle_share", "dead_band", "opening_time") if getattr(chamber.valve, n)), ""):
-            raise InputError(
-                f"chamber {chamber.name!r} of model {model.name!r} has a valve with {name}, which controllers do not "
-                f"support: give the rig's valve (`supply`, [valve] in a task file), or set {name} to 0 in the model"
-            )
+    CONTROL.check(model)
 
 
 def supply_of(valve: Valve) -> SupplyValve | None:

@@ -30,12 +30,20 @@ from pliant.linear.linearisation import linearise
 from pliant.linear.sampled import hold
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.springs import stiffer_segments, stiffer_springs
-from pliant.model import Memory, Model, Valve, fixed_length
+from pliant.model import Memory, Model, Valve
+from pliant.model.features import HYSTERESIS, IN_SPACE, LAWS, LENGTHENS, SPRINGS, TENDONS, VALVES, WALLS, Consumer
 from pliant.options import with_defaults
 from pliant.simulation import state
 
 Array = np.ndarray
 UNIT = 1e-6  # N m/Pa, slope of a linear law that replaces the chamber's own, whose slope at 0 Pa may be 0
+
+
+OBSERVER = Consumer(
+    "AdaptiveObserver", SPRINGS | LAWS | WALLS | HYSTERESIS,
+    dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
+    dict.fromkeys(LENGTHENS | IN_SPACE | TENDONS, "use the KalmanFilter (estimator filter)"),
+)
 
 
 class ObserverNoise(TypedDict, total=False):
@@ -105,7 +113,8 @@ class AdaptiveObserver:
         **noise: Unpack[ObserverNoise],
     ) -> None:
         sizes = with_defaults(AdaptiveObserver, noise, OBSERVER_NOISE)
-        self.model, self.period, self._late = without_valves(fixed_length(model)), period, late
+        OBSERVER.check(model)
+        self.model, self.period, self._late = without_valves(model), period, late
         parts = max(1, math.ceil(period / time_step - 1e-9))
         design = stationary(self.model, period, sizes["noise"], sizes["random_walk"], sizes["jerk"])
         chain, drive = with_shifts(self.model)

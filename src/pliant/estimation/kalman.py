@@ -24,6 +24,7 @@ from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import ALL, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import state
 
@@ -64,6 +65,11 @@ class Counts:
     too_late: int = 0  # older than the buffer: ignored
     flipped: int = 0  # orientations more than 90 degrees from the model's, as of flipped markers: ignored
     last_ratio: float = field(default=math.nan)  # normalised innovation squared of the last frame, over its rows
+
+
+FILTER = Consumer(
+    "KalmanFilter", ALL - VALVES, dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
+)
 
 
 class KalmanFilter:
@@ -125,6 +131,7 @@ class KalmanFilter:
             raise InputError(f"time_step must be > 0 s, got {time_step}")
         if not (latency >= 0 and buffer >= 0):
             raise InputError(f"latency and buffer must be >= 0 s, got latency = {latency} and buffer = {buffer}")
+        FILTER.check(model)
         self.model, self.noise = model, noise or default_noise(model)
         self.time_step, self.latency, self.buffer = time_step, latency, buffer
         self.counts, self.fault = Counts(), ""

@@ -25,6 +25,7 @@ from pliant.estimation.symbols import (
 )
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.simulation import Pulse, Trace, state
 from pliant.simulation.drive import Drive
@@ -186,6 +187,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     """Run the compiled Kalman filter over all frames of a measured recording."""
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
+    check_lengths(mechanics_of(model), torque=plan.joint_torque)
     own = FilterState(
         mechanics_of(model).coordinates(q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
         state.relaxed(model, q),

@@ -22,13 +22,13 @@ from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, UNIT, Text, parameters
 from pliant.exporters.c_space import text_of
 from pliant.exporters.control_range import stated_levels
-from pliant.exporters.features import LATER_TERMS
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import LATER_TERMS
 from pliant.simulation import state
 from pliant.simulation.solve import check_step
 from pliant.simulation.time_step import shared_step, warn_too_coarse

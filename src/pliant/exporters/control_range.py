@@ -1,24 +1,14 @@
-"""Levels of the inputs of exported models: those of an option, and the range of controls."""
+"""Levels of the inputs of exported models that an option states."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.registry import levels_in
 from pliant.model import Model
-from pliant.simulation.state import typical_pressure
 from pliant.units import in_words
 
 Array = np.ndarray
-
-
-def default_levels(model: Model) -> Array:
-    """Return the level (C,) [SI] up to which the controls of C inputs reach by default: twice the level of the first
-    input that bends the body by half a radian, or for inputs of different units, twice that of each.
-    """
-    each = range(model.actuation.count if len(set(model.actuation.units)) > 1 else 1)
-    return np.broadcast_to([2.0 * typical_pressure(model, c) for c in each], model.actuation.count)
 
 
 def stated_levels(target: str, option: str, text: str, model: Model) -> Array:
@@ -41,3 +31,12 @@ def range_note(model: Model, highest: Array) -> str:
     upper = ", ".join(f"{word} ({name})" for word, name in zip(words, names, strict=True)) if several else words[0]
     listed = ", ".join(units) if several else units[0]
     return f"controls range from 0 to {upper}: set highest ({listed}) for another range"
+
+
+def levels_in(target: str, option: str, text: str) -> Array:
+    """Return the levels (C,) [SI] that the text of an option states: one number, or numbers separated by commas."""
+    try:
+        return np.array([float(part) for part in text.strip("[]() ").split(",")])
+    except ValueError:
+        raise InputError(f"{target} option {option} must be a number in Pa for each chamber (N, m or rad for each "
+                         f"tendon), separated by commas, got {text!r:.60}") from None  # fmt: skip

@@ -20,7 +20,8 @@ from pliant.errors import InputError, SimulationError
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, load_model
+from pliant.model import Model
+from pliant.model.file import model_of
 from pliant.model.space import require_planar
 from pliant.simulation import state
 from pliant.simulation.state import first_alone, typical_pressure
@@ -243,7 +244,7 @@ def alone(info: dict[str, Any]) -> dict[str, Any]:
 
 def planar_model(model: Model | str | Path) -> Model:
     """Return a planar model, or that of a model file; raise InputError if the body moves in space."""
-    found = model if isinstance(model, Model) else load_model(model)
+    found = model_of(model)
     require_planar(found, "an environment of Gymnasium")
     return found
 

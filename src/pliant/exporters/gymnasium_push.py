@@ -13,7 +13,6 @@ import numpy as np
 from gymnasium import spaces
 
 from pliant.errors import InputError
-from pliant.exporters.features import missing, named
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.gymnasium import (
     LOST,
@@ -30,8 +29,10 @@ from pliant.exporters.provenance import Provenance
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import missing, named
 from pliant.plugins import optional
 from pliant.simulation import state
+from pliant.text import listed
 
 PUCK = 0.10  # radius of the puck, as a fraction of the body's length
 SKIN = 0.05  # radius of the body, as a fraction of its length
@@ -70,7 +71,7 @@ class PushEnv(gymnasium.Env[Array, Array]):
         self.model = planar_model(model)
         self.fit, self.task, self.render_mode = fit, checked_task(task or EpisodeTask()), render_mode
         if lost := missing(self.model, CAN - {"lengthening"}):  # the environment has angles alone
-            raise InputError(f"{', '.join(named(self.model, lost))}: not expressible in MuJoCo, which simulates "
+            raise InputError(f"{listed(named(self.model, lost))}: not expressible in MuJoCo, which simulates "
                              "the puck: use a model without this feature")  # fmt: skip
         self.highest = highest_pressure(self.model, highest, "cannot push")
         n, C, t = self.model.n, self.model.actuation.count, self.task

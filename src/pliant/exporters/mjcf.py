@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.control_range import default_levels, range_note, stated_levels
+from pliant.exporters.control_range import range_note, stated_levels
+from pliant.exporters.difference import default_levels
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -48,6 +49,7 @@ CAN = frozenset({
     "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "gravity", "softening", "law",
     "dead_time", "lag", "creep", "slip", "space", "twist", "tendons",
 })
+FINER, MOST_KEPT = 100, 100_000  # time steps at which dead times hold, and controls that MuJoCo keeps for them
 ARMATURE = 1e-7  # kg m^2, of a hidden hinge, since MuJoCo needs an inertia
 TINY = 1e-12  # kg m^2, of a hidden body
 STRONGEST = 1e6  # N, upper limit of a tendon's force
@@ -104,6 +106,11 @@ def mjcf(
         )
     linear = linear_chain(model, [Hidden(b.share, b.time, ARMATURE) for b in branches(model)])
     time_step = checked_step(linear, integrator, time_step)
+    if any(c.valve.dead_time for c in model.chambers):
+        provenance.messages.append(
+            f"dead times hold at time steps of {finest_step(model, time_step):g} s and longer: export again with "
+            "time_step for a shorter one, since MuJoCo would shorten them"
+        )
     root = ET.Element("mujoco", model=f"{prefix}{model.name}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
@@ -352,9 +359,17 @@ def actuators(root: ET.Element, model: Model, prefix: str, time_step: float, hig
         if valve.rise_time:
             words |= {"dyntype": "filterexact", "dynprm": number(valve.rise_time)}
         if valve.dead_time:
-            late = int(np.ceil(valve.dead_time / time_step)) + 1
+            late = int(np.ceil(valve.dead_time / finest_step(model, time_step) - 1e-9)) + 1
             words |= {"delay": number(valve.dead_time), "nsample": str(late)}
         ET.SubElement(group, "general", attrib={"name": name, "tendon": tendon, **words})
+
+
+def finest_step(model: Model, time_step: float) -> float:
+    """Return the shortest time step [s] at which the exported dead times hold: MuJoCo delays a control by at most as
+    many steps as it keeps values. It is a hundredth of the file's `time_step` [s] or, for long dead times, more.
+    """
+    longest = max(c.valve.dead_time for c in model.chambers)
+    return float(f"{min(max(time_step / FINER, longest / MOST_KEPT), time_step):.3g}")
 
 
 def of_tendon(tendon: Tendon) -> dict[str, str]:
@@ -408,7 +423,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         raise InputError(
             f"mjcf option integrator must be one of {', '.join(INTEGRATORS)}, got {options['integrator']!r}"
         )
-    if not highest.any() and (highest := default_levels(model)).any():
+    if not highest.any() and (highest := default_levels(provenance.model)).any():
         provenance.messages.append(range_note(model, highest))
     if mechanics_of(model).lengthens:
         provenance.messages.append(
@@ -417,8 +432,8 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
         )
     if model.space:
         provenance.messages.append(
-            "each joint in space is written as two successive hinges: when the body bends by half a radian halfway "
-            f"between their axes, the tip differs by {1e3 * hinge_difference(model):.2g} mm from the model's"
+            "each joint in space is written as two successive hinges: when the body bends by half a radian, evenly or "
+            f"by one input, the tip at rest differs by up to {1e3 * hinge_difference(model):.2g} mm from the model's"
         )
     return (write_text(path, mjcf(model, provenance, **{**options, "highest": highest})),)
 

@@ -13,6 +13,7 @@ from pliant.exporters.provenance import first_fit
 from pliant.identification import FitResult
 from pliant.identification.parameters import apply, kind_of
 from pliant.model import Model
+from pliant.model.file import model_of
 from pliant.simulation import state
 
 Array = np.ndarray
@@ -29,15 +30,17 @@ class Uncertainty(NamedTuple):
     covariance: Array  # (P, P)
 
 
-def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | int = 0) -> list[Model]:
+def draw_models(
+    model: Model | str | Path, fit: Fit, count: int, rng: np.random.Generator | int = 0,
+) -> list[Model]:
     """Return `count` models with random parameters, drawn from the uncertainty of a fit.
 
     The parameters are normally distributed with the covariance of the fit.
 
     Parameters
     ----------
-    model : Model
-        Model of the fit. Parameters that were not fitted are kept.
+    model : Model, str or Path
+        Model of the fit, or the path of its model file. Parameters that were not fitted are kept.
     fit : FitResult, path or mapping
         A fit, or the path of the metrics.json of `pliant run`: parameters are drawn together by the covariance. Or a
         mapping from fields of the model (``stiffness``, ``damping``, ``link_mass``, ``tip_mass``, ``rest_angle``) to
@@ -50,8 +53,10 @@ def draw_models(model: Model, fit: Fit, count: int, rng: np.random.Generator | i
     Raises
     ------
     InputError
-        When the fit has no covariance, a name is unknown, or nearly all draws are invalid or have no equilibrium.
+        When the model file cannot be read, the fit has no covariance, a name is unknown, or nearly all draws are
+        invalid or have no equilibrium.
     """
+    model = model_of(model)
     rng = np.random.default_rng(rng)
     known = None if isinstance(fit, Mapping) else uncertainty_of(model, fit)
     errors = checked_errors(model, fit) if isinstance(fit, Mapping) else {}

@@ -10,16 +10,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.exporters.control_range import stated_levels
 from pliant.exporters.difference import Difference, difference
-from pliant.exporters.features import missing, named, without
+from pliant.exporters.features import without
 from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, command_of
-from pliant.model import Model, load_model
+from pliant.model import Model
+from pliant.model.features import missing, named
+from pliant.model.file import model_of
 from pliant.plugins import offered
+from pliant.text import listed
 
 GROUP = "pliant.exporters"
 
@@ -45,7 +47,7 @@ class Exporter:
     suffixes : tuple of str
         Allowed file extensions, the usual one first.
     can : frozenset of str
-        Keys of `pliant.exporters.features.FEATURES` that the target can express.
+        Keys of `pliant.model.features.FEATURES` that the target can express.
     write : callable
         ``write(model, provenance, path, options) -> tuple of Path``. The model has only features that the target can
         express; `provenance` is written into the exported file.
@@ -132,8 +134,9 @@ def export(
     path : str or Path
         File to write, with a file extension of the target.
     approximate : bool
-        Omit features that the target cannot express, compute the resulting difference of motion under a reference
-        input, and write both into the exported file. Default: raise an error that names these features.
+        Omit features that the target cannot express, compute the resulting difference of motion under a pulse of each
+        input up to the end of the control range, and write both into the exported file. Default: raise an error that
+        names these features.
     standard_errors : mapping
         Standard errors by parameter name (SI), to be written into the exported file.
     origin : sequence of str
@@ -158,7 +161,7 @@ def export(
     >>> pliant.export("model.json", "mjcf", "finger.xml")  # doctest: +SKIP
     """
     exporter = exporter_of(target)
-    path, loaded = Path(path), model if isinstance(model, Model) else load_model(model)
+    path, loaded = Path(path), model_of(model)
     if path.suffix not in exporter.suffixes:
         raise InputError(f"the file name for {target} must end in {' or '.join(exporter.suffixes)}, got {path.name!r}")
     if not path.parent.is_dir():
@@ -169,19 +172,20 @@ def export(
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
+            f"{listed(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
             "so that the difference cannot be measured: export a model without this feature"
         )
     if lost and not approximate:
         raise InputError(
-            f"{', '.join(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
+            f"{listed(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
             "it and to measure by how much the motion then differs"
         )
     reduced = without(loaded, lost)
     notes = tuple(dict.fromkeys(s for k, s in exporter.by_nature.items() if k in missing(loaded, exporter.can)))
     notes += changed_names(loaded)
+    highest = stated_levels(target, "highest", chosen["highest"], loaded) if "highest" in chosen else None
     provenance = Provenance(
-        loaded, target, command, named(loaded, lost), difference(loaded, reduced) if lost else None,
+        loaded, target, command, named(loaded, lost), difference(loaded, reduced, highest) if lost else None,
         dict(standard_errors or {}), notes,
     )
     files = exporter.write(with_identifiers(reduced), provenance, path, chosen)
@@ -203,20 +207,10 @@ def checked_options(exporter: Exporter, given: Mapping[str, Any]) -> dict[str, A
     known = dict(exporter.options)
     for name, value in given.items():
         if name not in known:
-            listed = ", ".join(known) or "none"
-            raise InputError(f"{exporter.name} has no option {name!r}: its options are {listed}")
+            raise InputError(f"{exporter.name} has no option {name!r}: its options are {listed(known) or 'none'}")
         kind = type(known[name])
         try:
             known[name] = kind(value)
         except (TypeError, ValueError):
             raise InputError(f"{exporter.name} option {name} must be a {kind.__name__}, got {value!r}") from None
     return known
-
-
-def levels_in(target: str, option: str, text: str) -> np.ndarray:
-    """Return the levels (C,) [SI] that the text of an option states: one number, or numbers separated by commas."""
-    try:
-        return np.array([float(part) for part in text.strip("[]() ").split(",")])
-    except ValueError:
-        raise InputError(f"{target} option {option} must be a number in Pa for each chamber (N, m or rad for each "
-                         f"tendon), separated by commas, got {text!r:.60}") from None  # fmt: skip

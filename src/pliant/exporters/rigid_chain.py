@@ -8,20 +8,25 @@ twists cancel along the body.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
+from pliant.errors import SimulationError
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.spatial import link_inertias
 from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Station
+from pliant.simulation.state import equilibrium, first_alone, typical_pressure
 
 Array = np.ndarray
 TINY = 1e-12  # kg m^2, inertia of a mass that is a point in pliant
 LIGHT = 1e-9  # kg, mass of a body that has none in pliant
 FIRST = 1e-4  # mass at the first joint, in parts of the first link's, where all mass is at the link tips
 ON = 1e-9  # distance, in parts of the link's length, within which a point is on a body
+DIRECTIONS = 37  # of a bend, over half a turn
+STEP, ROUNDS = 1e-6, 20  # rad, for differences of energies; iterations for the rest of a chain of hinges
 BEND = 0.5  # rad, bend of the whole body at which hinges are compared with rotation vectors
 
 
@@ -244,12 +249,60 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
 
 
 def hinge_difference(model: Model) -> float:
-    """Return the distance [m] between the tips of a model and of its chain of hinges at equal joint coordinates. The
-    body bends by half a radian in total, in the direction halfway between the hinges' axes.
-
-    The joint coordinates are equal: torques bend the springs of both by the same angles.
+    """Return the largest distance [m] between the tips of a model and of its chain of hinges at rest, when the body is
+    bent by half a radian: evenly in any direction, at equal joint coordinates, and by each input alone, under gravity.
     """
-    x = np.zeros(model.size)
-    x[: 2 * model.n] = BEND / np.sqrt(2.0) / model.n
-    tip = mechanics_of(model).tips(x)[-1]
-    return float(np.linalg.norm(tip_by_hinges(rigid_chain(model), x) - tip))
+    chain, hinges = mechanics_of(model), rigid_chain(model)
+    swings = 2 * model.n
+    each = [np.append(evenly(model.n, a), np.zeros(model.size - swings)) for a in np.linspace(0.0, np.pi, DIRECTIONS)]
+    pairs = [(x, x) for x in each] + [(-x, -x) for x in each]
+    for c in range(model.actuation.count):
+        level = first_alone(model, typical_pressure(model, c), c)
+        with suppress(SimulationError):
+            x = equilibrium(model, level)
+            x[model.size - len(model.extensions) :] = 0.0  # the hinges are compared, not the slides
+            pairs.append((x, rest_of_hinges(model, hinges, x, model.actuation.joint_torques(level))))
+    return max(float(np.linalg.norm(tip_by_hinges(hinges, other) - chain.tips(x)[-1])) for x, other in pairs)
+
+
+def evenly(n: int, direction: float) -> Array:
+    """Return the swing angles (2 n,) [rad] of n joints that bend evenly by half a radian in total, about the axis at
+    the angle `direction` [rad] from x towards y.
+    """
+    return np.tile(BEND / n * np.array([np.cos(direction), np.sin(direction)]), n)
+
+
+def rest_of_hinges(model: Model, hinges: RigidChain, x: Array, torque: Array) -> Array:
+    """Return the joint coordinates (N,) at which the chain of hinges rests under the inputs `torque` (N + R,). The body
+    rests at x (N,).
+
+    Springs and inputs give the same torques in both chains, the weight does not. By Newton's method with the slope of
+    the body's forces.
+    """
+    if model.extensions or not model.gravity.any():
+        return x
+    chain, moved = mechanics_of(model), x.copy()
+    steps = STEP * np.eye(model.size)
+    for _ in range(ROUNDS):
+        still = np.zeros(model.size)
+        lifted = [
+            [by_hinges(hinges, moved + s) - float(chain.energy(moved + s, still).gravity) for s in (step, -step)]
+            for step in steps
+        ]
+        left = chain.static_forces(moved, torque) - np.array([(up - down) / (2.0 * STEP) for up, down in lifted])
+        moved = moved - np.linalg.solve(chain.static_slope(moved, torque=torque), left)
+    return moved
+
+
+def by_hinges(chain: RigidChain, x: Array) -> float:
+    """Return the potential energy [J] of the weight of a chain of hinges at the joint coordinates x (N,)."""
+    from scipy.spatial.transform import Rotation
+
+    turn, place, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
+    for link in chain.links:
+        place = place + turn.apply(link.place)
+        turn = turn * Rotation.from_rotvec(link.turn)
+        for hinge in link.hinges:
+            turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
+        energy -= link.mass * float(chain.gravity @ (place + turn.apply(link.centre * chain.tangent)))
+    return energy

@@ -15,24 +15,25 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.features import LATER_TERMS
+from pliant.exporters.control_range import levels_in
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter, levels_in
+from pliant.exporters.registry import Exporter
 from pliant.files import whole
 from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel
 from pliant.linear.sampled import sample
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import LATER_TERMS
 from pliant.plugins import optional
 
 Array = np.ndarray
 NO_POINTS = "the outputs are the last tip, the joint angles and the strains, without other observed points"
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "lengthening", "space_lengthening", "curved_segments", "tied_segments", "gravity",
-    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "creep", "space",
-    "twist", "soft_swing", "tendons", "pair_pretension",
+    "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "settling", "creep",
+    "space", "twist", "soft_swing", "tendons", "pair_pretension",
 }
 
 
@@ -141,9 +142,9 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
     """Return the equilibrium value and the unit of a state that describes the supply of an input: the pressure, the
     rate of the pressure, or a past command.
     """
-    words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_rate", "command"))
-    for p, unit, held, rate, sent in zip(level, model.actuation.units, *words, strict=True):
-        if name == held or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
+    words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_settling", "{kind}_rate", "command"))
+    for p, unit, held, settling, rate, sent in zip(level, model.actuation.units, *words, strict=True):
+        if name in (held, settling) or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
             return float(p), unit
         if name == rate:
             return 0.0, f"{unit}/s"

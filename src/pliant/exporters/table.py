@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from pliant.exporters.features import FEATURES
 from pliant.exporters.registry import BUILT_IN, Exporter, exporters
+from pliant.model.features import FEATURES
 
 
 def cell(exporter: Exporter, key: str) -> str:

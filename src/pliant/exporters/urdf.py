@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
-from pliant.exporters.features import ALL
 from pliant.exporters.mjcf import number
 from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
@@ -32,6 +31,7 @@ from pliant.exporters.rigid_chain import (
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
+from pliant.model.features import ALL
 from pliant.text import identifiers
 
 LOST = "URDF has no springs and no pressure: it holds links, joints, inertia and dampers, and its joints are loose"

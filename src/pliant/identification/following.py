@@ -23,6 +23,7 @@ from pliant.identification.observation import (
 from pliant.identification.poses import pose_rows
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.complex_slopes import of_kind
+from pliant.mechanics.lengths import check_lengths
 from pliant.simulation import state
 from pliant.simulation.drive import too_fast
 
@@ -78,6 +79,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     """
     model, chain = forward.model, mechanics_of(forward.model)
     n, *more = chain.sizes
+    check_lengths(chain, x=kind.value(numbers.phi), torque=kind.value(numbers.gain))
     rows = rows if forward.between is None else forward.between[0].size
     work = in_kind(chain.workspace(), kind)
     places = places_of(forward, numbers, kind)

@@ -1,26 +1,47 @@
 """Linearisation of a model about equilibrium, as a state space from commanded pressures to tip and joint outputs.
 
 State: absolute link angles phi (n,) and the strains (S,) of extensible segments, their rates (n + S,), then for each
-valve the pressure, and its rate if the valve is of second order. All are deviations from the equilibrium. Hysteresis
-and creep enter as in `pliant.modes`: creep does not flow, slip elements stick. The slow part is left to integral action
-of a controller.
+valve the pressure, its rate if the valve is of second order, and the part of the pressure that settles late. All are
+deviations from the equilibrium. Hysteresis and creep enter as in `pliant.modes`: creep does not flow, slip elements
+stick. The slow part is left to integral action of a controller.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from pliant.equations.symbols import Slopes
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Valve
+from pliant.model.features import LAWS, SPRINGS, TENDONS, Consumer
 from pliant.shapes import Float
 from pliant.simulation import state
+from pliant.simulation.state import TINY
 
 Array = np.ndarray
-TINY = 1e-20  # imaginary step: its square vanishes beside 1
+ENDINGS = ("", "_rate", "_settling")  # of the names of a valve's states: pressure, its rate, its late part
+HELD = "it is held, as in `pliant.modes`"
+SMALL: dict[str, str] = {  # features that enter a linear model in simplified form
+    "two_lags": "the mean of both times is used", "rates": "a limited rate does not act on small deviations",
+    "swelling": "the lagged pressure is held", **dict.fromkeys(("creep", "slip", "boucwen"), HELD),
+    **dict.fromkeys(("axial_memory", "space_memory"), HELD),
+}
+NOT_LINEAR = {
+    "opening": "flow through a valve opening (opening_time) cannot be linearised: set opening_time to 0 and give the "
+               "valve a rise_time",
+    "dead_band": "set dead_band to 0: a command beyond the band acts as one without it",
+    "inflation": "fit a torque law without inflation_limit for linear models and controllers",
+}  # fmt: skip
+LINEARISE = Consumer(
+    "linearise", SPRINGS | LAWS | TENDONS | {
+        "lag", "dead_time", "second_order", "settling", "lengthening", "curved_segments", "tied_segments", "space",
+        "twist", "soft_swing", "space_lengthening",
+    }, SMALL, NOT_LINEAR,
+)
 
 
 @dataclass(frozen=True)
@@ -128,19 +149,23 @@ def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> Linea
     Parameters
     ----------
     model : Model
-        For a valve with different time constants for rise and fall, their mean is used.
+        For a valve with different time constants for rise and fall, their mean is used. A limited rate has no effect on
+        small deviations. Lagged pressure is held constant, as creep is. Friction of tendons acts as a viscous damper,
+        which holds for slip far below `slip_rate`. A tendon that is slack at the equilibrium has no effect.
     pressure : float, array (C,) for several chambers
         Gauge pressure of the equilibrium, Pa.
 
     Returns
     -------
     LinearModel
-        The states of several valves are called ``pressure_CHAMBER``.
+        The states of several valves are called ``pressure_CHAMBER``; the part of the pressure that settles late is
+        called ``pressure_settling``.
 
     Raises
     ------
     InputError, SimulationError
-        When the pressure is not finite, or the model has no equilibrium there.
+        When the pressure is not finite, the model has no equilibrium there, or a valve has a dead band or an opening
+        time, or a chamber a hyperelastic wall.
 
     Examples
     --------
@@ -156,6 +181,7 @@ def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> Linea
     >>> pliant.linearise(chen2018.model()).A.shape  # five angles, five rates
     (10, 10)
     """
+    LINEARISE.check(model)
     chain = mechanics_of(model)
     x = chain.coordinates(state.equilibrium(model, pressure))
     a_x, a_v, a_tau = derivatives(model, x, model.actuation.joint_torques(pressure))
@@ -163,13 +189,13 @@ def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> Linea
     A, B = np.block([[np.zeros((N, N)), np.eye(N)], [a_x, a_v]]), np.zeros((2 * N, 0))
     states = [*chain.names, *chain.rate_names]
     pressures = model.actuation.pressures(pressure)
-    called = zip(model.actuation.labels("{kind}"), model.actuation.labels("{kind}_rate"), strict=True)
-    for chamber, by_torque, p, own in zip(model.chambers, a_tau, pressures, called, strict=True):
+    called = [model.actuation.labels(f"{{kind}}{ending}") for ending in ENDINGS]
+    for k, (chamber, by_torque, p) in enumerate(zip(model.chambers, a_tau, pressures, strict=True)):
         drive = np.zeros(A.shape[0])
         drive[N : 2 * N] = by_torque * chamber.torque_slope(float(p))
         A, column, names = behind_valve(A, drive, chamber.valve)
         B = np.column_stack([np.pad(B, ((0, len(names)), (0, 0))), column])
-        states += own[: len(names)]
+        states += [called[ENDINGS.index(name)][k] for name in names]
     C, outputs = output_rows(model, x, A.shape[0])
     late = np.array([c.valve.dead_time for c in model.chambers])
     return LinearModel(A, B, C, outputs, tuple(states), x[:n], pressures, late, x[n:])
@@ -186,21 +212,33 @@ def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Ar
     M, R = chain.inertia(x), chain.to_joints
     slope = chain.static_slope(x, torque=torque) - R.T @ np.diag(chain.stuck_stiffness) @ R
     damping = R.T @ np.diag(chain.joints.D) @ R
+    if model.actuation.tendons and model.actuation.tendon_constants[2].any():
+        damping = damping + rubbing(model, x, torque)
     push = model.actuation.gain @ R
     for c in model.actuation.tendons:  # which may hang slack
         push[c] = chain.static_forces(x, torque + 1j * TINY * model.actuation.columns[c]).imag / TINY
     return np.linalg.solve(M, slope), -np.linalg.solve(M, damping), np.linalg.solve(M, push.T).T
 
 
+def rubbing(model: Model, x: Array, torque: Array) -> Array:
+    """Return the damping matrix (N, N) of the friction of tendons at rest at x (N,), under inputs (N + R,)."""
+    chain, still = mechanics_of(model), np.zeros(model.size)
+    out = Slopes(still.copy(), np.zeros((model.size, model.size)), np.zeros((model.size, model.size)))
+    chain.acceleration_jacobian()(x, still, torque, *chain.parts(), out)
+    return np.asarray(-chain.inertia(x) @ out.a_w.T - np.diag(chain.joints.D))
+
+
 def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[str, ...]]:
     """Append a valve's states to the state space A, B, so that its input becomes the commanded pressure.
-    The names of the new states are returned too.
+    The endings of the new states' names are returned too, see `ENDINGS`.
     """
-    if valve.opening_time:
-        raise InputError(
-            "flow through a valve opening (opening_time) cannot be linearised: set opening_time to 0 and give the "
-            "valve a rise_time"
-        )
+    share, time = valve.settle_share, valve.settle_time
+    if share:  # the late part follows the pressure before it
+        N = A.shape[0]
+        slow, drive = np.zeros((N + 1, N + 1)), np.append((1.0 - share) * B, 1.0 / time)
+        slow[:N, :N], slow[:N, N], slow[N, N] = A, share * B, -1.0 / time
+        A, B, names = behind_valve(slow, drive, replace(valve, settle_share=0.0))
+        return A, B, (ENDINGS[2], *names)
     lag = 0.5 * (valve.rise_time + valve.fall_time)
     N = A.shape[0]
     order = 2 if valve.natural_frequency else int(lag > 0)
@@ -211,11 +249,11 @@ def behind_valve(A: Array, B: Array, valve: Valve) -> tuple[Array, Array, tuple[
     whole[:N, N] = B
     if order == 1:
         whole[N, N], drive[N] = -1.0 / lag, 1.0 / lag
-        return whole, drive, ("pressure",)
+        return whole, drive, ENDINGS[:1]
     omega = 2 * np.pi * valve.natural_frequency
     whole[N, N + 1] = 1.0
     whole[N + 1, N:], drive[N + 1] = [-(omega**2), -2 * valve.damping_ratio * omega], omega**2
-    return whole, drive, ("pressure", "pressure_rate")
+    return whole, drive, ENDINGS[:2]
 
 
 def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, ...]]:

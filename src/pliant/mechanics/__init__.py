@@ -5,6 +5,7 @@ Simulation, fits, filters, linearisation, control and exporters get positions, J
 parameter records of the compiled kernels from `mechanics_of(model)`.
 """
 
+from pliant.errors import InputError
 from pliant.mechanics.contract import Energy as Energy
 from pliant.mechanics.contract import Mechanics as Mechanics
 from pliant.mechanics.planar import PlanarChain as PlanarChain
@@ -16,6 +17,8 @@ def mechanics_of(model: Model) -> Mechanics:
     """Return the `Mechanics` object of a model, planar or spatial, which is created once and then
     kept with the model.
     """
+    if not isinstance(model, Model):
+        raise InputError(f"expected a Model, got {model!r:.80}: read the file of a model with load_model")
     kept = model.__dict__.get("_mechanics")
     if kept is None:
         kept = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)

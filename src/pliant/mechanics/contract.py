@@ -407,42 +407,43 @@ class Mechanics(ABC):
 
     @abstractmethod
     def load_stiffness(self, x: Float[Array, " N"], load: Array) -> Float[Array, "N N"]:
-        """Return the derivative (N, N) of the generalized forces of external loads with respect to the coordinates x
-        (N,).
-
-        `load_forces` returns these forces.
+        """Return the derivative (N, N) of the generalized forces of external loads, see `load_forces`, by the
+        coordinates x (N,).
         """
 
     @abstractmethod
-    def static_forces(self, x: Inexact[Array, " N"], torque: Float[Array, " N"]) -> Inexact[Array, " N"]:
+    def static_forces(self, x: Inexact[Array, " N"], torque: Inexact[Array, " N+R"]) -> Inexact[Array, " N"]:
         """Return the net generalized force (N,) [N m] of inputs, springs and gravity on the chain at rest at
         coordinates x (N,).
 
-        `torque` (N,) are the inputs. x may be complex.
+        `torque` (N + R,) are the inputs, as of `Actuation.joint_torques`. Both may be complex.
         """
 
     @abstractmethod
     def static_slope(
-        self, x: Float[Array, " N"], load: Array | None = None, torque: Float[Array, " N"] | None = None,
+        self, x: Float[Array, " N"], load: Array | None = None, torque: Float[Array, " N+R"] | None = None,
     ) -> Float[Array, "N N"]:
         """Return the derivative (N, N) of the net generalized force on the chain at rest with respect to the
         coordinates x (N,).
 
-        It is the derivative of `static_forces`, plus that of `load_forces` if there is a load.
-
-        The matrix is symmetric.
+        It is the derivative of `static_forces`, plus that of `load_forces` if there is a load, and symmetric.
 
         `torque` are the inputs, which matter only if their forces depend on x. None means 0.
         """
 
     @abstractmethod
     def equilibrium(
-        self, torque: Float[Array, " N"], tip_force: Float[Array, " d"], link_load: Array | None,
+        self, torque: Float[Array, " N+R"], tip_force: Float[Array, " d"], link_load: Array | None,
     ) -> Float[Array, " N"]:
-        """Return the static joint coordinates q (N,), angles [rad] then strains, under torques (N,) [N m], gravity and
-        external loads.
+        """Return the static joint coordinates q (N,), angles [rad] then strains, under inputs (N + R,) as of
+        `Actuation.joint_torques`, gravity and external loads.
         """
 
     @abstractmethod
-    def linear_parts(self, q: Float[Array, " N"]) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
-        """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,)."""
+    def linear_parts(
+        self, q: Float[Array, " N"], torque: Float[Array, " N+R"] | None = None,
+    ) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
+        """Return the inertia and stiffness matrices (N, N) in joint coordinates, linearised about the shape q (N,).
+
+        `torque` are the inputs, which matter only for tendons: a slack tendon has no stiffness. None means 0.
+        """

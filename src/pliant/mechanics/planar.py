@@ -30,6 +30,7 @@ from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
 from pliant.mechanics.frames import LinkFrames, link_coordinates
+from pliant.mechanics.lengths import check_lengths
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
@@ -342,6 +343,7 @@ class PlanarChain(Mechanics):
         return slope
 
     def static_forces(self, x: Array, torque: Array) -> Array:
+        check_lengths(self, x=x, torque=torque)
         held, _ = self._springs(self.joint_coordinates(x))
         return (torque - held) @ self.to_joints + self.load_forces(x, self.weight())
 
@@ -351,6 +353,7 @@ class PlanarChain(Mechanics):
         return self.load_stiffness(x, load) - self.to_joints.T @ np.diag(tangent) @ self.to_joints
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        check_lengths(self, torque=torque)
         n, joints, T = self.n, self.joints, self.from_joints
         q = springs.angle_under(self.model, torque[:n])
         q = np.append(q, springs.strain_under(self.model, torque[n:])) if self.segments else q
@@ -379,7 +382,7 @@ class PlanarChain(Mechanics):
         held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
         return np.append(held, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
 
-    def linear_parts(self, q: Array) -> tuple[Array, Array]:
+    def linear_parts(self, q: Array, torque: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002
         x, T = self.coordinates(q), self.from_joints
         stiffness = self._springs(q)[1] + self.stuck_stiffness
         slope = self.load_stiffness(x, self.weight())

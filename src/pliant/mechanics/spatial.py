@@ -23,6 +23,7 @@ from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, of_kind
 from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
+from pliant.mechanics.lengths import check_lengths, input_length
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
 from pliant.model.extensible import tied_joints
@@ -309,6 +310,7 @@ class SpatialChain(Mechanics):
         return self._slope(lambda moved: self.load_forces(moved, load), x)
 
     def static_forces(self, x: Array, torque: Array) -> Array:
+        check_lengths(self, x=x, torque=torque)
         given = (x, torque, *self.body, *self.joints)
         kind = complex if any(np.iscomplexobj(value) for value in given) else float
         body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
@@ -318,7 +320,7 @@ class SpatialChain(Mechanics):
         return forces
 
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
-        still = np.zeros(self.size + len(self.model.actuation.levers)) if torque is None else torque
+        still = np.zeros(input_length(self)) if torque is None else torque
         slope = self._slope(lambda moved: self.static_forces(moved, still), x)
         return slope if load is None else slope + self.load_stiffness(x, load)
 
@@ -331,6 +333,7 @@ class SpatialChain(Mechanics):
         return 0.5 * (rows + rows.T)
 
     def equilibrium(self, torque: Array, tip_force: Array, link_load: Array | None) -> Array:
+        check_lengths(self, torque=torque)
         load = self.no_loads() if link_load is None else np.array(link_load)
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
         found = settling(0, self.size, torque.size, load)
@@ -350,8 +353,8 @@ class SpatialChain(Mechanics):
             )
         return q
 
-    def linear_parts(self, q: Array) -> tuple[Array, Array]:
-        return self.inertia(q), np.diag(self.stuck_stiffness) - self.static_slope(q)
+    def linear_parts(self, q: Array, torque: Array | None = None) -> tuple[Array, Array]:
+        return self.inertia(q), np.diag(self.stuck_stiffness) - self.static_slope(q, torque=torque)
 
 
 def rotation(vector: Any) -> Array:

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations import chamber, symbols
+from pliant.equations import symbols
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
+from pliant.model.checks import check_names
 from pliant.model.tendon import Tendon
 from pliant.shapes import Float
+from pliant.text import listed
 
 Array = np.ndarray
 LEAST = 1e-30  # N, less pretension of the second tendon of a pair, so that one of the two is taut
@@ -73,8 +75,8 @@ class Actuation:
 
     @property
     def listing(self) -> str:
-        """Names of the C inputs as one text, separated by commas."""
-        return ", ".join(self.names)
+        """Names of the C inputs as one text, separated by commas; of many, the first ones and their number."""
+        return listed(self.names)
 
     @property
     def variable(self) -> str:
@@ -87,7 +89,7 @@ class Actuation:
         if self.variable == "pressure":
             return f"{self.count} pressure(s) in Pa, one for each chamber ({self.listing})"
         named = (f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True))
-        return f"{self.count} value(s), one for each input ({', '.join(named)})"
+        return f"{self.count} value(s), one for each input ({listed(named)})"
 
     def labels(self, quantity: str) -> list[str]:
         """Return the column name of a quantity for each input in tables and files, such as ``pressure_left``.
@@ -222,22 +224,39 @@ class Actuation:
             raise InputError(f"expected {self.wanted}, got shape {p.shape}")
         return p
 
+    def torques_over(self, pressure: Any) -> Float[Array, "T C"]:
+        """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon (T, C) for input
+        values (T, C) in SI units at T instants; (T,) is enough for a single input.
+
+        Raises
+        ------
+        InputError
+            When the number of columns is not the number of inputs.
+        """
+        p = np.asarray(pressure, dtype=float)
+        p = p[:, None] if p.ndim == 1 else p
+        if p.ndim != 2 or p.shape[1] != self.count:
+            word = "pressures" if self.variable == "pressure" else "inputs"
+            raise InputError(f"expected {word} (T, {self.count}): {self.wanted}, got shape {p.shape}")
+        return np.stack([np.asarray(c.torque_at(p[:, k])) for k, c in enumerate(self.inputs)], axis=1)
+
+    def joint_torques_over(self, pressure: Any) -> Float[Array, "T N+R"]:
+        """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
+        tendons [N], as the compiled kernels take them, for input values (T, C) in SI units at T instants.
+
+        They are infinite or NaN where a hyperelastic wall has no equilibrium.
+        """
+        return np.asarray(self.torques_over(pressure) @ self.columns)
+
     def torques(self, pressure: Any) -> Float[Array, " C"]:
         """Return the static torque [N m] of each chamber and the commanded force [N] of each tendon as an array (C,).
         `pressure` (C,) has the values of the C inputs in SI units.
         """
-        return np.array([float(c.torque_at(p)) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
+        return self.torques_over(self.pressures(pressure)[None])[0]
 
     def joint_torques(self, pressure: Any) -> Float[Array, " N+R"]:
-        """Return the static torques at the N coordinates of the chain [N m], followed by the commanded forces of R
-        tendons [N]. `pressure` (C,) has the values of the C inputs in SI units.
-
-        The result is one array (N + R,). It is infinite where a hyperelastic wall has no equilibrium.
-        """
-        tau = np.empty(self.columns.shape[1])
-        for c, torque in enumerate(self.torques(pressure)):
-            chamber.share_out(c, torque, self.columns, tau)
-        return tau
+        """Return the row (N + R,) of `joint_torques_over` for the values `pressure` (C,) of the C inputs."""
+        return self.joint_torques_over(self.pressures(pressure)[None])[0]
 
     def no_rest(self, pressure: Any) -> str:
         """Return a message about the first chamber whose hyperelastic wall has no equilibrium at its pressure; '' if
@@ -270,8 +289,7 @@ def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamb
         made = tuple(given)
         if not all(isinstance(c, Chamber) for c in made):
             raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
-        if len({c.name for c in made}) < len(made):
-            raise InputError(f"chambers must have different names, got {', '.join(c.name for c in made)}")
+        check_names("chambers", [c.name for c in made])
         return made
     if "torque" not in values:
         raise InputError("a model needs a torque law: give torque = (A d,) [N m/Pa], or chambers")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from math import inf
 from typing import Any
@@ -23,6 +24,13 @@ def numbers(name: str, value: Any) -> Array:
     if a.ndim != 1:
         raise InputError(f"model {name} must be one number or one row of numbers, got shape {a.shape}")
     return a
+
+
+def check_names(what: str, names: Sequence[str]) -> None:
+    """Raise InputError if two of the `names` are equal. `what` says what has these names."""
+    if len(set(names)) < len(names):
+        name, count = Counter(names).most_common(1)[0]
+        raise InputError(f"{what} must have different names, but {name[:60]!r} is the name of {count} of {len(names)}")
 
 
 def one_number(name: str, value: Any) -> float:

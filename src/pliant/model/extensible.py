@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.model.checks import check_names
 from pliant.model.inertia import inertia_constants
 from pliant.model.parameters import ModelParameters
 from pliant.model.space import require_planar
@@ -86,8 +87,7 @@ def check_extensions(model: ModelParameters) -> None:
     check_laws(model)
     if not (names := [e.name for e in model.extensions]):
         return
-    if len(set(names)) < len(names):
-        raise InputError(f"extensions must have different names, got {', '.join(names)}")
+    check_names("extensions", names)
     share = model.stretch_share
     for s, name in enumerate(names):
         if share[:, s].max() < LEAST_SHARE:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Collection
 from dataclasses import fields
 from hashlib import sha256
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_origin, get_type_hints
 
@@ -280,6 +281,21 @@ def load_model(path: str | Path) -> Model:
     True
     """
     return read_model(content_of(path, "model file"), f"model file {path}")
+
+
+def model_of(value: Model | str | Path) -> Model:
+    """Return a model, or the model of a model file if `value` is a path.
+
+    Raises
+    ------
+    InputError
+        When `value` is neither, or the file cannot be read.
+    """
+    if isinstance(value, Model):
+        return value
+    if isinstance(value, str | PathLike):
+        return load_model(value)
+    raise InputError(f"expected a Model or the path of a model file, got {value!r:.80}")
 
 
 def read_model(text: bytes | str, where: str) -> Model:

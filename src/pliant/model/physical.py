@@ -7,7 +7,7 @@ from math import inf, isfinite
 
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
-from pliant.model.checks import check_numbers
+from pliant.model.checks import check_names, check_numbers
 from pliant.model.extensible import check_extensions
 from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
 from pliant.model.parameters import ModelParameters
@@ -46,8 +46,7 @@ def check_stations(model: ModelParameters) -> None:
     names = [s.name for s in model.stations]
     if len(names) > MOST_STATIONS:
         raise InputError(f"model must have at most {MOST_STATIONS} stations, got {len(names)}")
-    if len(set(names)) < len(names):
-        raise InputError(f"model station names must differ from each other, got {', '.join(names):.200}")
+    check_names("model stations", names)
     for station in model.stations:
         if not (-1 <= station.link < model.n and all(map(isfinite, station[2:]))):
             raise InputError(

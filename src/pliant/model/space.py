@@ -16,6 +16,7 @@ from pliant.model.checks import one_number
 Array = np.ndarray
 MOST_RATIO = 1e4
 MOST_RADIUS = 1e2  # m
+LEAST_AXIAL = 1e-12  # of the mass times the square of the length; below, rounding hides the inertia about the axis
 SCALARS = ("stiffness_ratio", "twist_ratio", "radius")
 
 
@@ -156,9 +157,26 @@ def check_space(model: Any) -> None:
             f"space rest_turn must have one row or {model.n}, got {len(model.space.rest_turn)}: give one row for each "
             "joint"
         )
+    check_twist(model)
     planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle,
               "mass_at": model.mass_at == "tip"}  # fmt: skip
     remedy = {"rest_angle": "set rest_turn of its space", "base_angle": "set base_tilt of its space"}
     for name, given in planar.items():
         if given:
             raise InputError(f"a chain in space has no {name}: {remedy.get(name, 'leave it out')}")
+
+
+def check_twist(model: Any) -> None:
+    """Raise InputError if the last link of a chain that twists has no inertia about its axis beside that of the body:
+    a tip mass is a point on the axis.
+    """
+    space = model.space
+    if not space.twist_ratio:
+        return
+    axial = 0.5 * float(model.link_mass[-1]) * space.radius**2
+    if axial < LEAST_AXIAL * model.mass * model.length**2:
+        raise InputError(
+            f"the last link of a chain that twists has a moment of inertia of {axial:.3g} kg m^2 about its axis (mass "
+            f"{float(model.link_mass[-1]):g} kg, radius {space.radius:g} m), too little for its motion to be computed: "
+            "give it a mass and the body a radius, or set twist_ratio to 0"
+        )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
+from pliant.model.features import ALL, HYSTERESIS, Consumer
 from pliant.simulation.accuracy import distance
 from pliant.simulation.drive import Drive, drive, grade, merge, subdivide
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
@@ -17,6 +18,10 @@ from pliant.simulation.initial_value import InitialValueProblem, Marched, Soluti
 Array = np.ndarray
 MOST_STEPS = 4_000_000  # of one stage
 STAGES = 16
+NOT_SMOOTH = HYSTERESIS - {"creep"}
+EXTRAPOLATED = Consumer(
+    "method='extrapolated'", ALL - NOT_SMOOTH, remedy=dict.fromkeys(NOT_SMOOTH, "use method='midpoint'")
+)
 
 
 def march_extrapolated(problem: InitialValueProblem, time_step: float) -> Solution:
@@ -29,8 +34,10 @@ def march_extrapolated(problem: InitialValueProblem, time_step: float) -> Soluti
     InputError
         When the model has slip elements or Bouc-Wen, because their laws are not smooth.
     """
+    EXTRAPOLATED.check(problem.model)
     if not smooth(problem):
-        raise InputError("method='extrapolated' does not support slip or Bouc-Wen, only creep: use method='midpoint'")
+        raise InputError("method='extrapolated' does not support known forces and slip of segments: use "
+                         "method='midpoint'")  # fmt: skip
     rows = problem.times.size
     coarse, fine = (problem.marched(even_steps(problem, time_step, parts), rows) for parts in (1, 2))
     marched, plan = extrapolated(coarse, fine), problem.plan(time_step)

@@ -11,6 +11,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
+from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.simulation import march_loops, memory, state
 from pliant.simulation.chamber_course import delivered
@@ -107,8 +108,9 @@ def posed(
     InputError
         When the inputs do not fit the model, the times do not increase, or a force is invalid.
     """
+    chain = mechanics_of(model)  # refuses what is no model
     inputs, times = inputs_of(model, pressure), check_times(times)
-    pull = tuple(checked("simulate", force, mechanics_of(model).dimension) for force in forces)
+    pull = tuple(checked("simulate", force, chain.dimension) for force in forces)
     valves = [c.valve for c in model.chambers]
     initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
     return InitialValueProblem(model, inputs, times, pull, np.array(initial))
@@ -132,6 +134,7 @@ def march(
     hysteresis begins in equilibrium at the initial angles.
     """
     chain = mechanics_of(model)
+    check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))
     past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)

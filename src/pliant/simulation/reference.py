@@ -15,10 +15,11 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations import symbols
 from pliant.equations.chamber import share_out, slow_rates, torque_now
-from pliant.errors import InputError, SimulationError
+from pliant.errors import SimulationError
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.springs import axial_springs_of, springs_of
 from pliant.model import Memory, Model, Valve
+from pliant.model.features import ALL, FIRST_ORDER, IN_SPACE, LAWS, SPRINGS, TENDONS, WALLS, Consumer
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
@@ -82,18 +83,14 @@ def solve_reference(
     return out[:, at.phi], out[:, at.w], work, kept, stretch
 
 
+SCIPY = SPRINGS | LAWS | WALLS | FIRST_ORDER | IN_SPACE | TENDONS | {
+    "dead_time", "second_order", "creep", "lengthening", "curved_segments", "tied_segments",
+}
+
+
 def refuse_unfollowed(model: Model, method: str) -> None:
     """Raise InputError if the model has laws that the SciPy `method` with variable step cannot integrate."""
-    if model.memory.has_axial:
-        raise InputError(f"{method} does not follow hysteresis of segments that lengthen: use method='midpoint'")
-    if model.memory.slip_share or model.memory.boucwen_share:
-        raise InputError(f"{method} does not support slip or Bouc-Wen, only creep: use method='midpoint'")
-    if any(c.valve.settle_share for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with settle_share: use method='midpoint'")
-    if any(c.valve.dead_band for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with a dead_band: use method='midpoint'")
-    if any(c.valve.opening_time for c in model.chambers):
-        raise InputError(f"{method} does not support a valve with an opening_time: use method='midpoint'")
+    Consumer(f"method={method!r}", SCIPY, remedy=dict.fromkeys(ALL, "use method='midpoint'")).check(model)
 
 
 def first(model: Model, at: StateLayout, start: Start) -> Array:

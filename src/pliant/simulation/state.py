@@ -9,13 +9,18 @@ import numpy as np
 from pliant.compiler.trace import CURVED
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
+from pliant.mechanics.lengths import input_length
 from pliant.model import Model
 from pliant.shapes import Float
 
 Array = np.ndarray
 
 UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
+TINY = 1e-20  # imaginary step: its square vanishes beside 1
+LET_OUT = 1e30  # N, less of which every tendon is slack
+SLIGHT, HELD = 1e-5, 1e-4  # weight of small inputs; imbalance of a shape that is held, over its largest force
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
+LEAST_BEND = 1e-3  # rad, at the end of the search: less is no bend
 RANGES = {"Pa": (1e3, 1e7), "N": (1e-1, 1e3), "m": (1e-4, 1.0), "rad": (1e-2, 1e2)}  # start and end of the search
 
 
@@ -121,25 +126,34 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     return f"{times[lost[0]] - times[0]:.6g} s after the start {given_way(model, phi[lost[0]])}" if lost.size else ""
 
 
-def modes(model: Model, q: Float[Array, " N"] | None = None) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+def modes(
+    model: Model, q: Float[Array, " N"] | None = None, *, pressure: float | Float[Array, " C"] | None = None,
+) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
     """Return undamped natural frequencies (n,) [Hz], in ascending order, and damping ratios (n,) of the n modes of
     small vibrations about the shape `q`.
 
-    The default shape is the equilibrium without pressure.
+    The default shape is the equilibrium under `pressure`.
 
     A body that lengthens has n + S modes, including those of its strains.
 
     The damping ratio is that of the modal diagonal of D, which is exact where D is proportional to K. Hysteresis adds
-    its instantaneous stiffness: creep has no time to flow, slip elements stick. Paper: Eq. (5) [eq:eom], linearised.
+    its instantaneous stiffness: creep has no time to flow, slip elements stick. A tendon that is slack has no
+    stiffness. The friction of tendons is not part of the damping. Paper: Eq. (5) [eq:eom], linearised.
 
     Parameters
     ----------
     model : Model
     q : (n,) array, rad, optional
         Joint angles of the shape; where segments lengthen, strains follow.
+    pressure : float, array (C,) for several inputs, optional
+        Values of the inputs [Pa; N, m or rad for tendons]. They decide which tendons are slack; otherwise only the
+        default shape depends on them. Default: the smallest values that hold `q` without letting a tendon out, and 0
+        without `q`.
 
     Raises
     ------
+    InputError
+        When no values of the inputs hold the shape `q` of a body with elastic tendons.
     SimulationError
         When the chain is not stable at this shape, or no equilibrium is found.
 
@@ -151,9 +165,67 @@ def modes(model: Model, q: Float[Array, " N"] | None = None) -> tuple[Float[Arra
     >>> round(float(frequency[0]), 1), round(float(damping[0]), 2)  # Hz
     (5.0, 0.08)
     """
-    q = equilibrium(model) if q is None else vector(model, q)
-    omega, _, decay = modal(model, *mechanics_of(model).linear_parts(q))
+    shape = equilibrium(model, 0.0 if pressure is None else pressure) if q is None else vector(model, q)
+    if pressure is None and q is not None:
+        torque = holding_inputs(model, shape)
+    else:
+        torque = model.actuation.joint_torques(0.0 if pressure is None else pressure)
+    omega, _, decay = modal(model, *mechanics_of(model).linear_parts(shape, torque))
     return omega / (2 * np.pi), decay / omega
+
+
+def holding_inputs(model: Model, q: Array) -> Array:
+    """Return the smallest static inputs (N + R,) that hold a body with elastic tendons in the shape q (N,), as the
+    kernels take them: no single tendon is let out. For a body without such tendons the result is 0, since its stiffness
+    does not depend on the inputs.
+
+    The forces are linear in the tension of each single tendon, in the difference of both tensions of a pair, and in the
+    torque of each chamber: bounded least squares with a slight preference for the values without inputs.
+
+    Raises
+    ------
+    InputError
+        When no inputs hold the shape.
+    """
+    from scipy.optimize import lsq_linear
+
+    chain, actuation = mechanics_of(model), model.actuation
+    stiffness, pretension, *_ = actuation.tendon_constants
+    if not stiffness.any():
+        return np.zeros(input_length(chain))
+    x = chain.coordinates(q)
+    slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT)))
+    still = pretension - stiffness * (actuation.levers @ q)  # signed forces without inputs
+    cords = [np.flatnonzero(row[model.size :]) for row in actuation.columns]
+    effect = np.array([actuation.levers[rows[0]] if rows.size else row[: model.size]
+                       for rows, row in zip(cords, actuation.columns, strict=True)]).T  # fmt: skip
+    lowest = np.array([max(still[rows[0]], 0.0) if rows.size == 1 else -np.inf for rows in cords])
+    rest = np.where(np.isfinite(lowest), lowest, 0.0)
+    weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
+    rows = np.concatenate([effect, weight]), np.append(-slack, weight @ rest)
+    net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
+    values = [commanded(force, still[own]) for force, own in zip(net, cords, strict=True)]
+    torque = np.asarray(values @ actuation.columns)
+    if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
+        raise InputError(
+            f"no values of the inputs of {model.name!r} ({actuation.listing}) hold this shape, so that it is unknown "
+            "which tendons are slack: give the values as `pressure`"
+        )
+    return torque
+
+
+def commanded(net: float, still: Array) -> float:
+    """Return the force [N] that an input commands for a net tension `net` [N]. `still` are the signed forces [N] of its
+    tendons without the input: one of a single tendon, two of a pair. A chamber has none, and `net` is its torque.
+    """
+    if still.size == 0:
+        return net
+    if still.size == 1:
+        return net - float(still[0]) if net > 0.0 else 0.0
+    both = 0.5 * (net - still[0] + still[1])
+    if both + still[0] >= 0.0 and still[1] - both >= 0.0:
+        return float(both)
+    return float(net - still[0] if net > 0.0 else net + still[1])
 
 
 def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
@@ -179,26 +251,33 @@ def modal(model: Model, M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 def typical_pressure(model: Model, which: int = 0) -> float:
     """Return the pressure [Pa] that bends the chain by half a radian. If the chain has no equilibrium there, return 0.8
-    of the largest pressure at which it has one.
+    of the largest pressure at which it has one. If no pressure bends it so far, as with a law that saturates, return
+    the pressure that bends it by 0.9 of the largest bend.
 
     A model does not store the range of its recordings; this is the default level of a pulse. The result is 0 if no
-    pressure bends the model. Only input `which` acts, the first by default. For a tendon the result is a tension [N],
-    displacement [m] or angle [rad].
+    pressure bends the model by a milliradian.
+
+    Only input `which` acts, the first by default. For a tendon the result is a tension [N], displacement [m] or angle
+    [rad].
     """
     try:
         rest = equilibrium(model, first_alone(model, 0.0))
     except SimulationError:
         return 0.0
     low, (high, highest) = 0.0, RANGES[model.actuation.units[which]]
-    while (bend := bent(model, high, rest, which)) is not None and bend < BENT:
+    target = BENT
+    while (bend := bent(model, high, rest, which)) is not None and bend < target:
         low, high = high, 2.0 * high
         if high > highest:
-            return 0.0
+            if bend < LEAST_BEND:
+                return 0.0
+            low, high, target = 0.0, low, 0.9 * bend
+            break
     held = bend is not None
     for _ in range(30):
         middle = 0.5 * (low + high)
         bend = bent(model, middle, rest, which)
-        if bend is None or bend >= BENT:
+        if bend is None or bend >= target:
             high, held = middle, bend is not None
         else:
             low = middle

@@ -11,6 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
+from pliant.model.features import ALL, FIRST_ORDER, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
@@ -20,6 +21,13 @@ from pliant.simulation.solve import check_step
 from pliant.simulation.time_step import warn_too_coarse
 
 Array = np.ndarray
+
+STEPPER = Consumer(
+    "a Stepper", (ALL - VALVES) | FIRST_ORDER,
+    remedy=dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
+                         "behind your valve to `step`"),
+)  # fmt: skip
+
 
 class Snapshot(NamedTuple):
     """Saved state of a `Stepper`, from which the simulation can continue."""
@@ -89,13 +97,7 @@ class Stepper:
     """
 
     def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Float[Array, " C"] = 0.0) -> None:
-        for chamber in model.chambers:
-            v = chamber.valve
-            if v.dead_time or v.natural_frequency or v.settle_share or v.dead_band or v.opening_time:
-                raise InputError(
-                    "a Stepper supports an ideal or first-order valve only: give the model an ideal valve, and pass "
-                    "the pressure behind your valve to `step`"
-                )
+        STEPPER.check(model)
         check_step(model, time_step, "midpoint")
         warn_too_coarse(model, time_step)
         self.model = model
@@ -219,10 +221,12 @@ class Stepper:
 
         Raises
         ------
+        InputError
+            When the number of values is not that of the inputs; a single 0 sets all inputs to 0.
         SimulationError
             When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
-        self._command[:] = pressure
+        self._command[:] = self._checked(pressure)
         held = (self.time_step, steps, self._command, self._load, self._watch.total)
         failed = self._advance(self._x, self._v, held, *self._parts)
         self.time += self.time_step * (steps if failed < 0 else failed + 1)
@@ -242,6 +246,11 @@ class Stepper:
             )
         self._watch.look(self._x, self._v, self.memory, self.time_step, steps)
         return self.angle, self.rate
+
+    def _checked(self, pressure: float | Array) -> Array:
+        """Return the value of each input as an array (C,)."""
+        p = np.asarray(pressure, dtype=float)
+        return p if p.shape == self._command.shape else self.model.actuation.pressures(p)
 
     def tips(self) -> Float[Array, "n d"]:
         """Return the present positions (n, 2) [m] of the tips of the n links."""
