@@ -121,8 +121,10 @@ class ModelSelection(Shown):
         """
         if "steps" not in content:
             raise InputError("these results hold a model selection of an earlier version: run the study again")
-        steps = [SelectionStep(s["name"], s["title"], tuple(s["free"]), s["cost"], s["train_percent"],
-                               s["left_out_percent"], tuple(TriedTerm(**t) for t in s["tried"])) for s in content["steps"]]
+        steps = []
+        for s in content["steps"]:
+            tried = tuple(TriedTerm(**t) for t in s["tried"])
+            steps.append(SelectionStep(**{**s, "free": tuple(s["free"]), "tried": tried}))
         return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"])
 
     def to_dict(self) -> dict[str, Any]:
@@ -130,7 +132,7 @@ class ModelSelection(Shown):
         return {
             "terms": list(self.terms), "reason": self.reason, "seconds": self.seconds,
             "steps": [
-                {"name": s.name, "title": s.title, "free": list(s.free), "cost": s.cost, "train_percent": dict(s.train),
-                 "left_out_percent": dict(s.left_out), "tried": [t._asdict() for t in s.tried]} for s in self.steps
+                {"name": s.name, "title": s.title, "free": list(s.free), "cost": s.cost, "train": dict(s.train),
+                 "left_out": dict(s.left_out), "tried": [t._asdict() for t in s.tried]} for s in self.steps
             ],
         }

@@ -10,7 +10,7 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
-from pliant.selection.fitted import FittedModel, FitSetting
+from pliant.selection.fitted import FitSetting, FittedModel
 from pliant.selection.terms import Term
 
 Array = np.ndarray

@@ -19,7 +19,7 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import effective_numbers, groups_of, left_out
-from pliant.selection.fitted import FittedModel, FitSetting, fitted
+from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.terms import Term, terms_for

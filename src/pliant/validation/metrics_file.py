@@ -173,8 +173,8 @@ class StepEntry(MetricsEntry):
     title: str
     free: list[str]
     cost: float = Field(description="half the sum of squared residuals of the training recordings")
-    train_percent: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
-    left_out_percent: dict[str, float] = Field(
+    train: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
+    left_out: dict[str, float] = Field(
         description="RMSE of their parts, each predicted from the other parts, % of peak displacement")
     tried: list[TrialEntry] = Field(description="terms that were tried next")
 

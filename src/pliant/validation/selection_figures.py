@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.plotting import curvature_fan, error_by_order, order_bars, side_by_side, snapshots
+from pliant.plotting import curvature_fan, error_by_order, new_figure, order_bars, side_by_side, snapshots
 from pliant.reduction import spline_shape
 from pliant.selection import ModelSelection
 from pliant.validation.curves import instants
@@ -81,7 +81,7 @@ def selection_figure(selection: ModelSelection) -> Any:
     """
     steps = selection.steps
     with drawing():
-        figure, (ax,) = side_by_side(1, (1,), 2.9)
+        figure, ax = new_figure(1, 1, height=2.9)
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
