@@ -1,4 +1,5 @@
-"""Count false alarms of the plausibility checks on all recordings of the shared data, examples and demonstrations.
+"""Count false alarms of the plausibility checks, and of the detection of lost stations and glitches of inputs, on all
+recordings of the shared data, examples and demonstrations.
 
     python benchmarks/plausibility.py            # a table: recordings, checks, and every warning of a check
 
@@ -12,6 +13,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.preprocessing.plausibility import CHECKS
@@ -51,9 +54,9 @@ def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
     """Return group, recording and warnings of every recording."""
     for group, (pattern, mapping) in RAW.items():
         for path in sorted(DATA.glob(pattern)):
-            yield group, path.name, quality(read(path, mapping=mapping)).doubts
+            yield group, path.name, doubted(read(path, mapping=mapping))
     for path in sorted(BUNDLED.glob("*.nc")):
-        yield "bundled", path.name, quality(read(path)).doubts
+        yield "bundled", path.name, doubted(read(path))
     studies = [*sorted((ROOT / "examples").glob("*.toml")), *sorted((ROOT / "src/pliant/study/bundled").glob("*.toml"))]
     for path in studies:
         try:
@@ -68,9 +71,19 @@ def cases() -> Iterator[tuple[str, str, dict[str, str]]]:
                 yield f"study {path.stem}", name, {"refused": str(error)}
             else:
                 bodies[name] = one.body
-                yield f"study {path.stem}", name, dict(one.doubts)
+                yield f"study {path.stem}", name, one.doubts | {
+                    line: line for line in one.findings if line.startswith(("lost by the tracker", "left out glitches"))
+                }
         for line in beside(bodies):
             yield f"study {path.stem}", "together", {"beside each other": line}
+
+
+def doubted(recording: xr.Dataset) -> dict[str, str]:
+    """Return the warnings about a recording, and what is found of lost stations and of glitches."""
+    found = quality(recording)
+    return found.doubts | {f"lost {n}": str(v) for n, v in found.lost.items()} | {
+        f"glitch {n}": str(v) for n, v in found.input_glitches.items()
+    }
 
 
 def main() -> None:

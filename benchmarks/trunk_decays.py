@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from pliant.identification import Experiment
 from pliant.identification.edges import edges
 from pliant.identification.fit import FitResult, fit, parameters_from
-from pliant.identification.forward_model import solved_pose
+from pliant.identification.held_pose import solved_pose
 from pliant.identification.initial_guess import prepare
 from pliant.identification.model_selection import Follows, follows, shared_bic
 from pliant.identification.parameters import Parameter, apply

@@ -128,6 +128,13 @@ def gapped(exp: Experiment) -> Array:
     return position
 
 
+def at_reach(exp: Experiment, part: float) -> Array:
+    """Positions (S, 2) of the stations on a line from the first joint, at a `part` of the reach of each."""
+    places = {s.name: s for s in PLAIN["stations"]}
+    reach = [sum(PLAIN["link_length"][: s.link]) + np.hypot(s.along, s.across) for s in map(places.get, exp.stations)]
+    return np.array([0.0, PLAIN["base_length"]]) + part * np.outer(reach, [-np.sin(0.3), np.cos(0.3)])
+
+
 def with_angles(exp: Experiment, reference: str, **more: Any) -> dict[str, Any]:
     return {"angle": angles_of(exp), "angle_reference": reference, **more}
 
@@ -161,7 +168,9 @@ OPTIONS: dict[str, dict[str, Changed]] = {
     "noise": {"known": lambda _: {"noise": {"tip": 1e-4}}},
     "angle_noise": {"known": lambda e: with_angles(e, "rest", angle_noise=1e-3)},
     "arc_length": {"dense": lambda e: {"arc_length": np.linspace(0.05, 0.12, len(e.stations))}},
-    "held": {"measured": lambda e: {"held": e.position[:5].mean(axis=0) + np.array([0.02, -0.004])}},
+    "held": {"measured": lambda e: {"held": e.position[:5].mean(axis=0) + np.array([0.02, -0.004])},
+             **{f"{part:g} of its reach": lambda e, part=part: {"held": at_reach(e, part)}
+                for part in (0.97, 1.0, 1.04)}},
     "forces": {"thread": lambda _: {"forces": (PULL,)}, "two": lambda _: {"forces": (PULL, THROW)}},
     "angles_alone": {"only": lambda e: with_angles(e, "joint", angles_alone=True)},
     "own_places": {"own": lambda _: {"own_places": True},

@@ -32,7 +32,8 @@ from pliant.identification import Experiment, Parameter, experiment
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import KNOWN
-from pliant.model import Chamber, Extension, Memory, Model, Valve
+from pliant.identification.problem import Problem
+from pliant.model import Chamber, Extension, Memory, Model, Valve, chain_model
 from pliant.model.model import DEFAULTS
 from pliant.model.torque_law import law_parameters
 
@@ -88,6 +89,29 @@ def test_a_band_that_lays_out_branches_is_never_free() -> None:
         names = [n for n in VALUES if n.startswith(law)]
         with pytest.raises(InputError, match="cannot be fitted"):
             prepare([exp], MODELS["plain"], [Parameter(n, VALUES[n]) for n in names])
+
+
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["plane", "space"])
+@pytest.mark.parametrize("distance", [0.96, 1.0, 1.03])
+def test_differences_of_all_steps_agree_with_the_derivative_of_a_held_pose(space: bool, distance: float) -> None:
+    """A tip alone, inside, at and beyond the reach of the straight body; steps from 1e-3 to 1e-6 of a scale."""
+    model = chain_model(length=0.1, mass=0.03, links=4, stiffness=0.1, damping=1e-3, torque=[1e-6], space=space)
+    model = model.with_(stations=model.points)
+    ahead, times = np.eye(2 + space)[-1], np.arange(0.0, 0.3, 0.01)
+    held = 0.1 * distance * (np.cos(0.1) * ahead - np.sin(0.1) * np.eye(2 + space)[0])
+    swing = held + 0.01 * np.sin(9.0 * times)[:, None] * np.eye(2 + space)[0]
+    exp = Experiment("e", times, swing[:, None], ("link_4",), "release", held=held[None])
+    values = {"stiffness_2": 0.12, "link_4.along": 0.0251, "link_4.across": 1e-3, "base_x": 1e-4}
+    values |= {"base_tilt_y": 0.02, "rest_turn_y_1": 0.03} if space else {"base_angle": 0.02, "rest_angle_1": 0.03}
+    released = Parameter("e.release", 0.05, free=False)
+    problem = Problem([exp], model, [Parameter(n, v) for n, v in values.items()] + [released], STEP, "travel")
+    J = problem.data_jacobian(problem.start)
+    assert np.linalg.norm(J, axis=0).max() < 300.0
+    for k, p in enumerate(problem.free):
+        for step in (1e-3, 1e-4, 1e-5, 1e-6):
+            ends = [problem.data_residual(problem.start + side * step * np.eye(len(values))[k]) for side in (1.0, -1.0)]
+            off = np.linalg.norm((ends[0] - ends[1]) / (2.0 * step) - J[:, k]) / np.linalg.norm(J[:, k])
+            assert off < (0.05 if step == 1e-3 else 2e-3), (p.name, step)
 
 
 def test_a_held_pose_of_a_body_that_lengthens_is_refused() -> None:

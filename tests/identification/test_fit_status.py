@@ -69,6 +69,40 @@ def test_a_value_on_its_bound_is_named(exp: Experiment, truth: Model) -> None:
     assert "at a bound: stiffness" in found.status
 
 
+@pytest.mark.parametrize(("name", "side", "bound", "start"), [
+    ("stiffness", "upper", 0.7, 0.5), ("damping", "lower", 0.013, 0.02),
+])  # fmt: skip
+def test_a_value_that_ends_at_a_bound_is_on_it_and_no_success(
+    exp: Experiment, truth: Model, name: str, side: str, bound: float, start: float
+) -> None:
+    p = Parameter(name, start, scale=0.05, prior=0.4, prior_std=90.0, **{side: bound})
+    found = run(exp, truth, p, *({"stiffness", "damping"} - {name}))
+    assert found.values[name] == pytest.approx(bound, rel=1e-15)
+    assert not found.converged
+    assert found.status.startswith(f"The fit did not reach an optimum within the bounds; at a bound: {name}")
+    assert f"{name} ends at its {side} bound of {bound:g} N m" in found.status
+    assert "in spite of its prior 0.4 +- 90" in found.status
+    assert "hold it constant at a known one" in found.status
+
+
+def test_a_term_without_effect_at_its_bound_of_zero_is_a_success(exp: Experiment, truth: Model) -> None:
+    found = run(exp, truth, "stiffness", "damping", Parameter("creep_share_1", 0.2),
+                Parameter("creep_time_1", 0.2, free=False))
+    assert found.values["creep_share_1"] == pytest.approx(0.0, abs=1e-3)
+    assert found.converged
+
+
+def test_values_never_pass_their_bounds_by_rounding(exp: Experiment, truth: Model) -> None:
+    from pliant.identification.problem import Problem
+
+    edges = [Parameter("p.start", 0.12, free=False), Parameter("p.stop", 0.6, free=False)]
+    for scale in np.linspace(0.04, 0.09, 200):
+        p = Parameter("base_x", 0.0, lower=-0.7, upper=0.7, scale=float(scale))
+        problem = Problem([exp], truth, [p, *edges], STEP, "travel")
+        for x in problem.bounds:
+            p.with_(value=problem.values(x)["base_x"])
+
+
 def test_bounds_are_never_passed(exp: Experiment, truth: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     from pliant.identification import problem
 

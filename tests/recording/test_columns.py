@@ -48,7 +48,8 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
     assert ds["pressure"].values[0] == pytest.approx(68947.57)
     assert ds["quaternion"].values[0, 0].tolist() == [0, 0, 0, -1]
     assert np.isnan(ds["quaternion"].values[1]).all()
-    assert "1 quaternion(s) of tip" in ds.attrs["history"]
+    assert np.isnan(ds["position"].values[1]).all()
+    assert "quaternion that is incomplete or not of unit length; read as gaps: tip 1" in ds.attrs["history"]
 
 
 @pytest.mark.parametrize(

@@ -145,7 +145,8 @@ def test_infinite_quaternions_are_counted(tmp_path):
     path = put(tmp_path, "0,1,2,3,0,0,0,1\n1,1,2,3,0,0,0,1e999\n2,1,2,3,0,0,,1\n", "a.txt")
     ds = read(path, mapping={"time": 0, "length_unit": "m",
                              "stations": {"a": {"position": [1, 2, 3], "quaternion": [4, 5, 6, 7]}}})  # fmt: skip
-    assert "2 quaternion(s) of a are incomplete or far from unit length" in ds.attrs["history"]
+    assert "quaternion that is incomplete or not of unit length; read as gaps: a 2" in ds.attrs["history"]
+    assert np.isnan(ds["position"].values[1:]).all()
 
 
 def test_arrays_and_columns_that_are_not_used_are_named(tmp_path):

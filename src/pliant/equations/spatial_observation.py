@@ -49,8 +49,9 @@ def look(r, frame, sight):
     orientation begins, the orientation of its link as a vector turn (3,) [rad].
 
     It is the measured rotation vector of the link's frame in the base frame, minus the rotation vector from the
-    predicted to the measured orientation. NaN where the two differ by more than 90 degrees. The planar function is
-    `observation.look`.
+    predicted to the measured orientation. NaN where the two differ by more than 90 degrees. For a further kind, it is
+    the predicted rotation vector itself, and `angle` holds the angles of the link and of the link before it from the
+    base's axis +z (0 for the first). The planar function is `observation.look`.
     """
     link = int(frame.rows[r, 1])
     kind = int(frame.rows[r, 0])
@@ -61,6 +62,21 @@ def look(r, frame, sight):
             sight.turn[i] = frame.values[r + i] - sight.turn[i] if cosine.real > FLIPPED else np.nan
     elif kind not in (TURN_Y, TURN_Z):  # those were written with TURN_X
         point_position(link, frame.rows[r, 4], frame.rows[r, 3], frame.rows[r, 2], sight.links, sight.p)
+        if kind > TURN_Z:
+            for i in range(3):
+                for j in range(3):
+                    sight.E[i, j] = 0.0
+                sight.E[i, i] = 1.0
+            rotation_between(sight.links.R[link + 1], sight.E, sight.turn)
+            sight.angle[0] = tilt(sight.links.R[link + 1, :, 2])
+            sight.angle[1] = 0.0
+            if link > 0:
+                sight.angle[1] = tilt(sight.links.R[link, :, 2])
+
+
+def tilt(z):
+    """Return the angle [rad] of a unit vector z (3, ...) from the axis +z."""
+    return angle_over_sine(z[2]) * np.sqrt(z[0] * z[0] + z[1] * z[1] + LEAST * LEAST)
 
 
 def rotation(e, E):

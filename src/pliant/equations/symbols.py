@@ -381,13 +381,13 @@ class Sight(NamedTuple):
     """What a row of a measurement may depend on, and the scratch arrays from which it is computed. All hold numbers
     that carry derivatives.
 
-    Entries that a body does not have are NaN: z in the plane; angles in space.
+    Entries that a body does not have are NaN: z and turn in the plane; in space the angles, except for further kinds.
     """
 
     x: np.ndarray  # (N,) coordinates
     links: np.ndarray | SpatialWorkspace  # (5, n + 1) of `observation.place_links`, or a pose in space
     p: np.ndarray  # (3,) m, of the point
-    angle: np.ndarray  # (2,) rad, of its link and of the link before it
+    angle: np.ndarray  # (2,) rad, of its link and of the link before it; in space from the base's axis
     turn: np.ndarray  # (3,) rad, orientation of its link, see `spatial_observation.look`
     E: np.ndarray  # (3, 3) measured rotation of its link
 

@@ -231,6 +231,13 @@ class Experiment(Shown):
             return np.zeros(0, dtype=int)
         return np.flatnonzero(np.isfinite(self.orientation).all(axis=2).any(axis=0))
 
+    @cached_property
+    def framed(self) -> Array:
+        """Return the indices (m,) of the stations whose link frame a fit computes: in space, those whose orientation
+        was observed, or all if there are measurements of further kinds.
+        """
+        return np.arange(len(self.stations)) if self.further and self.dimension == 3 else self.oriented
+
     @property
     def shown_in(self) -> tuple[str, float]:
         """Return the display unit of positions or angles ("mm" or "deg"), and the factor to it from the SI unit."""

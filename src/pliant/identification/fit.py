@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
@@ -14,13 +15,15 @@ from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
+from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
+from pliant.identification.nested import excess_phrase, inside, warm_start
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, values_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
-from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence
+from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence, stopped_at
 from pliant.identification.start_search import independent_start, searched
 from pliant.identification.uncertainty import Covariance, covariance, information_criterion
 from pliant.model import Model
@@ -61,6 +64,7 @@ def fit(
     section_area: float | None = None,
     max_evaluations: int = 200,
     progress: Callable[[str], None] | None = None,
+    nested: Mapping[str, FitResult] = MappingProxyType({}),
     **options: Unpack[FitOptions],
 ) -> FitResult:
     """Fit the parameters of a model to one or several recordings, by least squares on the simulated motion.
@@ -81,8 +85,8 @@ def fit(
         Robust losses limit the weight of outliers beyond 1 % of the peak displacement, or three standard deviations of
         the noise.
     starts : int
-        Number of starts: the estimate, and others scattered about it; default: 3. For a chain in space whose stiffness
-        is given, the second start is searched for without that value.
+        Number of starts: the estimate, the optima of `nested` fits, and others scattered about the estimate; default:
+        3. For a chain in space whose stiffness is given, one start is searched for without that value.
     weighting : {"travel", "metre", "noise", "decay"}, default "travel"
         Unit of the residuals. "travel": each experiment's peak displacement, so that all pressure levels count alike.
         "metre": the same unit for all. "noise": standard deviations of each station's noise, as given with the
@@ -98,6 +102,9 @@ def fit(
         Highest number of evaluations for each start.
     progress : callable, optional
         Called with one line of text for each start.
+    nested : mapping, optional
+        Results, by name, of smaller fits to the same recordings that this fit contains. Each optimum is one more start,
+        in place of a scattered one.
 
     Returns
     -------
@@ -129,7 +136,9 @@ def fit(
     check_step(model, time_step, "midpoint")
     problem = Problem(list(experiments), model, filled, time_step, weighting)
     second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
-    simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), second)
+    warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
+    further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]
+    simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), further)
     if regularise:
         problem.hold_to_start()
     else:
@@ -139,8 +148,28 @@ def fit(
     for _ in range(2 if problem.learns else 0):
         problem.learn_sizes(best.x)
         best = solve(problem, best.x, loss, max_evaluations)
-    best.doubt = lone_optimum(problem, best.x, agreeing, how["starts"])
-    return finished(problem, best, loss, section_area, clock.perf_counter() - began)
+    best, excess = below_nested(problem, best, warm, loss, max_evaluations)
+    best.doubt = lone_optimum(problem, best.x, agreeing, len(simulable))
+    return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_phrase(excess))
+
+
+def below_nested(
+    problem: Problem, best: OptimizeResult, warm: Mapping[str, Array | None], loss: str, max_evaluations: int,
+) -> tuple[OptimizeResult, dict[str, float]]:
+    """Return the best optimum known, and its excess over the cost of each smaller fit, as a fraction of that cost.
+
+    `warm` holds the start from each smaller fit; None where the model cannot be simulated. The search is repeated from
+    a start whose cost is below that of the optimum.
+    """
+    excess = {}
+    for name, x in warm.items():
+        if x is None:
+            continue
+        cost = solve(problem, x, loss, 1).cost
+        if best.cost > cost:
+            best = min(best, solve(problem, inside(problem, x), loss, max_evaluations), key=lambda end: float(end.cost))
+        excess[name] = float(best.cost / max(cost, 1e-300)) - 1.0
+    return best, excess
 
 
 def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
@@ -158,14 +187,14 @@ def lone_optimum(problem: Problem, x: Array, agreeing: int, starts: int) -> str:
 
 
 def starts_of(
-    problem: Problem, starts: int, rng: np.random.Generator, second: Array | None = None,
+    problem: Problem, starts: int, rng: np.random.Generator, further: Sequence[Array] = (),
 ) -> list[Array]:
-    """Return the start points of a fit from which the model can be simulated: the estimated one, a `second` one if
-    given, and random points around the first.
+    """Return the start points of a fit from which the model can be simulated: the estimated one, `further` ones, and
+    random points around the first, up to the number `starts`.
 
     Each start (P,) holds scaled parameters. Raises FitError if no start can be simulated.
     """
-    points = [problem.start] if second is None else [problem.start, second]
+    points = [problem.start, *further]
     points += [scattered(problem.free, problem.start, problem.bounds, rng) for _ in range(starts - len(points))]
     good = []
     broken = ""
@@ -265,22 +294,17 @@ def check_choices(loss: str, weighting: str) -> None:
             raise InputError(f"unknown {what} {value!r}: use one of {', '.join(known)}")
 
 
-def prior_mean(start: Parameter) -> float | None:
-    """Return the mean of a parameter's prior: the given `prior` or, if only `prior_std` is given, the start value.
-    None without a prior.
-    """
-    return start.value if start.prior is None and start.prior_std else start.prior
-
-
 def finished(
-    problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float,
+    problem: Problem, best: OptimizeResult, loss: str, section_area: float | None, seconds: float, failure: str,
 ) -> FitResult:
-    """Return the result of a fit at its optimum: covariance, status, warnings, and the error of each recording."""
+    """Return the result of a fit at its optimum: covariance, status, warnings, and the error of each recording. A
+    `failure` of the search goes into the status.
+    """
     values = problem.values(best.x)
     found = covariance(problem, best.x, robust=loss != "linear")
     named = dict(zip(found.names, found.std, strict=True))
     parameters = tuple(
-        p.with_(value=values[p.name], std=named.get(p.name), prior=prior_mean(p)) for p in problem.parameters
+        p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters
     )
     own = tuple(f"{e.name}." for e in problem.experiments)
     model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
@@ -292,16 +316,17 @@ def finished(
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
     notes += [note for e in problem.experiments if (note := at_rest(problem.model, e))]
+    notes += [note for e in problem.experiments if (note := held_note(problem.model, e, values))]
     notes += step_notes(problem, best.x, found)
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held constant: the torque law has a scale of its own.")
     mean_square = float(np.mean(problem.data_residual(best.x) ** 2))
     bic = information_criterion(mean_square, found.effective, best.x.size)
-    far = far_off(problem.experiments, rmse)
+    failure = far_off(problem.experiments, rmse) or failure
     return FitResult(
-        model, parameters, status_sentence(best, parameters, far), rmse, problem.evaluations, seconds,
-        best.status > 0 and not far,
+        model, parameters, status_sentence(best, parameters, failure), rmse, problem.evaluations, seconds,
+        best.status > 0 and not failure and not any(map(stopped_at, parameters)),
         found, tuple(notes), bic, turns=problem.experiments[0].without_positions,
         time_step=problem.time_step,
     )

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, initial_hysteresis
+from pliant.identification.held_pose import beyond_reach, pose_through
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.identification.observation import between_frames, lags_of, repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.poses import pose_inputs
-from pliant.mechanics import Mechanics, mechanics_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
@@ -25,13 +26,6 @@ if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
-PULLS = (0.3, 0.03, 1e-6)  # weights of the unloaded shape over that of a measured point
-POSE_STEPS, FEW_STEPS = 60, 10  # of the search with the last weight, and with each weight before
-POLISH = 8  # Gauss-Newton steps with the last weight, before those of Newton
-NEAR, REACHED, CHANGE = 1e-2, 1e-13, 1e-6  # rad: steps that end the search with a weight, and of finite differences
-SAME_POSE = 1e-4  # rad and m: changes after which the pose is followed from the latest one
-BENDS = 0.9  # rad, expected bend of a whole body that is held
-LEAST_MISS = 1e-9  # m, so that exact points have a logarithm
 
 
 def forward_problem(
@@ -72,7 +66,7 @@ def forward_problem(
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     forward = ForwardProblem(
         numbers, plan.keep, 1, carriers(model_at, exp), m, acting, True, drive=plan, between=between,
-        first_seen=exp.first_places if exp.own_places else None, oriented=exp.oriented,
+        first_seen=exp.first_places if exp.own_places else None, oriented=exp.framed,
     )
     return forward._replace(numbers=reattached(forward, numbers))
 
@@ -83,7 +77,7 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
     still = np.zeros(size), np.zeros(size)
     numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
     return ForwardProblem(numbers, plan.keep, 0, carriers(model_at, exp), model, plan.pressure, from_rest=False,
-                 poses=True, oriented=exp.oriented)  # fmt: skip
+                 poses=True, oriented=exp.framed)  # fmt: skip
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:
@@ -185,6 +179,22 @@ def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float],
     return np.zeros(model.size)
 
 
+def held_note(model: Model, exp: Experiment, values: Mapping[str, float]) -> str:
+    """Return a sentence on the stations of an experiment that were held beyond the reach of the body at parameter
+    `values`; '' if there is none.
+    """
+    if exp.held is None:
+        return ""
+    params = {**for_record(values, exp.name), **exp.known}
+    model_at = Plans().at(model, params)
+    beyond = beyond_reach(model_at.model, observed_points(model_at, exp), exp.held - shift_of(params, exp))
+    if not beyond:
+        return ""
+    listed = ", ".join(f"{name} by {1e3 * distance:.2g} mm" for name, distance in beyond.items())
+    return (f"Experiment {exp.name}: before its release the body is held beyond its reach, {listed}: check the length, "
+            "the base, and the positions of the stations on the body.")
+
+
 def no_drive(model: Model) -> Drive:
     """Return an empty `Drive`, for a simulation without time steps."""
     C = model.actuation.count
@@ -216,7 +226,7 @@ def forward_numbers(
     """Return all quantities of a simulation that may depend on fitted parameters: initial angles, torques, model
     constants and positions of the observed points.
     """
-    model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.oriented)
+    model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.framed)
     lags = lags_of(params, exp.stations)
     return Numbers(
         held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
@@ -225,7 +235,7 @@ def forward_numbers(
         load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0),
         body=model_at.body, joints=model_at.joints._replace(base_angle=base[1]), memory=model_at.memory,
         along=along, across=across, aside=aside, shift=shift_of(params, exp),
-        sensor_lag=repeated(lags, exp.oriented) if lags.size else lags,
+        sensor_lag=repeated(lags, exp.framed) if lags.size else lags,
         reference=model.base_angle if exp.angle_reference in ("base", "joint") else 0.0,
         length=model.link_length, base_length=model.base_length, share=model.stretch_share,
     )
@@ -273,91 +283,4 @@ def carriers(model_at: ModelAt, exp: Experiment) -> Array:
     """Return the index of the link that carries each observed point, (S + 2 m,). The points are S stations, and two
     auxiliary points on axes of each of the m links whose orientation is observed.
     """
-    return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.oriented)
-
-
-def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Array]) -> Array:
-    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
-
-    `solved_pose` describes the search. The pose depends on lengths and positions alone and is cached in `cache`, for
-    models that differ in nothing else. If they differ from the latest ones by rounding or by the step of a finite
-    difference, the search starts from the latest pose.
-    """
-    turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
-    points = np.array([p[1:] for p in stations], dtype=float)
-    given = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
-                            *(a.ravel() for a in (*turned, positions))])  # fmt: skip
-    if (key := given.tobytes()) not in cache:
-        latest = cache.get("latest", given[:0])
-        if model.space and latest.size == given.size and np.abs(given - latest).max() < SAME_POSE:
-            start = cache[latest.tobytes()]
-            cache[key] = searched_pose(chain_of(model, stations), positions, PULLS[-1:], start, polish=0)
-            return cache[key].copy()
-        cache[key] = solved_pose(model, stations, positions)
-    cache["latest"] = given
-    return cache[key].copy()
-
-
-def chain_of(model: Model, stations: list[Station]) -> Mechanics:
-    """Return the mechanics of a chain of fixed length that carries S points."""
-    return mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
-
-
-def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:
-    """Return the joint angles [rad] at which S points of the model come closest to `positions` (S, 2 or 3) [m].
-
-    A joint that the points do not determine stays close to the unloaded shape, from which the search starts. In space
-    the points may allow several poses, each a minimum of the squared distances, and two searches are made, one with a
-    penalty on the joint angles that vanishes step by step. Of their results, the more probable pose is taken: the
-    points have normal errors of one unknown size, and the n joint angles are normal with a standard deviation of
-    `BENDS` / sqrt(n).
-    """
-    chain = chain_of(model, stations)
-    unloaded = np.zeros(model.size)
-    if not model.space:
-        return searched_pose(chain, positions, PULLS[-1:], unloaded, polish=POSE_STEPS)
-    poses = [searched_pose(chain, positions, pulls, unloaded, POLISH) for pulls in (PULLS, PULLS[-1:])]
-
-    def improbable(q: Array) -> float:
-        off = np.append(chain.stations(chain.coordinates(q))[0] - positions, LEAST_MISS)
-        return float(positions.size * np.log(np.sum(off**2)) + model.n * np.sum(q**2) / BENDS**2)
-
-    return min(poses, key=improbable)
-
-
-def searched_pose(chain: Mechanics, positions: Array, pulls: Sequence[float], start: Array, polish: int) -> Array:
-    """Return the joint angles [rad] that minimise the squared distances of a chain's S points from `positions` (S, 2 or
-    3) [m]. The search starts from the joint angles `start`, with a penalty on all joint angles of the weights `pulls`
-    one after another. With the last weight, Newton steps follow `polish` steps of Gauss and Newton.
-    """
-    phi = chain.coordinates(start)
-    for pull in pulls:
-        last = pull == pulls[-1]
-        for step in range(POSE_STEPS if last else FEW_STEPS):
-            move = pose_step(chain, phi, positions, pull * chain.model.length, exact=last and step >= polish)
-            phi += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-            if np.abs(move).max() < (REACHED if last else NEAR):
-                break
-    return chain.joint_coordinates(phi)
-
-
-def pose_step(chain: Mechanics, phi: Array, positions: Array, pull: float, *, exact: bool) -> Array:
-    """Return a step (N,) from the coordinates `phi` (N,) of a chain towards the minimum of the squared distances of its
-    S points from `positions` (S, 2 or 3) [m] plus the squared joint angles, weighted by `pull` [m/rad] squared.
-
-    The step is that of Gauss and Newton or, if `exact`, that of Newton where the second derivatives are positive
-    definite. Far from the points, Gauss-Newton steps converge slowly.
-    """
-    places, slopes = chain.points_and_slopes(phi)
-    off, pulls = (positions - places).ravel(), pull * chain.to_joints
-    bend = chain.coordinates(np.zeros(phi.size)) - phi
-    Q, R = np.linalg.qr(np.concatenate([slopes.reshape(-1, phi.size), pulls]))
-    aim = Q.T @ np.concatenate([off, pulls @ bend])
-    back = np.linalg.inv(R)
-    if exact:
-        moved = [chain.points_and_slopes(phi + CHANGE * row)[1] - slopes for row in np.eye(phi.size)]
-        curved = np.stack([off @ change.reshape(-1, phi.size) for change in moved]) / CHANGE
-        second = np.eye(phi.size) - back.T @ (0.5 * (curved + curved.T)) @ back
-        if np.linalg.eigvalsh(second)[0] > 0.0:
-            aim = np.linalg.solve(second, aim)
-    return np.asarray(back @ aim)
+    return repeated(np.array([p.link for p in observed_points(model_at, exp)]), exp.framed)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.equations.observation import row_value
-from pliant.equations.spatial_observation import rotation_between
+from pliant.equations.spatial_observation import rotation_between, tilt
 from pliant.equations.symbols import ObservedChain, Sight
 from pliant.identification.follow_loops import Places
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
@@ -133,14 +133,15 @@ def unit(v: Array) -> Array:
     return np.asarray(v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True)))
 
 
-def turns_off(rows: Array, oriented: Array, measured: Array) -> Array:
+def turns_off(rows: Array, oriented: Array, measured: Array, framed: Array | None = None) -> Array:
     """Return rotation vectors (..., T, m, 3) [rad] from the measured to the modelled orientation of m stations in T
     frames. Both orientations are taken relative to the first frame.
 
     `measured` (T, m, 3, 3) holds rotation matrices in the axes of the base frame. The vectors are in the axes of the
-    measured body.
+    measured body. `framed` are the stations with auxiliary points in `rows`, if more than the m `oriented` ones.
     """
-    frames = frames_of(rows, oriented)
+    framed = oriented if framed is None else framed
+    frames = frames_of(rows, framed)[..., np.isin(framed, oriented), :, :]
     turned = frames @ np.swapaxes(frames[..., :1, :, :, :], -1, -2)
     return rotation_vectors(np.swapaxes(measured, -1, -2), np.swapaxes(turned, -1, -2))
 
@@ -155,13 +156,18 @@ def modelled_rows(rows: Array, kind: int, constants: Array, *, planar: bool) -> 
     `rows` (..., T, S or more, 3) of S observed points in T frames: x, y, angle in the plane, x, y, z in space.
 
     `constants` (S, k) are those of the kind at each station. The angle of the station before, 0 before the first,
-    stands for the angle of the link before. An orientation in space has rows of its own.
+    stands for the angle of the link before. In space, angle and rotation vector of a link follow from two auxiliary
+    points for each station; they are NaN if `rows` has none.
     """
-    p = np.moveaxis(rows[..., : len(constants), :], -1, 0)
+    count = len(constants)
+    p = np.moveaxis(rows[..., :count, :], -1, 0)
     none = np.full((3, *p.shape[1:]), np.nan)
-    before = np.concatenate([np.zeros_like(p[2][..., :1]), p[2][..., :-1]], axis=-1)
-    place, angle = (np.stack([*p[:2], none[0]]), np.stack([p[2], before])) if planar else (p, none)
-    return one_of_three(row_value(kind, Sight(none, none, place, angle, none, none), constants.T))
+    place, angle, turn = (np.stack([*p[:2], none[0]]), p[2], none) if planar else (p, none[0], none)
+    if not planar and rows.shape[-2] == 3 * count:
+        frames = frames_of(rows, np.arange(count))
+        angle, turn = tilt(np.moveaxis(frames[..., 2], -1, 0)), np.moveaxis(rotation_vectors(frames), -1, 0)
+    angles = np.stack([angle, np.concatenate([np.zeros_like(angle[..., :1]), angle[..., :-1]], axis=-1)])
+    return one_of_three(row_value(kind, Sight(none, none, place, angles, turn, none), constants.T))
 
 
 def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:

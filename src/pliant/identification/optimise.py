@@ -18,6 +18,7 @@ ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
 SHARES = ("creep_share", "payne_share")
 # beginnings of names
 BY_FACTORS = ("stiffness", "axial_stiffness", "line_stiffness", "creep_time", "axial_creep_time", "payne_angle")
+ON_BOUND = 1e-9  # in scales: distance from a bound that counts as none
 FAR_BOUND = 7.0  # in a logarithm: bounds a factor of a thousand from the start are dropped
 SAME = 1e-4  # of the least cost: tolerance within which a start is taken to reach the same minimum
 
@@ -103,6 +104,8 @@ def solve(
     )
     x = x_of(best.x)
     best.jac = best.jac / np.where(logs, x + shift, 1.0)
+    for bound in problem.bounds:  # the search ends a little inside a bound that it runs into
+        x = np.where(np.abs(x - bound) < ON_BOUND, bound, x)
     best.x = np.clip(x, *problem.bounds)
     return best
 

@@ -45,7 +45,7 @@ class Parameter:
         Standard error after a fit.
     prior, prior_std : float or None
         Mean and standard deviation of the value known before the fit (Gaussian prior), SI. Without `prior`, the mean
-        is the start value.
+        is the first start value.
     shrink : float
         For a parameter of one joint: standard deviation of the joints' values about their mean, as a fraction of that
         mean. 0: the joints are fitted independently.
@@ -79,6 +79,8 @@ class Parameter:
         if self.value is None and self.free and usual is not None:
             object.__setattr__(self, "value", float(np.clip(usual, self.lower, self.upper)))
             object.__setattr__(self, "source", self.source or "usual start")
+        if self.prior is None and self.prior_std is not None:  # here, so that no later start value moves the mean
+            object.__setattr__(self, "prior", self.value)
         if not self.lower < self.upper:
             raise InputError(
                 f"parameter {self.name}: lower bound {self.lower} is not below upper bound {self.upper}: change one"

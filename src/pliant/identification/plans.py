@@ -81,7 +81,7 @@ class Plans:
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
         self.slopes: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
-        self.poses: dict[Any, Array] = {}  # joint angles of a body that is held
+        self.poses: dict[Any, Any] = {}  # of a body that is held, see `held_pose.pose_through`
 
     def at(self, model: Model, values: Mapping[str, float]) -> ModelAt:
         """Return the `model` with the parameter values of one recording applied.

@@ -80,8 +80,11 @@ class Problem:
         self.latest: tuple[bytes, Array] = (b"", np.zeros(0))  # scaled parameters and the Jacobian there
 
     def values(self, x: Array) -> dict[str, Any]:
-        """Return the values (SI) of all parameters by name, at the scaled free parameters x (P,)."""
-        return {**self.fixed, **{p.name: float(v) for p, v in zip(self.free, x * self.scale, strict=True)}}
+        """Return the values (SI) of all parameters by name, at the scaled free parameters x (P,). None passes its
+        bounds, which a product of x and scale may do by rounding.
+        """
+        named = zip(self.free, x * self.scale, strict=True)
+        return {**self.fixed, **{p.name: float(np.clip(v, p.lower, p.upper)) for p, v in named}}
 
     def with_time_step(self, time_step: float) -> Problem:
         """Return a copy of this problem with another integration step [s], with the same weights and scales."""
@@ -95,6 +98,13 @@ class Problem:
         """
         rows, aim = self.all_known
         return np.concatenate([self.data_residual(x), self.size * (rows @ x - aim)])
+
+    def cost(self, x: Array) -> float:
+        """Return half the sum of squared residuals at the scaled parameters x (P,); inf if the model cannot be
+        simulated there.
+        """
+        r = self.residual(x)
+        return float("inf") if self.broken else 0.5 * float(np.sum(r * r))
 
     def data_residual(self, x: Array) -> Array:
         """Return the weighted residuals (N,) of all observed values at the scaled parameters x (P,)."""

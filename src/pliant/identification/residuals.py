@@ -68,7 +68,7 @@ class Observations:
         vectors = np.where(seen[..., None], rotation_vectors(turn), np.nan)
         known = self.exp.orientation_noise
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
-        off = partial(turns_off, oriented=self.exp.oriented, measured=turn)
+        off = partial(turns_off, oriented=self.exp.oriented, measured=turn, framed=self.exp.framed)
         weight = self.weights(vectors, swing, share, known, weighting)
         self.add(0.0 * vectors, weight, off, noise_known=known is not None)
 

@@ -44,7 +44,8 @@ class FitResult(Shown):
     seconds : float
         Wall time, s.
     converged : bool
-        Whether the optimiser converged and every training recording's error is below 30 % of its peak displacement.
+        Whether the optimiser converged, no value ends at a bound other than 0, the error of every training recording
+        is below 30 % of its peak displacement, and the cost is not above that of a smaller fit which this one contains.
     covariance : Covariance or None
         Covariance of the free parameters; the sandwich estimator where residuals are coloured.
     notes : tuple of str
@@ -120,23 +121,25 @@ def parameter_dict(p: Parameter) -> dict[str, Any]:
 
 
 def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:
-    """Return a sentence on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
+    """Return a phrase on recordings whose fit error exceeds 30 % of their peak displacement; '' if there is none."""
     missed = {e.name: rmse[e.name] / e.travel for e in experiments if rmse[e.name] > USELESS * e.travel}
     if not missed:
         return ""
     listed = ", ".join(f"{name} {100 * part:.0f} %" for name, part in missed.items())
     return (
-        f"the model does not follow its training recordings (error {listed} of the peak displacement): check the times "
-        "of the edges, the signs and units of the recordings and the start values"
+        f"failed: the model does not follow its training recordings (error {listed} of the peak displacement): check "
+        "the times of the edges, the signs and units of the recordings and the start values"
     )
 
 
-def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: str = "") -> str:
-    """Return a sentence on how the optimiser ended, with warnings. If `far` names recordings with large errors, the
-    sentence says instead that the fit failed, and for which recordings.
+def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], failure: str = "") -> str:
+    """Return a sentence on how the optimiser ended, with warnings.
+
+    A `failure`, a phrase such as "failed: ...", is stated instead. Values at a bound are no optimum and are
+    stated with a remedy, except at 0, where a term has no effect.
     """
-    if far:
-        return f"The fit failed: {far}."
+    if failure:
+        return f"The fit {failure}."
     end = {
         0: "stopped at the limit of evaluations before it converged: raise max_evaluations",
         1: "converged: the gradient vanished", 2: "converged: the cost no longer fell",
@@ -144,14 +147,32 @@ def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], far: 
     }.get(best.status, best.message)
     at_bound = [p.name for p in parameters if p.free and touches_bound(p)]
     unseen = [p.name for p in parameters if p.free and p.std is None]
+    stopped = [stop for p in parameters if (stop := stopped_at(p))]
     notes = ""
+    if stopped:
+        end = "did not reach an optimum within the bounds"
     if at_bound:
         notes += f"; at a bound: {', '.join(at_bound)}"
+    if stopped:
+        notes += (f"; {', '.join(stopped)}: the recordings do not determine such a value; hold it constant at a known "
+                  "one, state a narrower prior, or widen its bounds")  # fmt: skip
     if unseen:
         notes += f"; the data do not show the effect of: {', '.join(unseen)}"
     if getattr(best, "doubt", ""):
         notes += f"; {best.doubt}"
     return f"The fit {end}{notes}."
+
+
+def stopped_at(p: Parameter) -> str:
+    """Return a phrase on the bound other than 0 at which a fitted parameter ends; '' if it ends at none."""
+    value = p.value
+    if value is None or not (p.free and touches_bound(p)):
+        return ""
+    side, bound = min((("lower", p.lower), ("upper", p.upper)), key=lambda pair: abs(value - pair[1]))
+    if bound == 0.0:
+        return ""
+    known = f", in spite of its prior {p.prior:.3g} +- {p.prior_std:.2g}" if p.prior_std and p.prior is not None else ""
+    return f"{p.name} ends at its {side} bound of {bound:.4g} {p.unit}".removesuffix(" 1") + known
 
 
 def touches_bound(p: Parameter) -> bool:

@@ -138,7 +138,7 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
     if not forward.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
     same = (forward.numbers.torque_before, forward.numbers.phi, forward.numbers.chambers)
-    return (exp.stations, exp.angle_reference, exp.oriented.tobytes(), *(a.tobytes() for a in same))
+    return (exp.stations, exp.angle_reference, exp.framed.tobytes(), *(a.tobytes() for a in same))
 
 
 def with_torques(forward: ForwardProblem, slopes: Sequence[tuple[int, Slope]]) -> list[tuple[int, Slope]]:

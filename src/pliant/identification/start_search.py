@@ -162,21 +162,13 @@ def candidate(
             if not problem.broken:
                 moves = np.linalg.lstsq(problem.jacobian(still), -r, rcond=1e-6)[0]
                 found.append(np.clip(still + moves, *problem.bounds))
-        costs = [cost_at(problem, x) for x in found]
+        costs = [problem.cost(x) for x in found]
     except PliantError:
         return None
     values = problem.values(found[int(np.argmin(costs))])
     if not np.isfinite(min(costs)):
         return None
     return TrialStart(min(costs), stiffness, placed, [p.with_(value=values[p.name]) for p in filled])
-
-
-def cost_at(problem: Problem, x: Array) -> float:
-    """Return half the sum of squared residuals at the scaled parameters x (P,); inf if the model
-    cannot be simulated.
-    """
-    r = problem.residual(x)
-    return float("inf") if problem.broken else 0.5 * float(np.sum(r * r))
 
 
 def short_fit(

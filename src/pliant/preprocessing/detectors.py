@@ -148,10 +148,18 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
 
 def without_spikes(position: NDArray) -> NDArray:
     """Return the positions (T, S, d) [m] of S stations over T frames in d dimensions, with NaN where a station leaves
-    its path for a single frame.
+    its path for a single frame, or for the frames that repeat it.
     """
-    found = by_blocks(spikes, position)
+    found = spiked_frames(position)
     return np.where(found[..., None], np.nan, position) if found.any() else position
+
+
+def spiked_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
+    """Return a mask (T, S) of the `spikes` of S stations over T frames. Frames that repeat the previous one count as
+    one frame with it, as where a log runs faster than its tracker.
+    """
+    fresh = ~repeated_frames(position, quaternion)
+    return by_blocks(spikes, position[fresh])[np.maximum(np.cumsum(fresh) - 1, 0)]
 
 
 def spikes_bridged(position: NDArray) -> NDArray:

@@ -12,6 +12,7 @@ from pliant.display import Card, Shown
 from pliant.preprocessing import detectors
 from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
+from pliant.preprocessing.glitches import Glitch, glitch_sentences, input_glitches, leave_out_glitches
 from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
 from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.picture import recording_svg
@@ -20,6 +21,7 @@ from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
 from pliant.preprocessing.rotations import continuous
 from pliant.recording.inputs import recorded_inputs
+from pliant.recording.lost import known_losses, loss_sentences
 from pliant.recording.schema import check_recording
 
 if TYPE_CHECKING:
@@ -52,6 +54,9 @@ class Quality(Shown):
         Number of frames that equal the previous frame in every number.
     missing, spikes, station_jumps, sign_flips, orientation_jumps, orientation_spikes : dict
         Numbers of affected frames by station; stations without any are left out.
+    lost : dict
+        Numbers of frames that the tracker wrote as numbers although it had lost the station, by station and by what it
+        wrote. They are among the missing ones.
     frozen : dict
         Spans (first s, last s, frames) in which the tracker repeated the last position of a station, by station.
     frame_jumps_s : tuple of float
@@ -76,6 +81,8 @@ class Quality(Shown):
         Range (smallest, largest, unit) of each input other than pressure, in N, mm or degrees.
     input_held : dict
         Update interval (samples, seconds) of inputs recorded as staircases, pressures included.
+    input_glitches : dict
+        Glitches (time s, value SI, samples) of each input that has any; see `pliant.preprocessing.glitches`.
     pressure_samples, pressure_duration_s, pressure_rate_hz : int, float, float
         Number of samples, duration and rate of a pressure whose times differ from the shape's.
     pressure_gaps : tuple of (sample, start_s, length_s, missing)
@@ -98,6 +105,7 @@ class Quality(Shown):
     gaps: tuple[tuple[float, float], ...] = ()
     repeated_frames: int = 0
     missing: dict[str, int] = field(default_factory=dict)
+    lost: dict[str, dict[str, int]] = field(default_factory=dict)
     spikes: dict[str, int] = field(default_factory=dict)
     station_jumps: dict[str, int] = field(default_factory=dict)
     sign_flips: dict[str, int] = field(default_factory=dict)
@@ -117,6 +125,7 @@ class Quality(Shown):
     pressure_kpa: dict[str, tuple[float, float]] = field(default_factory=dict)
     input_range: dict[str, tuple[float, float, str]] = field(default_factory=dict)
     input_held: dict[str, tuple[int, float]] = field(default_factory=dict)
+    input_glitches: dict[str, tuple[Glitch, ...]] = field(default_factory=dict)
     pressure_samples: int = 0
     pressure_duration_s: float = 0.0
     pressure_rate_hz: float = float("nan")
@@ -208,8 +217,8 @@ def quality(recording: xr.Dataset) -> Quality:
         lost = np.isnan(recording["strain"].values).sum((0, 2))
         found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
     if "pressure" in recording:
-        found |= {"pressure_kpa": _pressure_range(recording), **pressure_clock(recording)}
-    found |= {"input_range": _input_range(recording), "input_held": staircases(recording)}
+        found |= pressure_clock(recording)
+    found |= {**_inputs(recording), "lost": known_losses(recording)}
     if "time" not in recording.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")
@@ -217,7 +226,9 @@ def quality(recording: xr.Dataset) -> Quality:
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
-    findings = (*first, *_sentences(result), *clock, *staircase_sentences(result.input_held),
+    findings = (*first, *loss_sentences(result.lost), *_sentences(result), *clock,
+                *staircase_sentences(result.input_held),
+                *glitch_sentences(result.input_glitches, _units_shown(recording)),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     named = replace(result, findings=findings)
     return replace(named, drawing=recording_svg(recording, named.summary().partition("\n")[0]))
@@ -301,6 +312,17 @@ def _pressure_range(recording: xr.Dataset) -> dict[str, tuple[float, float]]:
 
 
 SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(np.rad2deg(1.0)), "degrees")}
+
+
+def _units_shown(recording: xr.Dataset) -> dict[str, tuple[float, str]]:
+    return {one.name or "p": SHOWN_IN.get(one.kind, (1e-3, "kPa")) for one in recorded_inputs(recording)}
+
+
+def _inputs(recording: xr.Dataset) -> dict[str, Any]:
+    """Return the ranges of the inputs without their glitches, their update intervals, and their glitches."""
+    calm = leave_out_glitches(recording)
+    return {"pressure_kpa": _pressure_range(calm), "input_range": _input_range(calm),
+            "input_held": staircases(recording), "input_glitches": input_glitches(recording)}  # fmt: skip
 
 
 def _input_range(recording: xr.Dataset) -> dict[str, tuple[float, float, str]]:

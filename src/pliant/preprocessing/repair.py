@@ -47,6 +47,31 @@ def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
     return append_history(recording.assign(position=recording["position"].copy(data=position)), line)
 
 
+def leave_out_spikes(recording: xr.Dataset, like: xr.Dataset | None = None) -> xr.Dataset:
+    """Return the recording with NaN where a station leaves its path for a single frame; the history counts them.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        A recording; without positions it is returned unchanged.
+    like : xarray.Dataset, optional
+        The same recording before its alignment, in which the spikes are detected.
+    """
+    like = recording if like is None else like
+    shared = "position" in recording and "position" in like and recording.station.equals(like.station)
+    if not shared or recording.sizes["time"] != like.sizes["time"]:
+        return recording
+    quaternion = like["quaternion"].values if "quaternion" in like else None
+    marked = detectors.spiked_frames(like["position"].values, quaternion)
+    if not marked.any():
+        return recording
+    changed = {name: recording[name].copy(data=np.where(marked[..., None], np.nan, recording[name].values))
+               for name in ("position", "quaternion") if name in recording}  # fmt: skip
+    count = ", ".join(f"{n} {k}" for n, k in zip(recording["station"].values, marked.sum(axis=0), strict=True) if k)
+    line = f"left out frames in which a station left its path for one frame: {count}"
+    return append_history(recording.assign(changed), line)
+
+
 def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording without frames that equal the previous frame in every number.
 

@@ -137,7 +137,7 @@ def frames_of(
         names += [name] if count == 1 else [f"{name}_{k:03d}" for k in range(count)]
     rows = np.concatenate(columns, axis=1)
     arrays: dict[str, Any] = {"time": time, "position": scale * rows[..., :3], "station": names}
-    if np.isfinite(rows[..., 3:]).any():
+    if not np.isnan(rows[..., 3:]).all():
         arrays["quaternion"] = rows[..., 3:]
     return arrays, findings
 

@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pliant.errors import InputError
+from pliant.recording.lost import lost_frames
 from pliant.recording.mapping import FileMapping
 
 Array = np.ndarray
@@ -167,8 +168,13 @@ class Camera(FileMapping):
 def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]:
     """Convert points (T, S, 2) [pixels] of S stations over T frames to positions (T, S, 3) [m] in the plane z = 0. Also
     return a line for the history that states the scale.
+
+    Pixels that a tracker writes for a lost point, such as 0, 0, become NaN and are counted in that line.
     """
-    return with_z(camera.metres(position[..., :2], folder)), camera.description(folder)
+    lost = lost_frames(position[..., :2])
+    place = with_z(camera.metres(np.where(lost[..., None], np.nan, position[..., :2]), folder))
+    told = f"; {int(lost.sum())} point(s) at the pixel that stands for a lost one are gaps" if lost.any() else ""
+    return place, camera.description(folder) + told
 
 
 def with_z(place: Array) -> Array:

@@ -230,34 +230,17 @@ def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> t
     position = np.zeros((len(table), len(stations), 3))
     quaternion = np.full((len(table), len(stations), 4), np.nan)
     history = []
-    for s, (name, columns) in enumerate(stations.items()):
+    for s, columns in enumerate(stations.values()):
         indices = [header.index(c) for c in columns.position]
         position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
         if columns.quaternion is not None:
-            raw = table[:, [header.index(c) for c in columns.quaternion]]
-            quaternion[:, s], lost = unit_quaternions(raw)
-            if lost:
-                history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
+            quaternion[:, s] = table[:, [header.index(c) for c in columns.quaternion]]
     if any(len(c.position) == 2 for c in stations.values()):
         history.append("stations with two coordinates got z = 0")
     arrays: dict[str, Any] = {"position": position, "station": list(stations), "arc_length": options.arc_length}
-    if np.isfinite(quaternion).any():
+    if not np.isnan(quaternion).all():
         arrays["quaternion"] = quaternion
     return arrays, history
-
-
-def unit_quaternions(raw: NDArray) -> tuple[NDArray, int]:
-    """Return the T quaternions (T, 4) normalised to length 1, and the number of those that became NaN because their
-    length is far from 1.
-
-    Quaternions whose length differs from 1 by less than 0.05 are normalised. Others become NaN, and those of them that
-    are not wholly NaN are counted.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):  # 1e999 is no quaternion either
-        norm = np.linalg.norm(raw, axis=-1, keepdims=True)
-    good = np.abs(norm - 1.0) < 0.05
-    lost = int((~good[:, 0] & ~np.isnan(raw).all(-1)).sum())
-    return np.where(good, raw / np.where(good, norm, 1.0), np.nan), lost
 
 
 def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.columns import unit_quaternions
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
@@ -161,10 +160,8 @@ def _rotations(table: NDArray, header: _Header, names: list[str]) -> tuple[NDArr
             if ("Rotation", "X") in columns:
                 history.append(f"the rotation of {name} is not a quaternion and was not read")
             continue
-        quaternion[:, s], lost = unit_quaternions(table[:, [columns["Rotation", a] for a in "XYZW"]])
-        if lost:
-            history.append(f"{lost} quaternion(s) of {name} are incomplete or far from unit length and became NaN")
-    return (quaternion if np.isfinite(quaternion).any() else None), history
+        quaternion[:, s] = table[:, [columns["Rotation", a] for a in "XYZW"]]
+    return (None if np.isnan(quaternion).all() else quaternion), history
 
 
 READER = Reader("motive", ENDINGS["motive"], read_motive, begins_with(b"Format Version"))

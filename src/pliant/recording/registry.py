@@ -16,6 +16,7 @@ from pliant.errors import InputError, clipped
 from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
+from pliant.recording.lost import without_lost
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import check_recording
 
@@ -116,6 +117,8 @@ def read_recording(
     -------
     xarray.Dataset
         A recording as `pliant.recording.make_recording` describes it; attributes hold the file name and its checksum.
+        Positions that a tracker wrote in place of a lost station, such as 0, 0, 0, are NaN and counted in the history,
+        see `pliant.recording.lost.lost_frames`.
 
     Raises
     ------
@@ -155,7 +158,7 @@ def read_recording(
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        recording = check_recording(scaled(reader.read(path, mapping), lines, path.name))
+        recording = check_recording(scaled(without_lost(reader.read(path, mapping)), lines, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     return recording.assign_attrs(_provenance(recording, path, reader.name, digest))

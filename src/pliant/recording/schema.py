@@ -13,6 +13,7 @@ import numpy as np
 
 from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
+from pliant.recording.lost import REFUSED, counted, unit_poses
 from pliant.recording.rules import (
     COMPONENTS,
     CONSTANTS,
@@ -72,7 +73,8 @@ def make_recording(
     station : S names, optional
         Default ``s000, s001, ...`` from base to tip.
     quaternion : (T, S, 4) array, optional
-        Unit quaternions x, y, z, w; NaN where a station has no orientation.
+        Unit quaternions x, y, z, w; NaN where a station has no orientation. Lengths within 0.05 of 1 are normalised. A
+        quaternion of another length is a lost station: it and the position of its frame become NaN, and are counted.
     angle : (T, S) array, rad, optional
         Planar recordings only: rotation of a station about +z.
     angle_reference : {"rest", "base"}
@@ -144,14 +146,15 @@ def make_recording(
     if strange := [name for name in further or () if name.removesuffix(CONSTANTS) not in FURTHER]:
         raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
                          "leave it out")  # fmt: skip
-    for name, value in {"quaternion": quaternion, "angle": angle, **(further or {})}.items():
+    refused: dict[str, dict[str, int]] = {}
+    if quaternion is not None:
+        _add_orientation(variables, coords, quaternion, station, refused)
+    for name, value in {"angle": angle, **(further or {})}.items():
         if value is not None:
             array = _floats(name, value, len(VARIABLES[name][0][0]))
             variables[name] = (VARIABLES[name][0][0], array)
             count = array.shape[VARIABLES[name][0][0].index("station")]
             coords.setdefault("station", _names(station, count, "station", "s"))
-    if quaternion is not None:
-        coords["component"] = list(COMPONENTS)
     if arc_length is not None:
         coords["arc_length"] = ("station", _floats("arc_length", arc_length, 1))
     _add_pressure(variables, coords, pressure, pressure_time, chamber)
@@ -168,7 +171,7 @@ def make_recording(
     } | (attrs or {})  # fmt: skip
     if nominal_pressure is not None:
         recording.attrs["nominal_pressure"] = float(nominal_pressure)
-    return check_recording(recording)
+    return check_recording(counted(recording, refused) if refused else recording)
 
 
 def recorded_further(recording: xr.Dataset, stations: Sequence[str]) -> dict[str, tuple[NDArray, NDArray]]:
@@ -244,6 +247,24 @@ def _add_clock(coords: dict, clock: Any, variable: str, name: str) -> None:
     if clock is None:
         raise InputError(f"{variable} has no times: pass {name} [s], one time per sample")
     coords[name] = _floats(name, clock, 1)
+
+
+def _add_orientation(variables: dict, coords: dict, quaternion: Any, station: Any, refused: dict) -> None:
+    """Add the orientations of the stations, leave out the positions whose orientation is refused, and count these by
+    station in `refused`.
+    """
+    array = _floats("quaternion", quaternion, 3)
+    coords.setdefault("station", _names(station, array.shape[1], "station", "s"))
+    dims, position = variables.get("position", ((), None))
+    array, position, counts, bare = unit_poses(array, position) if array.shape[2] == len(COMPONENTS) else (
+        array, position, np.zeros(0), np.zeros(1, dtype=bool))  # fmt: skip
+    for name, n in zip(coords["station"], counts, strict=False):
+        if n:
+            refused[str(name)] = {REFUSED: int(n)}
+    if position is not None:
+        variables["position"] = (dims, position)
+    if not bare.all():
+        variables["quaternion"], coords["component"] = (VARIABLES["quaternion"][0][0], array), list(COMPONENTS)
 
 
 def _add_pressure(variables: dict, coords: dict, pressure: Any, clock: Any, chamber: Any) -> None:

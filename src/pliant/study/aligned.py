@@ -13,9 +13,11 @@ import xarray as xr
 
 from pliant.errors import InputError, inside
 from pliant.preprocessing.align import alignment_of
+from pliant.preprocessing.side import x_sign
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history
 from pliant.recording.inputs import inputs_on_one_clock
+from pliant.simulation.forces import PointForce
 from pliant.study.schema import Recording
 from pliant.units import input_words
 from pliant.validation.outcome import Clocks
@@ -109,3 +111,9 @@ def on_one_clock(
         offset = sync(recording, drift=True)
     moved = shift_pressure(recording, offset.delay_s, offset.drift)
     return moved, Clocks.of(recording, offset), (offset.summary(),)
+
+
+def known_forces(entry: Recording, recording: xr.Dataset) -> list[PointForce]:
+    """Return the known forces of a recording in its base frame."""
+    rotation = np.array(alignment_of(recording).rotation) if "alignment" in recording.attrs else None
+    return [f.in_base_frame(x_sign(recording), rotation) for f in entry.forces]

@@ -21,6 +21,7 @@ from pliant.preprocessing.side import x_sign
 from pliant.recording import make_recording
 from pliant.recording.inputs import input_arguments
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
+from pliant.study.aligned import known_forces
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
 
@@ -142,7 +143,7 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
         **input_arguments(body),
     )
     tips = tips.assign_attrs({SIDE: x_sign(body)})
-    forces = [f.in_base_frame(x_sign(body)) for f in entry.forces]
+    forces = known_forces(entry, body)
     observed = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:
         return observed

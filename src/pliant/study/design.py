@@ -38,7 +38,7 @@ def design_study(
     if selection is not None:
         fitted = selection_fit(study, selection, ready.experiments, notify)
     else:
-        name, entry = next(iter(study.fits.items()))
-        fitted = run_fit(study, name, entry, ready.experiments, model, notify)
+        name = next(iter(study.fits))
+        fitted = run_fit(study, name, ready.experiments, model, notify, {})
     train = [r.experiment for r in fitted.records if r.role == "train"]
     return design(fitted.result, train, highest=highest, criterion=criterion)

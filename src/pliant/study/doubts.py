@@ -27,7 +27,8 @@ def stated_case(actuator: ActuatorEntry) -> Case:
     gravity = actuator.gravity
     return Case(
         length=actuator.length or body.get("length"), mass=actuator.mass or body.get("mass"),
-        diameter=actuator.diameter, gravity=tuple(gravity) if gravity else None,
+        diameter=actuator.diameter, base_length=actuator.base_length or body.get("base_length") or 0.0,
+        gravity=tuple(gravity) if gravity else None,
     )
 
 

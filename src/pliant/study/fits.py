@@ -24,6 +24,7 @@ from pliant.identification import (
     residual_noise,
 )
 from pliant.identification.fit import parameters_from
+from pliant.identification.nested import parents
 from pliant.identification.prediction import predict_body
 from pliant.model import Model
 from pliant.selection import ModelSelection, select_model, terms_for
@@ -39,22 +40,37 @@ Array = np.ndarray
 
 
 def run_fit(
-    study: Study, name: str, entry: Fit, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
+    study: Study, name: str, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
+    nested: Mapping[str, FitResult],
 ) -> FitOutcome:
-    """Fit the model to the training recordings and predict the held-out ones.
+    """Fit the model to the training recordings and predict the held-out ones. The results of `nested` fits, which this
+    one contains, are further starts.
 
     For a held-out recording, all parameters are held constant except its own edge times.
     """
-    began = clock.perf_counter()
+    began, entry = clock.perf_counter(), study.fits[name]
     training = [experiments[r] for r in entry.train]
     result = fit(
         training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
-        loss=entry.loss, starts=entry.starts,
+        loss=entry.loss, starts=entry.starts, nested=nested,
         weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
         rng=study.seed, progress=lambda line: notify(f"fit {name}: {line}"),
     )
     seconds = clock.perf_counter() - began
     return fit_outcome(study, name, entry.title or name, entry, result, seconds, experiments, notify)
+
+
+def smaller_fits(study: Study, model: Model) -> dict[str, tuple[str, ...]]:
+    """Return for each fit of a study the names of the largest fits that it contains: fits with the same recordings,
+    weights and links, and fewer free parameters.
+    """
+    def alike(name: str) -> tuple[object, ...]:
+        entry = study.fits[name]
+        return (sorted(entry.train), entry.weighting, entry.loss, entry.links or model.n,
+                entry.joint_placement or study.actuator.joint_placement)  # fmt: skip
+
+    listed = {name: parameters_from(entry.parameters) for name, entry in study.fits.items()}
+    return parents(listed, lambda one, other: alike(one) == alike(other))
 
 
 def model_for_fit(study: Study, entry: Fit, model: Model) -> Model:

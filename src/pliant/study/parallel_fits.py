@@ -1,13 +1,14 @@
 """Parallel computation of a study's fits: this process and worker processes take fits from one iterator.
 
-The fits are independent, so that the results do not depend on the process. A study that takes less than 2 s starts no
-worker. If a worker ends early, this process computes its fit.
+A fit that contains smaller ones waits for them, since it also starts from their optima; all others are independent, so
+that the results do not depend on the process. A study that takes less than 2 s starts no worker. If a worker ends
+early, this process computes its fit.
 """
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, partial
 from itertools import chain, repeat
@@ -15,15 +16,15 @@ from threading import Event
 from time import process_time
 
 from pliant.failures import FAILED, fit_failure
-from pliant.identification import Experiment
+from pliant.identification import Experiment, FitResult
 from pliant.model import Model
 from pliant.parallel import POLL, WorkerProcesses, compute, cores
-from pliant.study.fits import run_fit
+from pliant.study.fits import run_fit, smaller_fits
 from pliant.study.schema import Study
 from pliant.validation.outcome import FitOutcome
 
 Notify = Callable[[str], None]
-Common = tuple[Study, Mapping[str, Experiment], Model]  # what all fits share
+Common = tuple[Study, Mapping[str, Experiment], Model, Mapping[str, Mapping[str, FitResult]]]  # what all fits share
 Reply = tuple[list[str], FitOutcome | Exception | None]  # of a worker: its messages, and how the fit ended
 HEAD_START = 2.0  # s of processor time before workers start, not of wall time, so that a busy machine gets no more load
 
@@ -39,7 +40,19 @@ def run_fits(
         Name and outcome of each fit in the study's order. The outcome of a fit that could not be computed is its error,
         one of `pliant.failures.FAILED`. Any other error is raised, and no further fit is started.
     """
-    common, waiting, over = (study, experiments, model), iter(list(study.fits)), Event()
+    inside, ends = smaller_fits(study, model), dict[str, FitOutcome | Exception]()
+    while waiting := [n for n in study.fits if n not in ends and all(smaller in ends for smaller in inside[n])]:
+        done = {name: end.result for name, end in ends.items() if isinstance(end, FitOutcome)}
+        nested = {name: {smaller: done[smaller] for smaller in inside[name] if smaller in done} for name in waiting}
+        ends |= run_together((study, experiments, model, nested), waiting, notify, workers)
+    return [(name, ends[name]) for name in study.fits]
+
+
+def run_together(
+    common: Common, names: Sequence[str], notify: Notify, workers: int | None,
+) -> dict[str, FitOutcome | Exception]:
+    """Compute the named fits, none of which waits for another, and return their outcomes by name."""
+    waiting, over = iter(names), Event()
     ends: dict[str, FitOutcome | Exception] = {}
 
     def keep(name: str, reply: Reply) -> None:
@@ -49,29 +62,29 @@ def run_fits(
         if end is not None:
             ends[name] = end
 
-    count = min(workers or cores(), len(study.fits)) - 1
+    count = min(workers or cores(), len(names)) - 1
     packed = pickle.dumps(common) if count else b""  # before any fit begins: fits fill caches of the model
     with ThreadPoolExecutor(1) as thread:
         try:
             helper = thread.submit(help_with, waiting, packed, count, keep, over, notify)
             for name in waiting:
                 ends[name] = fit_or_error(common, name, notify)
-            while len(ends) < len(study.fits) and not wait([helper], POLL).done:
+            while len(ends) < len(names) and not wait([helper], POLL).done:
                 pass
-            for name in study.fits:
+            for name in names:
                 if name not in ends:  # of a worker that ended early, unless the fit raised an error there
                     helper.result()
                     ends[name] = fit_or_error(common, name, notify)
         finally:
             over.set()
-    return [(name, ends[name]) for name in study.fits]
+    return ends
 
 
 def fit_or_error(common: Common, name: str, notify: Notify) -> FitOutcome | Exception:
     """Compute a fit and return its outcome, or the error of `pliant.failures.FAILED` in which it ended."""
-    study, experiments, model = common
+    study, experiments, model, nested = common
     try:
-        return run_fit(study, name, study.fits[name], experiments, model, notify)
+        return run_fit(study, name, experiments, model, notify, nested[name])
     except FAILED as error:
         notify(f"warning: {fit_failure(name, error).sentence}")
         return error

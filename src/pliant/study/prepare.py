@@ -12,20 +12,24 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
 from pliant.identification.drives import driving
+from pliant.model import Model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
+from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
 from pliant.preprocessing.labels import exclude_swaps, undo_swaps
 from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
-from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
+from pliant.preprocessing.repair import leave_out_spikes
+from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
+from pliant.recording.schema import history_of
 from pliant.sensing import read_shape
-from pliant.study.aligned import Aligned, at_common_rest, on_one_clock, with_pressure
+from pliant.study.aligned import Aligned, at_common_rest, known_forces, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import body_warnings, stated_case, unit_warning_first
 from pliant.study.schema import AlignmentEntry, Recording, Study
@@ -33,6 +37,7 @@ from pliant.units import pascal_per
 
 Array = np.ndarray
 LEAST_TURN = 0.02  # rad: least rotation, for a recording of angles alone
+BESIDE, STRETCHED = 0.25, 0.6  # of the body's length: reach of markers beside the axis; of segments that lengthen
 LEAST_TRAVEL = 0.003  # of the body's length: least motion of the tip in a usable recording
 MEANT = {"pressure": "gauge pressure, Pa", "tension": "tension, N", "displacement": "displacement, m",
          "angle": "angle of a motor, rad"}  # fmt: skip
@@ -120,7 +125,10 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
     """
     entry = study.recordings[name]
     alignment = merged_alignment(study.alignment, entry.alignment)
-    raw, clocks, findings = on_one_clock(load_recording(study, name), entry, name)
+    loaded = load_recording(study, name)
+    calm = loaded if entry.poses or entry.spikes == "keep" else leave_out_glitches(loaded)
+    glitches = history_of(calm)[len(history_of(loaded)):]
+    raw, clocks, findings = on_one_clock(calm, entry, name)
     raw = raw if entry.window is None else cut_time(raw, *entry.window)
     raw = raw if entry.part is None else part_of(name, raw, *entry.part)
     before = len(str(raw.attrs.get("history", "")).splitlines())
@@ -132,7 +140,9 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = lines_between_changes(raw)
     with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    lines = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
+    if not entry.poses and entry.spikes == "leave out" and not study.reduction:
+        body = leave_out_spikes(body, stations)
+    lines = [*glitches, *findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
     if tip:
         lines.append(tip)
     elif body is not raw or alignment.swaps:
@@ -229,7 +239,7 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     stations = entry.stations or moving_stations(name, recording, base)
     return experiment(
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
-        angles=entry.angles, held=entry.held, forces=[f.in_base_frame(x_sign(recording)) for f in entry.forces],
+        angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
         drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
     )
 
@@ -290,6 +300,29 @@ def without_motion(experiments: Mapping[str, Experiment], length: float) -> dict
     return reasons
 
 
+def beyond_reach(experiments: Mapping[str, Experiment], model: Model) -> dict[str, str]:
+    """Return a dict with a sentence for each recording in which a station is farther from the base than the body can
+    reach; its keys are the recordings' names.
+
+    The body reaches its length, its rigid part before the first joint included, plus a quarter for markers beside the
+    axis; if segments lengthen, 60 % more than its length.
+    """
+    reasons: dict[str, str] = {}
+    most = (1.0 + (STRETCHED if len(model.extensions) else BESIDE)) * model.length
+    for name, exp in experiments.items():
+        away = np.nan_to_num(np.linalg.norm(exp.position, axis=2))
+        if not (far := away > most).any():
+            continue
+        frame, station = np.unravel_index(int(np.argmax(away)), away.shape)
+        reasons[name] = (
+            f"recording {name} is dropped: station {exp.stations[station]} is {1e3 * away[frame, station]:.4g} mm from "
+            f"the base in frame {frame + 1} (at {exp.time[frame]:.3f} s), farther than the body of "
+            f"{1e3 * model.length:.4g} mm reaches ({int(far.any(axis=1).sum())} such frame(s)); check the tracking "
+            "there and the stated length, and leave these frames out with window or as empty cells"
+        )
+    return reasons
+
+
 def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) -> Study:
     """Return the study without the `dropped` recordings in its fits and model selection.
 
@@ -302,10 +335,11 @@ def without(study: Study, dropped: Collection[str], doubts: Sequence[str] = ()) 
         left = {k: [r for r in getattr(entry, k) if r not in dropped] for k in ("train", "held_out")}
         if not left["train"]:
             perhaps = "".join(f"; {line}" for line in doubts)
-            raise InputError(
-                f"{what} has no usable training recording: {', '.join(entry.train)} hardly move{perhaps}; train on a "
-                "recording in which the body moves more"
-            )
+            far = "is dropped: station" in perhaps
+            fault, remedy = ("cannot be used", "correct them") if far else (
+                "hardly move", "train on a recording in which the body moves more")  # fmt: skip
+            raise InputError(f"{what} has no usable training recording: {', '.join(entry.train)} {fault}{perhaps}; "
+                             f"{remedy}")
         return entry.model_copy(update=left)
 
     fits = {name: rest(entry, f"fit {name}") for name, entry in study.fits.items()}

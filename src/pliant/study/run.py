@@ -29,7 +29,14 @@ from pliant.study.doubts import model_warnings, recording_warnings, unit_warning
 from pliant.study.fits import run_model_selection, selection_fit
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
-from pliant.study.prepare import all_aligned, study_experiment, supported_links, without, without_motion
+from pliant.study.prepare import (
+    all_aligned,
+    beyond_reach,
+    study_experiment,
+    supported_links,
+    without,
+    without_motion,
+)
 from pliant.study.schema import ActuatorEntry, Study
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, wiring_warnings
@@ -193,7 +200,9 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     actuator = with_azimuths(study, experiments, notify)
     model = study_model(actuator, rotation, shape.links if shape else None, supported_links(experiments),
                         min((e.x_sign for e in experiments.values()), default=1))
-    dropped = without_motion(experiments, model.length)
+    far = beyond_reach(experiments, model)
+    dropped = without_motion(experiments, model.length) | far
+    doubts = (*doubts, *(f"{line}." for line in far.values()))
     idle = {n: reason for n, e in experiments.items() if (reason := at_rest(model, e))}
     for line in (*dropped.values(), *idle.values()):
         notify(line)

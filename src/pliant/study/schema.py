@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
@@ -14,10 +13,9 @@ from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
-from pliant.model import Station
 from pliant.model.file import AxialCurve
 from pliant.selection.terms import known_term
-from pliant.simulation.forces import PointForce
+from pliant.study.known_force import KnownForce, check_forces
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
 
@@ -175,31 +173,6 @@ class Reduction(StudyEntry):
     joint_placement: Literal["base", "midsegment"] = "base"  # where in its segment each joint sits
 
 
-class KnownForce(StudyEntry):
-    """A known force at a point of the body, such as a pulling thread, linearly interpolated between the stated
-    times.
-    """
-
-    station: str | None = None  # name of a point of the model
-    link: int | None = Field(None, ge=1)  # or a link, numbered from 1
-    along: float | None = None  # m, position on that link from its joint
-    across: float = 0.0  # m, to the left of the link
-    time_s: list[float]
-    force_n: list[tuple[float, float]]  # in the axes of a planar recording, in the base frame of a tracked one
-
-    @model_validator(mode="after")
-    def one_place(self) -> KnownForce:
-        """Check that the force acts either at a station or at a position on a link, not both."""
-        if (self.station is None) == (self.link is None) or (self.link is None) != (self.along is None):
-            raise ValueError("a known force needs either station, or link with along (and across)")
-        return self
-
-    def in_base_frame(self, x_sign: int) -> PointForce:
-        """Return the force in the base frame; `x_sign` (1 or -1) is the direction of the recording's x axis there."""
-        point = self.station or Station("known force", (self.link or 1) - 1, self.along or 0.0, self.across)
-        return PointForce(np.array(self.time_s), np.array(self.force_n).reshape(-1, 2) * [x_sign, 1.0], point)
-
-
 class Recording(StudyEntry):
     """One recording of a study: its file, alignment, excitation, known loads, and the channels that drive the
     chambers.
@@ -213,6 +186,7 @@ class Recording(StudyEntry):
     clock: Literal["same", "align"] | float | None = None  # s to add to the log's times; default: align a separate log
     signal: Literal["measured", "commanded"] | None = None  # kind of its inputs, if that is known
     staircase: Literal["lines"] | None = None  # inputs held between updates are replaced by lines between their changes
+    spikes: Literal["leave out", "keep"] = "leave out"  # of stations, and glitches of inputs
     window: tuple[float, float] | None = None  # s on the clock of the shape: the part to use
     part: tuple[float, float] | None = None  # fractions of its rows, 0 to 1: the part to use
     excitation: Excitation | None = None
@@ -379,6 +353,7 @@ def check_names(study: Study) -> None:
             problem = f"trains on and holds out {min(both)!r}" if both else "trains on no recording"
             raise InputError(f"fit {name} {problem}: correct its train or held_out")
     check_reduction(study)
+    check_forces({n: r.forces for n, r in study.recordings.items()}, space=bool(study.actuator.space))
     for name, entry in study.forecasts.items():
         check_listed(entry.like, study.recordings, f"`like` of forecast {name} names recording", "correct it")
         if entry.fit:

@@ -22,6 +22,7 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
+from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.recording import read
@@ -204,7 +205,7 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
         )
         raise InputError(f"{path.name} holds {held}")
     assessed = quality(recording)
-    trial = Trial(path, recording := leave_out_frozen(recording), assessed, kept, assumed=assumed)
+    trial = Trial(path, recording := leave_out_glitches(leave_out_frozen(recording)), assessed, kept, assumed=assumed)
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":

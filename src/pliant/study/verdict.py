@@ -20,6 +20,7 @@ NOT_DETERMINED = (
 LONGER = 2.0  # % of the body's length: a larger extension is reported
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
 OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
+NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
 FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
 OVERSHOOT = 5.0  # percentage points: a larger error of the overshoot is a warning
 OFF = 10.0  # %: a larger error of a frequency is a warning
@@ -154,10 +155,14 @@ def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, 
 def judged(m: dict[str, Any], targets: Targets) -> str:
     """Return the end of a sentence that says which targets the metrics of a recording meet and which they miss; ""
     without targets.
+
+    A model at rest is off by the whole peak displacement, however short the motion is. So a recording misses its
+    targets where the largest error is at least three quarters of the peak displacement.
     """
     parts = []
+    near = nearly_all(m)
     if targets.rmse_percent_of_travel is not None:
-        good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel
+        good = m["rmse_percent_of_travel"] <= targets.rmse_percent_of_travel and not near
         parts.append(f"target {targets.rmse_percent_of_travel:g} %: {'met' if good else 'missed'}")
     rows = [(frequency, f"frequency{which}", targets.frequency_percent) for which, frequency, _ in ringing(m)]
     rows += [(ratio, f"damping ratio{which}", targets.damping_percent) for which, _, ratio in ringing(m)]
@@ -171,7 +176,17 @@ def judged(m: dict[str, Any], targets: Targets) -> str:
             off = 100 * (modelled / measured - 1)
             good = abs(off) <= limit
             parts.append(f"{what} {off:+.1f} %, target {limit:g} %: {'met' if good else 'missed'}")
+    if parts and near:
+        parts.append(f"{near}: missed")
     return f" ({'; '.join(parts)})" if parts else ""
+
+
+def nearly_all(m: dict[str, Any]) -> str:
+    """Return how large the largest error is, if it is at least `NEARLY` of the peak displacement; else ""."""
+    (travel, _), (most, unit) = (sized(m, k) for k in ("travel", "max"))
+    if not travel or not most or 100 * most < NEARLY * travel:
+        return ""
+    return f"the largest error, {most:.3g} {unit}, is {100 * most / travel:.0f} % of the peak displacement"
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:

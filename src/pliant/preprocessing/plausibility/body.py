@@ -31,10 +31,11 @@ def length(case: Case) -> str:
         return ""
     if not LEAST_BODY < case.length < MOST_BODY:
         return f"length = {case.length:g} m is implausible for a soft body: state length in metres"
-    size = reach(case)
-    if size is None or SHORTER * size <= case.length <= LONGER * size:
+    size, whole = reach(case), case.length + case.base_length
+    if size is None or SHORTER * size <= whole <= LONGER * size:
         return ""
-    return (f"length = {case.length:g} m, but the recording reaches {size:.3g} m from the base: state length in "
+    stated = f"length = {case.length:g} m" + (f" and base_length = {case.base_length:g} m" if case.base_length else "")
+    return (f"{stated}, but the recording reaches {size:.3g} m from the base: state length in "
             "metres, and check the unit of the positions")  # fmt: skip
 
 

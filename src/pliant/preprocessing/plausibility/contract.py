@@ -35,6 +35,8 @@ class Case:
         Stated gravity, m/s^2: x, y of the base frame, or x, y, z of the tracker.
     model : Model, optional
         The fitted model.
+    base_length : float
+        Stated length [m] of the rigid part between the base and the body.
     """
 
     recording: xr.Dataset | None = None
@@ -45,6 +47,7 @@ class Case:
     diameter: float | None = None
     gravity: tuple[float, ...] | None = None
     model: Model | None = None
+    base_length: float = 0.0
 
 
 @dataclass(frozen=True)
