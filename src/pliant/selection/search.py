@@ -374,7 +374,7 @@ class Search:
         for _ in range(2 if problem.learns else 0):
             problem.learn_sizes(best.x)
             best = solve(problem, best.x, self.setting.loss, LAST_EVALUATIONS)
-        return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began)
+        return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, "")
 
     def reason(self, stop: str) -> str:
         """Return a sentence on the model that was chosen and why the search ended."""
