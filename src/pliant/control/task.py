@@ -16,7 +16,7 @@ from pliant.control.plan import Task
 from pliant.control.registry import controller_kind
 from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve
-from pliant.errors import InputError, explain_validation
+from pliant.errors import explain_validation
 from pliant.files import read_entries
 
 EXAMPLE = """\
