@@ -129,8 +129,11 @@ def align(
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
         pose = mean_place(position[window])
-    y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
     offset = _offset(origin_offset, origin, pose[index])
+    if len(pose) == 1 and not offset.any():
+        raise InputError(f"the only station, {recording['station'].values[0]}, cannot be base and tip at once: set "
+                         "origin, the position of the base in tracker coordinates, and tangent")
+    y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
     zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
     method = plane if isinstance(plane, str) else "stated"

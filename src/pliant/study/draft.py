@@ -35,7 +35,7 @@ from pliant.study.trial import (
     from_one_side,
     held_out,
     in_space,
-    inspect_with_log,
+    inspect_trial,
     moved,
 )
 
@@ -167,7 +167,7 @@ def inspect_all(
     With `space=None` they are aligned in space if one of them moves in space or is driven by tendons.
     """
     pairs = with_logs([Path(f) for f in files])
-    trials = [inspect_with_log(shape, log, mapping) for shape, log in pairs]
+    trials = [inspect_trial(shape, mapping, log) for shape, log in pairs]
     spatial = any(trial.spatial or trial.tendon_inputs for trial in trials) if space is None else space
     if spatial:
         return [in_space(trial) for trial in trials]
@@ -295,7 +295,7 @@ def fibre(out: Lines, trial: Trial, length: float | None) -> None:
 def alignment(out: Lines, trial: Trial) -> None:
     """Write the [alignment] tables, which transform positions from the tracker's frame to the base frame."""
     if trial.recording.attrs["frame"] == "planar":
-        if not trial.dense:
+        if not trial.dense and trial.recording.sizes["station"] > 1:
             out.table("alignment.options")
             out.put("base", trial.base, "the recording is planar already; this station does not move and is not fitted")
         return
@@ -305,6 +305,12 @@ def alignment(out: Lines, trial: Trial) -> None:
         for name, markers in trial.stations.items():
             out.put(name, markers)
     out.table("alignment.options")
+    if not trial.options:
+        out.ask("origin", "[x, y, z] of the base, m, in the axes of the tracker: the file holds one tracked station, which "
+                "does not show the base")
+        out.ask("tangent", 'direction from the base along the body at rest, in the axes of the tracker, as "+y" or '
+                "[0.0, 1.0, 0.0]")
+        return
     out.put("base", trial.options["base"])
     tangent = "base tangent from the first stations" if trial.dense else \
         "from base to tip at rest; or state the body's axis in the tracker frame, e.g. \"+x\" or [1.0, 0.0, 0.0]"
