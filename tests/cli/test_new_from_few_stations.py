@@ -89,7 +89,8 @@ def tip_only(folder, markers=None):
             places = tip[:, None] + np.einsum("mk,tkd->tmd", markers, frame)
             names = [f"Tip - {k + 1}" for k in range(len(markers))]
         seen = places + BASE + 5e-5 * rng.standard_normal(places.shape)
-        files.append(write(make_recording(TIME, seen, station=names, pressure=1e3 * pressure), folder / f"p{level}.csv"))
+        recording = make_recording(TIME, seen, station=names, pressure=1e3 * pressure)
+        files.append(write(recording, folder / f"p{level}.csv"))
     return files
 
 

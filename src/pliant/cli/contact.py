@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import DRIVE, drives, read_with_mapping
+from pliant.cli.reading import DRIVE, drives, read_in_base_frame
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,10 +46,12 @@ def contact(
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
     from pliant.cli.terminal import busy
     from pliant.contact import find_contact, free_motion, map_contacts
+    from pliant.estimation.noise import default_noise
     from pliant.model import load_model
 
     loaded, options = load_model(model), dict[str, Any](latency=latency_ms * 1e-3, drive=drives(drive))
-    quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
+    quiet, touched = ([read_in_base_frame(f, None) for f in files] for files in (free, recordings))
+    options["noise"] = default_noise(loaded, recordings=quiet)  # one for all, since thresholds depend on it
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
         results = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_with_mapping
+from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_in_base_frame
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,7 +58,7 @@ def estimate(
     from pliant.model import load_model
     from pliant.simulation import Pulse
 
-    recorded, body = read_with_mapping(recording, None), load_model(model)
+    recorded, body = read_in_base_frame(recording, None), load_model(model)
     pressure: list[Input] | None = None
     if level is not None:
         pressure = [Pulse(high, start, width) for high in levels(body, level)]

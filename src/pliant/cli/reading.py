@@ -37,6 +37,16 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
         return read_shape(path, mapping=load_mapping(mapping))
 
 
+def read_in_base_frame(path: Path, mapping: Path | None) -> xr.Dataset:
+    """Read an aligned recording for use with a model. Angles without positions are taken relative to the rest at the
+    start of the recording, as studies take them.
+    """
+    from pliant.preprocessing.angles import from_rest
+
+    recording = read_with_mapping(path, mapping)
+    return from_rest(recording) if "angle" in recording and "position" not in recording else recording
+
+
 def levels(model: Model, text: str) -> list[float]:
     """Return the level [SI] of each input of a model from a text in kPa, N, mm or rad: "30,20" in the order of the
     inputs, or "left=30" by name with 0 for the others.

@@ -306,8 +306,8 @@ def alignment(out: Lines, trial: Trial) -> None:
             out.put(name, markers)
     out.table("alignment.options")
     if not trial.options:
-        out.ask("origin", "[x, y, z] of the base, m, in the axes of the tracker: the file holds one tracked station, which "
-                "does not show the base")
+        out.ask("origin", "[x, y, z] of the base, m, in the axes of the tracker: the file holds one tracked station, "
+                "which does not show the base")
         out.ask("tangent", 'direction from the base along the body at rest, in the axes of the tracker, as "+y" or '
                 "[0.0, 1.0, 0.0]")
         return

@@ -213,8 +213,8 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
 
 
 def with_log(recording: xr.Dataset, log: Path, name: str) -> tuple[xr.Dataset, str]:
-    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset between
-    the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
+    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
+    between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
     """
     joined = with_pressure(recording, read(log), name, log.name)
     try:
