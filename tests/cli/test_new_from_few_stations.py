@@ -70,6 +70,21 @@ def test_a_log_that_moves_nothing_is_a_warning_of_the_draft(arm):
     assert (arm / "t.toml").is_file()
 
 
+@pytest.mark.slow
+def test_typed_steps_run_as_steps(arm):
+    typed = "Time (s);left (kPa);right (kPa)\n0,0;0;0\n0,6;40;0\n1,0;40;20\n1,5;0;20\n2,1;0;0\n"
+    (arm / "arm_log.csv").write_text(typed)
+    done = invoke("new", arm / "t.toml", "--from", arm / "arm.csv", arm / "arm_log.csv", "--mass", 0.05)
+    assert done.exit_code == 0, done.exception or done.output
+    assert tomllib.loads((arm / "t.toml").read_text())["recordings"]["arm"]["pressure_mapping"] == {"hold": True}
+    done = invoke("run", arm / "t.toml", "-o", arm / "out", "--workers", 1)
+    assert done.exit_code == 0, done.exception or done.output
+    metrics = json.loads((arm / "out" / "metrics.json").read_text())
+    assert metrics["records"]["arm"]["rmse_percent_of_travel"] < 5.0  # 5 links in the draft, 4 in the body
+    assert any("each row keeps its value until the next row, 5 rows (hold = true)" in line
+               for line in metrics["findings"]["arm"])
+
+
 def tip_only(folder, markers=None):
     """Three pulses of an arm of which only the tip was tracked: one point, or the `markers` of one rigid plate."""
     body = chain_model(length=0.17, mass=0.075, links=5, joint_placement="midsegment", stiffness=1.6, damping=8e-3,

@@ -14,7 +14,7 @@ from pliant.model import Station, chain_model, save_model
 from pliant.recording import make_recording, write
 from pliant.simulation import PointForce, Trace, simulate
 
-NOISE_DEG = np.array([0.15, 0.1])
+NOISE_DEG, MOUNTED_DEG = np.array([0.15, 0.1]), np.array([3.0, -2.0])
 BODY = chain_model(length=0.16, mass=0.1, links=2, joint_placement="midsegment", stiffness=0.1, damping=3e-3,
                    torque=[4e-7], stations=[Station("imu1", 0, 0.08), Station("imu2", 1, 0.04)])  # fmt: skip
 
@@ -25,23 +25,24 @@ def angle_log(path, seed, level, force=(), seconds=6.0):
     time = np.arange(0.0, seconds, 0.01)
     pressure = level * 1e3 * np.interp(time, [0, 1.0, 1.3, 3.0, 3.3, 9.0], [0, 0, 1.0, 1.0, 0.3, 0.3])
     run = simulate(BODY, Trace(time, pressure), times=time, forces=force)
-    degrees = np.degrees(np.cumsum(run["joint_angle"].values, axis=1)) + [3.0, -2.0]
-    degrees = degrees + NOISE_DEG * rng.standard_normal(degrees.shape)
+    angles = np.cumsum(run["joint_angle"].values, axis=1)
+    degrees = np.degrees(angles) + MOUNTED_DEG + NOISE_DEG * rng.standard_normal(angles.shape)
     rows = [f"{t:.2f};{a:.3f};{b:.3f};{p:.3f}" for t, (a, b), p in zip(time, degrees, pressure / 1e3, strict=True)]
     path.write_text("\n".join(["time;angle_imu1_deg;angle_imu2_deg;pressure (kPa)", *rows]) + "\n")
-    return np.cumsum(run["joint_angle"].values, axis=1)
+    return angles
 
 
 def test_angles_are_estimated_with_the_noise_that_they_show(tmp_path):
     save_model(BODY, tmp_path / "model.json")
     truth = angle_log(tmp_path / "imu.txt", 1, 55.0, seconds=3.0)
-    done = invoke("estimate", tmp_path / "imu.txt", "--model", tmp_path / "model.json", "--json", "-o", tmp_path / "s.nc")
+    log, model, states = (tmp_path / name for name in ("imu.txt", "model.json", "s.nc"))
+    done = invoke("estimate", log, "--model", model, "--json", "-o", states)
     assert done.exit_code == 0, done.exception or done.output
     report = json.loads(done.stdout.strip().splitlines()[-1])
     assert report["frames"] == 300
     assert report["normalised_innovation"] == pytest.approx(1.0, abs=0.35)
-    with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as states:
-        error = np.cumsum(states["joint_angle"].values, axis=1) - truth
+    with xr.open_dataset(states, engine="h5netcdf") as estimated:
+        error = np.cumsum(estimated["joint_angle"].values, axis=1) - truth
     assert np.degrees(np.sqrt(np.mean(error[20:] ** 2))) < 0.12  # the sensors' own noise is 0.13 degrees
 
 

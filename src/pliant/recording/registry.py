@@ -17,6 +17,7 @@ from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import check_recording
+from pliant.recording.typed_steps import held, without_hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -105,7 +106,8 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
-        ``linear`` scales channels of any format, see `pliant.recording.linear`.
+        ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
+        the value of a row until the next, see `pliant.recording.typed_steps`.
     format : str, optional
         Name of the format. Default: ``format`` of the mapping, otherwise recognised from the ending and the first
         bytes of the file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns
@@ -151,10 +153,12 @@ def read_recording(
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
         raise InputError(f"{path.name} is empty: copy or export it again")
+    mapping, hold = without_hold(mapping, path.name)
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        recording = check_recording(scaled(reader.read(path, mapping), lines, path.name))
+        recording = scaled(reader.read(path, mapping), lines, path.name)
+        recording = check_recording(held(recording, hold, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     return recording.assign_attrs(_provenance(recording, path, reader.name, digest))

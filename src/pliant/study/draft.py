@@ -15,6 +15,7 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import standing_stations
+from pliant.recording.typed_steps import held_sentences
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_inputs import (
     LINKS,
@@ -306,10 +307,8 @@ def alignment(out: Lines, trial: Trial) -> None:
             out.put(name, markers)
     out.table("alignment.options")
     if not trial.options:
-        out.ask("origin", "[x, y, z] of the base, m, in the axes of the tracker: the file holds one tracked station, "
-                "which does not show the base")
-        out.ask("tangent", 'direction from the base along the body at rest, in the axes of the tracker, as "+y" or '
-                "[0.0, 1.0, 0.0]")
+        out.ask("origin", "[x, y, z] of the base, m, in the tracker's axes: one tracked station does not show the base")
+        out.ask("tangent", 'direction along the body at rest from its base, in these axes, as "+y" or [0.0, 1.0, 0.0]')
         return
     out.put("base", trial.options["base"])
     tangent = "base tangent from the first stations" if trial.dense else \
@@ -341,6 +340,8 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
         out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
+        if held_sentences(trial.recording):
+            out.put("pressure_mapping", {"hold": True}, "typed steps, held until the next row; false: linear between")
     if trial.mapping:
         out.put("mapping", trial.mapping)
     if (moving := moving_beside(trial)) is not None:

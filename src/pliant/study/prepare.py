@@ -24,6 +24,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
+from pliant.recording.typed_steps import held_sentences
 from pliant.sensing import read_shape
 from pliant.study.aligned import Aligned, at_common_rest, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
@@ -132,7 +133,8 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = lines_between_changes(raw)
     with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    lines = [*findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
+    lines = [*findings, *held_sentences(raw), *inputs_in_words(entry, raw, name)]
+    lines += [str(line) for line in looked.findings]
     if tip:
         lines.append(tip)
     elif body is not raw or alignment.swaps:
