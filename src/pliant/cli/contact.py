@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pliant.cli.reading import DRIVE, drives, read_in_base_frame
+from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,11 +30,14 @@ def contact(
         list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; repeat for several.")
     ],
     false_alarms_per_hour: Annotated[
-        float, typer.Option("--false-alarms-per-hour", help="False alarms that the threshold allows per hour.")
+        float, typer.Option("--false-alarms-per-hour", parser=in_unit("1/h"),
+                            help="False alarms that the threshold allows per hour.")
     ] = 1.0,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
-    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's time stamps, ms.")] = 0.0,
-    half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="Centreline to surface, mm.")] = 0.0,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
+                                              help="Delay of the shape's time stamps, ms.")] = 0.0,
+    half_width_mm: Annotated[float, typer.Option("--half-width-mm", parser=in_unit("mm"),
+                                                 help="Centreline to surface, mm.")] = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first file (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of test statistic, position and force.")] = None,
     chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,
