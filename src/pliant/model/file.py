@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field
 
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError, explain_validation, shown
+from pliant.file_kinds import MODEL, refuse_other
 from pliant.files import write_text
 from pliant.model.chamber import Chamber
 from pliant.model.extension import CURVES, Extension
@@ -284,6 +285,7 @@ def load_model(path: str | Path) -> Model:
         text = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read the model file {path}: {error.strerror or error}") from None
+    refuse_other(path, MODEL)
     return read_model(text, f"model file {path}")
 
 

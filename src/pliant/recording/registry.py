@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
+from pliant.file_kinds import RECORDING, refuse_other
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.published import PREFIX, published_path
@@ -206,6 +207,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
+        refuse_other(path, RECORDING)
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "

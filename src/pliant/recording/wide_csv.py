@@ -24,6 +24,7 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import standard_names
+from pliant.recording.columns import changing_columns
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -202,6 +203,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     ignored = [n for n in columns if n not in known]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
+        history += changing_columns({name: columns[name] for name in ignored}, file)
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)

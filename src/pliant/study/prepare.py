@@ -22,6 +22,7 @@ from pliant.preprocessing.plausibility.pressure import LEAST_PRESSURE
 from pliant.preprocessing.quality import quality, standing_stations
 from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side, x_sign
 from pliant.recording import read
+from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
 from pliant.recording.typed_steps import held_sentences
@@ -133,7 +134,7 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         raw = lines_between_changes(raw)
     with unit_warning_first({check: f"recording {name}: {line}" for check, line in looked.doubts.items()}):
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
-    lines = [*findings, *held_sentences(raw), *inputs_in_words(entry, raw, name)]
+    lines = [*findings, *held_sentences(raw), *left_out_columns(raw), *inputs_in_words(entry, raw, name)]
     lines += [str(line) for line in looked.findings]
     if tip:
         lines.append(tip)
@@ -141,6 +142,11 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         lines += str(body.attrs.get("history", "")).splitlines()[before:]
     doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
     return Aligned(body, tuple(lines), tip, clocks, doubts)
+
+
+def left_out_columns(recording: xr.Dataset) -> list[str]:
+    """Return the sentences of a recording's history on columns of its file that change and are not in its mapping."""
+    return [line for line in str(recording.attrs.get("history", "")).splitlines() if CHANGING in line]
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:

@@ -28,7 +28,14 @@ from pliant.study.doubts import model_warnings, recording_warnings, unit_warning
 from pliant.study.fits import run_model_selection, selection_fit, stages_of
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
-from pliant.study.prepare import all_aligned, study_experiment, supported_links, without, without_motion
+from pliant.study.prepare import (
+    all_aligned,
+    left_out_columns,
+    study_experiment,
+    supported_links,
+    without,
+    without_motion,
+)
 from pliant.study.schema import ActuatorEntry, Study
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, wiring_warnings
@@ -189,6 +196,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
             notify(f"{name}: {clocks.message}")
+        for line in left_out_columns(recording):
+            notify(f"{name}: {line}")
         unit, factor = reduced.shown_in
         notify(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
     actuator = with_azimuths(study, experiments, notify)

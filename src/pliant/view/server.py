@@ -202,8 +202,13 @@ class Server:
         host = f"{HOST}:{self.socket.getsockname()[1]}"
         token = secrets.token_urlsafe(16)
         self.address = f"http://{host}/{token}/"
-        config = uvicorn.Config(application(content, token, host), log_level="error", ws="websockets-sansio",
-                                timeout_graceful_shutdown=1, lifespan="off", access_log=False)
+        try:
+            page = application(content, token, host)
+        except BaseException:  # such as the log of a loop that is not there
+            self.socket.close()
+            raise
+        config = uvicorn.Config(page, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1,
+                                lifespan="off", access_log=False)
         self.server = uvicorn.Server(config)
 
     def run(self) -> None:
