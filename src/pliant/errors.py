@@ -10,6 +10,9 @@ from typing import Any, get_args
 from pliant.text import escaped
 
 
+MOST_NAMED = 20  # known entries of a table that a message lists
+
+
 class PliantError(Exception):
     """Base class of all exceptions that pliant raises for bad input or a failed computation.
 
@@ -86,7 +89,9 @@ def similar_entry(model: Any, path: Sequence[Any]) -> str:
     near = [k for k in known if name in k.split("_")] or get_close_matches(name, known, 1)
     if near:
         return f"use {near[0]!r}, or remove it"
-    return f"remove it, or use one of {', '.join(known)}" if known else "remove it or correct its name"
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    listing = ", ".join(known[:MOST_NAMED]) + more
+    return f"remove it, or use one of {listing}" if known else "remove it or correct its name"
 
 
 def known_entries(model: Any, path: Sequence[Any]) -> list[str]:

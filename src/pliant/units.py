@@ -19,7 +19,7 @@ OF_ONE_KIND = (  # units that can be converted to each other
     PASCAL, RADIAN, NEWTON, METRE, SECOND, KILOGRAM, {"n m": 1.0, "mn m": 1e-3, "nm": 1.0, "mnm": 1e-3},
     {"1/m": 1.0, "1/mm": 1e3}, {"m/s^2": 1.0}, {"1/h": 1.0, "1/min": 60.0},
 )  # fmt: skip
-NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+|nan\b|inf\b)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 ENDINGS = {  # of names that carry their unit, longer ones first
     "rad_s": "rad/s", "mn_m": "mN m", "us_per_sample": "us", "ns_per_step_one_core": "ns", "percent": "%", "mm": "mm",
     "kpa": "kPa", "pa": "Pa", "hz": "Hz", "deg": "°", "rad": "rad", "us": "us", "ms": "ms", "ns": "ns", "s": "s",
@@ -41,10 +41,10 @@ def number_in(text: str, unit: str) -> float:
     Raises
     ------
     InputError
-        When the text is no finite number, or its unit is unknown or of another kind.
+        When the text is no number, or its unit is unknown or of another kind.
     """
     match = NUMBER_WITH_UNIT.fullmatch(text)
-    if match is None or not math.isfinite(float(match[1])):
+    if match is None:
         raise InputError(f"{shown(text.strip())} is no number in {unit}: write it as 25 or 25{unit}")
     known = next((table for table in OF_ONE_KIND if unit.lower() in table), {unit.lower(): 1.0})
     stated = match[2].lower() or unit.lower()
