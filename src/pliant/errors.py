@@ -9,7 +9,6 @@ from typing import Any, get_args
 
 from pliant.text import escaped
 
-
 MOST_NAMED = 20  # known entries of a table that a message lists
 
 
