@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping forgot
+
+
 class ColumnHeader:
     """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
     columns.
@@ -76,7 +79,7 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         )
     options = ColumnMapping.load(mapping, path.name)
     header, table, findings = _table(path, options)
-    history = [*findings, *_unused(header, options)]
+    history = [*findings, *_unused(header, options, table)]
     table, kept = _rows(table, header, options)
     time, wrapped = _time(table, header, options)
     history += [*kept, *wrapped]
@@ -145,12 +148,31 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     return {header.index(column) for column in wanted if column is not None}
 
 
-def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
-    """Return one sentence that lists the columns that the mapping does not use; none where it uses all."""
+def _unused(header: ColumnHeader, options: ColumnMapping, table: NDArray) -> list[str]:
+    """Return one sentence that lists the columns that the mapping does not use, and one that names those of them whose
+    values change; none where it uses all.
+    """
     used = _used(header, options)
-    left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
-    finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
-    return [finding] if left else []
+    left = {i: header.names[i] if header.names else i for i in range(header.width) if i not in used}
+    if not left:
+        return []
+    names = shorten([*left.values()])
+    finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {names}"
+    return [finding, *changing_columns({name: table[:, i] for i, name in left.items()}, header.file)]
+
+
+def changing_columns(columns: Mapping[Any, NDArray], file: str) -> list[str]:
+    """Return a sentence that names the columns (T,) whose values change, such as a sensor that a mapping forgot; an
+    empty list if there are none. Counters, which grow by the same step in every row, are left out.
+    """
+    moving = []
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        step = np.diff(known)
+        if step.any() and np.ptp(step) > 1e-6 * np.abs(step).max():
+            moving.append(name)
+    verb = "changes" if len(moving) == 1 else "change"
+    return [f"{CHANGING} of {file} {verb} during the recording: {shorten(moving)}"] if moving else []
 
 
 def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:

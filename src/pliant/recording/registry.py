@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
+from pliant.file_kinds import RECORDING, refuse_other
 from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.lost import without_lost
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import check_recording
+from pliant.recording.typed_steps import held, without_hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -107,7 +109,8 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
-        ``linear`` scales channels of any format, see `pliant.recording.linear`.
+        ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
+        the value of a row until the next, see `pliant.recording.typed_steps`.
     format : str, optional
         Name of the format. Default: ``format`` of the mapping, otherwise recognised from the ending and the first
         bytes of the file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns
@@ -155,10 +158,12 @@ def read_recording(
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
         raise InputError(f"{path.name} is empty: copy or export it again")
+    mapping, hold = without_hold(mapping, path.name)
     mapping, lines = without_lines(mapping)
     reader = _choose(path, head, mapping, format)
     try:
-        recording = check_recording(scaled(without_lost(reader.read(path, mapping)), lines, path.name))
+        recording = scaled(without_lost(reader.read(path, mapping)), lines, path.name)
+        recording = check_recording(held(recording, hold, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     return recording.assign_attrs(_provenance(recording, path, reader.name, digest))
@@ -206,6 +211,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
+        refuse_other(path, RECORDING)
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "

@@ -31,6 +31,7 @@ from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import (
     all_aligned,
     beyond_reach,
+    left_out_columns,
     study_experiment,
     supported_links,
     without,
@@ -196,6 +197,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
             notify(f"{name}: {clocks.message}")
+        for line in left_out_columns(recording):
+            notify(f"{name}: {line}")
         unit, factor = reduced.shown_in
         notify(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
     actuator = with_azimuths(study, experiments, notify)

@@ -18,6 +18,7 @@ NOT_DETERMINED = (
     "stiffness along the body, or positions: forces and positions of the model depend on the stated mass and length."
 )
 LONGER = 2.0  # % of the body's length: a larger extension is reported
+STATIONS_LINE = "The line through the stations"
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
 OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
 NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
@@ -114,8 +115,8 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """Return sentences on two properties that the error metrics do not show: a motion without oscillation, and a body
-    that lengthens.
+    """Return sentences on two properties that the error metrics do not show: a motion without oscillation, and a line
+    through the stations that lengthens.
     """
     sentences = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
@@ -124,16 +125,18 @@ def unlike(m: dict[str, Any]) -> str:
         sentences = f" The body comes to rest without oscillation, {rings}."
     longer = m.get("extension_percent") or 0.0
     if longer > LONGER:
-        sentences += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
+        sentences += f" {STATIONS_LINE} lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
     return sentences
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the end of a sentence on the measured lengthening of the body. It says by how much the model lengthens."""
+    """Return the end of a sentence on the measured lengthening of the line through the stations. It says by how much
+    that of the model lengthens. Stations beside the axis lengthen the line of a body that bends and does not lengthen.
+    """
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
-        return "the model does not"
-    return f"the model by {longer:.1f} %"
+        return "in the model it does not: the body lengthens, or stations lie beside its axis"
+    return f"in the model by {longer:.1f} %"
 
 
 def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
@@ -207,7 +210,8 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     else:
         state = "good" if any(verdicts) else "open"
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
-    sentences = [sentence(records, held=bool(held)) + largest_shortfall(records)] if records else []
+    model = f"The model of the fit {fit.title}" if len(outcome.fits) > 1 else "The model"
+    sentences = [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
     sentences += [lost_sentence(lost)] if lost else []
     return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
 
@@ -227,8 +231,10 @@ def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
         yield f"{others} prediction(s) or band(s) of the other fits could not be computed; the full verdict lists them."
 
 
-def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
-    """Return a sentence with the RMS error of the model on the recordings, as a range if there are several."""
+def sentence(model: str, shown: Sequence[RecordOutcome], *, held: bool) -> str:
+    """Return a sentence with the RMS error of the model on the recordings, as a range if there are several. It begins
+    with `model`, which names the fit if there are several.
+    """
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
@@ -236,7 +242,7 @@ def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
     which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
     to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
     size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"The model {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
+    return f"{model} {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
@@ -301,7 +307,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     longer = m.get("extension_percent") or 0.0
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
-        yield shorter / LONGER, f"{name}: the body lengthens by {longer:.1f} %, {by_the_model(m)}."
+        line = STATIONS_LINE[0].lower() + STATIONS_LINE[1:]
+        yield shorter / LONGER, f"{name}: {line} lengthens by {longer:.1f} %, {by_the_model(m)}."
 
 
 def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:
