@@ -56,7 +56,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     InputError
         When the library rejects the file, crashes, or takes more time or memory than any intact file of this size.
     """
-    size = path.stat().st_size
+    size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
     damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
     try:
