@@ -149,7 +149,8 @@ def read_recording(
         content = reader.read(path, mapping)
         reading = content if isinstance(content, Reading) else Reading(content)
         warnings = judge_stated(reading.stated, path.name, incomplete=bool(incomplete))
-        recording = check_recording(scaled(append_history(reading.recording, *warnings), lines, path.name))
+        recording = append_history(reading.recording, *warnings) if warnings else reading.recording
+        recording = check_recording(scaled(recording, lines, path.name))
     except InputError as error:
         raise InputError(f"{error}{looks_like(head, reader.name)}") from None
     return recording.assign_attrs(_provenance(recording, path, reader.name, digest))
