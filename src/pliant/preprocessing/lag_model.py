@@ -96,8 +96,8 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
     """Return the pressure, or other inputs, over time, with gaps interpolated. The first column is the first principal
-    component of all inputs. Each further column is an input's distance from 0, or from its value nearest to 0, scaled by
-    the range of all inputs of its unit.
+    component of all inputs. Each further column is an input's distance from 0, or from its value nearest to 0, scaled
+    by the range of all inputs of its unit.
     """
     inputs = inputs_on_one_clock(recording)
     clock, values = inputs[0].time, np.stack([one.values for one in inputs], axis=1)

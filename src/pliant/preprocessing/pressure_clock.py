@@ -70,8 +70,8 @@ def overlap_sentences(recording: xr.Dataset, overlap: Mapping[str, float]) -> li
     for name, (_, what) in CLOCKS.items():
         if overlap.get(what, 1.0) < COVERED:
             spans = [f"{t[0]:.6g} to {t[-1]:.6g} s" for t in (recording[name].values, recording["time"].values)]
-            said.append(f"the clock of the {what} covers {100 * overlap[what]:.0f} % of the shape's frames: {spans[0]}, "
-                        f"the shape {spans[1]}")  # fmt: skip
+            said.append(f"the clock of the {what} covers {100 * overlap[what]:.0f} % of the shape's frames: it has "
+                        f"{spans[0]}, the shape {spans[1]}")  # fmt: skip
     return said
 
 

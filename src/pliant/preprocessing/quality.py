@@ -226,7 +226,8 @@ def quality(recording: xr.Dataset) -> Quality:
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
     stated = [line.removeprefix(WARNING) for line in history_of(recording) if line.startswith(WARNING)]
-    findings = (*stated, *first, *_sentences(result), *clock, *overlap_sentences(recording, result.input_overlap), *staircase_sentences(result.input_held),
+    findings = (*stated, *first, *_sentences(result), *clock, *overlap_sentences(recording, result.input_overlap),
+                *staircase_sentences(result.input_held),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     named = replace(result, findings=findings)
     return replace(named, drawing=recording_svg(recording, named.summary().partition("\n")[0]))

@@ -117,7 +117,9 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     warnings = doubts(best, pressure, word)
     change = drift_of_events(body, pressure, best) if drift else UNKNOWN
     if change.significant:
-        clear = fit_lag(body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60)
+        clear = fit_lag(
+            body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60
+        )
         error = max(clear.drift_uncertainty, change.uncertainty)
         agree = abs(clear.drift - change.value) < DRIFT_SIGMA * error
         if abs(clear.drift) > DRIFT_SIGMA * error and agree and clear.explained >= best.explained:

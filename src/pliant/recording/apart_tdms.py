@@ -49,8 +49,8 @@ def waveform(properties: Any) -> dict[str, Any]:
     the zero of LabVIEW's clock), and the number of samples of its first part.
     """
     step, begin = properties.get("wf_increment"), properties.get("wf_start_time")
-    begin = None if begin is None else np.datetime64(begin)
-    dated = begin is not None and not np.isnat(begin) and begin.astype("datetime64[Y]") > np.datetime64("1904")
+    begin = np.datetime64("NaT" if begin is None else begin)
+    dated = not np.isnat(begin) and begin.astype("datetime64[Y]") > np.datetime64("1904")
     return {
         "unit": str(properties.get("unit_string", "")), "start": float(properties.get("wf_start_offset", 0.0)),
         "step": None if step is None else float(step), "samples": int(properties.get("wf_samples", 0)),

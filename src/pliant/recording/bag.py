@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
@@ -62,7 +63,7 @@ class BagMapping(FileMapping):
     length_unit: str = "m"
     clock: Literal["header", "reception"] = "header"
     frame: str | None = None
-    transforms: dict[str, FramePose] = {}
+    transforms: dict[str, FramePose] = Field(default={})
 
 
 class Topic(NamedTuple):

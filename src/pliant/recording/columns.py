@@ -87,8 +87,8 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         time, table, history = time[keep], table[keep], [*history, *more]
         if len(same := np.flatnonzero(np.diff(time) == 0)):
             raise InputError(f"{path.name}: time must increase strictly, but {len(same)} pair(s) of rows have the "
-                             f"same time and different values, the first {time[same[0]]:.6g} s: write the times with all digits, or keep one run by rows = "
-                             "[first, last] in the mapping")  # fmt: skip
+                             f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
+                             "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
     if whole:
         arrays, more = _stations(table, header, options)
         if options.camera is not None:

@@ -34,7 +34,7 @@ WORDS = {  # entries of the headers that take one of a few words; the first is t
 }  # fmt: skip
 
 
-class Layout(NamedTuple):
+class LvmLayout(NamedTuple):
     """Entries of the headers of a LabVIEW measurement: how times are stored, and what is stated for each channel."""
 
     times: Literal["One", "Multi", "No"]
@@ -84,7 +84,7 @@ def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     return Reading(pressure_log(channels, mapping, path.name, [*findings, *more]), tuple(stated))
 
 
-def layout_of(facts: dict[str, list[str]], about: dict[str, list[str]], file: str) -> Layout:
+def layout_of(facts: dict[str, list[str]], about: dict[str, list[str]], file: str) -> LvmLayout:
     """Return the layout that the two headers of a LabVIEW measurement state; raise InputError for a word that is not
     known.
     """
@@ -97,7 +97,7 @@ def layout_of(facts: dict[str, list[str]], about: dict[str, list[str]], file: st
                              f"{', '.join(known)}: export it again")
         words[key] = cells[0]
     times = cast('Literal["One", "Multi", "No"]', words["X_Columns"])
-    return Layout(times, words["Decimal_Separator"], words["Time_Pref"] == "Relative", about, file)
+    return LvmLayout(times, words["Decimal_Separator"], words["Time_Pref"] == "Relative", about, file)
 
 
 def entries(lines: list[str], separator: str) -> dict[str, list[str]]:
@@ -142,7 +142,7 @@ def table_of(
 
 
 def channels_of(
-    table: NDArray[np.float64], names: list[str], layout: Layout
+    table: NDArray[np.float64], names: list[str], layout: LvmLayout
 ) -> tuple[dict[str, Channel], list[Stated], list[str]]:
     """Return the channels of a LabVIEW measurement file by name, each with its own times; the numbers of samples and
     rates that its header states; and lines for the history.
@@ -152,8 +152,10 @@ def channels_of(
     starts = [start for k in range(table.shape[1]) if (start := layout.begin(k)) is not None]
     channels: dict[str, Channel] = {}
     stated: list[Stated] = []
-    history = [f"the channels of {layout.file} begin at different times, and were shifted to the first of them, "
-               f"{min(starts)}"] if len(set(starts)) > 1 else []  # fmt: skip
+    history = []
+    if len(set(starts)) > 1:
+        history.append(f"the channels of {layout.file} begin at different times, and count from the first of them, "
+                       f"{min(starts)}")  # fmt: skip
     for k, column in enumerate(range(1, table.shape[1], stride)):
         time = times_of(table, column, k, layout)
         begin = layout.begin(k)
@@ -169,7 +171,7 @@ def channels_of(
     return channels, stated, history
 
 
-def times_of(table: NDArray[np.float64], column: int, channel: int, layout: Layout) -> NDArray[np.float64]:
+def times_of(table: NDArray[np.float64], column: int, channel: int, layout: LvmLayout) -> NDArray[np.float64]:
     """Return the times (T,) [s] of a channel since its own start. The only column of times belongs to the first
     channel; another channel whose header states another step has its own times.
     """
@@ -189,7 +191,7 @@ def times_of(table: NDArray[np.float64], column: int, channel: int, layout: Layo
     return np.where(rows < (counts[channel] if shorter else len(table)), start + step * rows, np.nan)
 
 
-def _statements(layout: Layout, channel: int, name: str, time: NDArray[np.float64]) -> list[Stated]:
+def _statements(layout: LvmLayout, channel: int, name: str, time: NDArray[np.float64]) -> list[Stated]:
     """Return the comparisons of the number of samples and of the rate of a channel. With one header for all that was
     appended later, a file holds more samples than the header states.
     """
@@ -198,7 +200,7 @@ def _statements(layout: Layout, channel: int, name: str, time: NDArray[np.float6
         raise InputError(f"the header of {layout.file} states Samples = {clipped(texts[0], 40)!r}, which is no number: "
                          "export it again")
     what = f"samples of {clipped(name, 40)}"
-    counts = [Stated(what, "Samples of its header", float(texts[0]), len(time), "at least")] if texts and texts[0] else []
+    counts = [Stated(what, "Samples of its header", float(t), len(time), "at least") for t in texts if t]
     step = layout.number("Delta_X", channel, np.nan)
     written = layout.times != "No" and np.isfinite(step) and step > 0
     return counts + (stated_rate(what, "Delta_X of its header", 1.0 / step, time) if written else [])

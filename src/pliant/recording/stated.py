@@ -51,7 +51,9 @@ class Reading(NamedTuple):
     stated: tuple[Stated, ...] = ()
 
 
-def judge_stated(entries: Iterable[Stated], file: str, *, incomplete: bool = False) -> list[str]:
+def judge_stated(
+    entries: Iterable[Stated], file: str, *, incomplete: bool = False, place: str = "its mapping"
+) -> list[str]:
     """Compare the numbers that a file states with those that were read, and return one warning for each difference.
 
     Parameters
@@ -61,6 +63,8 @@ def judge_stated(entries: Iterable[Stated], file: str, *, incomplete: bool = Fal
         Name of the file, for messages.
     incomplete : bool
         Whether to read a file that holds less than it states; the difference is then a warning.
+    place : str
+        Where the user sets `incomplete`, for messages.
 
     Raises
     ------
@@ -78,7 +82,7 @@ def judge_stated(entries: Iterable[Stated], file: str, *, incomplete: bool = Fal
                     f"{entry.stated:.0f} were read")  # fmt: skip
             if not incomplete:
                 raise InputError(f"{lost}: the file is truncated or damaged, so copy or export it again, or set "
-                                 "incomplete = true in its mapping to use what is left")
+                                 f"incomplete = true in {place} to use what is left")
             warnings.append(f"{WARNING}{lost}, and incomplete = true accepts that")
         elif entry.kind == "count" and entry.read > entry.stated:
             raise InputError(f"{file} states {entry.stated:.0f} {entry.what} ({entry.where}), but holds "

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.errors import InputError
 from pliant.recording.stated import WARNING, Stated, judge_stated
 
 FEW = 0.1  # of the frames of a container that may list frames which are not shown, such as those before a cut
-REMEDY = ("copy the film again, or set incomplete = true in [tracking] to use what is left")
 UNSTATED = 0xFFFFFFFF
 
 
@@ -56,8 +54,6 @@ def judge_film(path: Path, stated: int, read: int, *, incomplete: bool) -> list[
         return []
     if length <= size and not avi and lost <= max(1, FEW * stated):
         return [f"{WARNING}{path.name} states {stated} frames, but {read} of {stated} were decoded"]
-    try:
-        entries = [Stated("frames", "its index", stated, read), Stated("bytes", "its container", length, size, "at least")]
-        return judge_stated([e for e in entries if e.read < e.stated], path.name, incomplete=incomplete)
-    except InputError as error:
-        raise InputError(str(error).partition(": the file")[0] + f": the film is truncated or damaged; {REMEDY}") from None
+    entries = [Stated("frames", "its index", stated, read, "at least"),
+               Stated("bytes", "its container", length, size, "at least")]  # fmt: skip
+    return judge_stated(entries, path.name, incomplete=incomplete, place="[tracking]")

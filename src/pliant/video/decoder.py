@@ -72,8 +72,8 @@ class _Helper:
             raise self._broken()
         self.facts: dict[str, Any] = json.loads(bytes(self._read(length)))
         if "reason" in self.facts:
-            raise InputError(f"OpenCV cannot read {path.name} as a video, as {self.facts['reason']}; it may be damaged: "
-                             "convert it to MP4")  # fmt: skip
+            raise InputError(f"OpenCV cannot read {path.name} as a video, as {self.facts['reason']}; it may be "
+                             "damaged: convert it to MP4")  # fmt: skip
 
     def answers(self, request: str) -> Iterator[tuple[float, Array]]:
         """Yield the time and the picture of each frame of the answer to a request."""
@@ -85,14 +85,14 @@ class _Helper:
         except OSError:
             raise self._broken() from None
         while True:
-            (time,) = STAMP.unpack(self._read(STAMP.size))
+            (time,) = STAMP.unpack(self._read(STAMP.size).tobytes())
             if np.isnan(time):
                 return
             yield time, self._read(int(np.prod(shape))).reshape(shape)
 
     def _read(self, count: int) -> Array:
         """Return the next bytes (count,) of the helper; raise InputError where it ends or stalls."""
-        content = np.empty(count, np.uint8)
+        content = bytearray(count)
         view, filled = memoryview(content), 0
         answer: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         watchdog = threading.Timer(FRAME_S, self.process.kill)
@@ -106,7 +106,7 @@ class _Helper:
                 filled += got
         finally:
             watchdog.cancel()
-        return content
+        return np.frombuffer(content, np.uint8)  # of a bytearray, so that it can be written to
 
     def _broken(self) -> InputError:
         self.end()

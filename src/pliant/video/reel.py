@@ -25,7 +25,8 @@ STEADY = 0.02  # relative change of brightness that noise and a moving body expl
 class Reel:
     """A video file: its size [pixels], frame rate [Hz] and stated number of frames.
 
-    A helper process decodes it. With a `reference`, the median frame on a coarse grid, every frame is adjusted to the brightness of the reference.
+    A helper process decodes it. With a `reference`, the median frame on a coarse grid, every frame is adjusted to the
+    brightness of the reference.
     """
 
     path: Path
