@@ -17,8 +17,9 @@ SMOOTH_S = 0.1  # s: the direction of an input is that of its mean over this tim
 CHANGES = 0.05  # of the range of the input: a smaller change is no event
 SHARE = 0.02  # of the information of the best event: one of less is left out
 FEWEST_FRAMES = 8
+ALIKE = 0.2  # relative: durations of changes that differ by less are alike
 FEWEST_SPARE = 2  # events beyond the parameters of the line through their offsets
-SIGNIFICANCE = 0.9975  # one-sided
+SIGNIFICANCE = 0.99865  # one-sided, as three standard deviations of a normal distribution
 ONE_SIGMA = 0.84134
 
 
@@ -38,16 +39,18 @@ def drift_of_events(body: TimeSeries, pressure: TimeSeries, best: Fitted) -> Dri
 
     An event is a change of the input in one direction, with the motion up to the next event. Its offset comes from the
     residual of the fit `best` with a constant offset. A line through the offsets gives the drift; rising and falling
-    inputs may have different offsets, as valves and friction cause. The scatter of the offsets about the line gives the
+    inputs may have different offsets, as valves and friction cause, and so may fast and slow ones. The scatter of the offsets about the line gives the
     standard deviation, so that a difference of lags between few events is no drift.
     """
     frame = LagFrame(body, pressure, best.delay, drift=False)
     x = np.array([0.0, np.log(best.frequency), np.log(best.damping)])
-    offsets, weights, times, signs = event_offsets(frame, x, input_events(pressure))
+    offsets, weights, times, signs, durations = event_offsets(frame, x, input_events(pressure))
     if not len(offsets):
         return UNKNOWN
     columns = [np.ones_like(times), times - frame.middle]
     columns += [signs] if len(set(signs.tolist())) > 1 else []
+    slow = np.log(durations)
+    columns += [slow] if max(float(np.ptp(slow[signs == s])) for s in set(signs.tolist())) > ALIKE else []
     matrix = np.stack(columns, axis=1)
     spare = len(offsets) - matrix.shape[1]
     if spare < FEWEST_SPARE:
@@ -66,9 +69,9 @@ def drift_of_events(body: TimeSeries, pressure: TimeSeries, best: Fitted) -> Dri
                  significant=abs(value) > error * float(student.ppf(SIGNIFICANCE, spare)))  # fmt: skip
 
 
-def input_events(pressure: TimeSeries) -> list[tuple[float, float, int]]:
-    """Return (start [s], end [s], direction) of each monotonic change of an input, on its own clock. Direction is 1 or
-    -1; an event ends where the next one starts.
+def input_events(pressure: TimeSeries) -> list[tuple[float, float, int, float]]:
+    """Return (start [s], end [s], direction, duration [s]) of each monotonic change of an input, on its own clock.
+    Direction is 1 or -1; an event ends where the next one starts. The duration is that of 80 % of the change.
     """
     clock, course = pressure.time, pressure.values[:, 0]
     step = max(float(np.median(np.diff(clock))), 0.5 * SMOOTH_S)
@@ -86,22 +89,29 @@ def input_events(pressure: TimeSeries) -> list[tuple[float, float, int]]:
         elif last >= 0 and smooth[top] - smooth[k] > least:
             turns.append((top, -1))
             bottom = k
-    bounds = [float(grid[k]) for k, _ in turns] + [float(clock[-1])]
-    return [(bounds[i], bounds[i + 1], sign) for i, (_, sign) in enumerate(turns)]
+    ends = [k for k, _ in turns] + [len(grid) - 1]
+    return [(float(grid[a]), float(grid[b]), sign, _duration(sign * smooth[a : b + 1], step))
+            for a, b, (_, sign) in zip(ends[:-1], ends[1:], turns, strict=True)]  # fmt: skip
+
+
+def _duration(rise: NDArray, step: float) -> float:
+    """Return the time [s] from 10 to 90 % of a rise that is sampled at each `step` [s]."""
+    level = (rise - rise[0]) / max(float(rise.max() - rise[0]), 1e-300)
+    return step * max(int(np.argmax(level >= 0.9)) - int(np.argmax(level >= 0.1)), 1)
 
 
 def event_offsets(
-    frame: LagFrame, x: NDArray, events: list[tuple[float, float, int]]
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return the offset (E,) [s] beyond that of the fit, its weight, the time [s] and the direction of each of E
-    events. In each event a constant and the scale of the modelled motion are free.
+    frame: LagFrame, x: NDArray, events: list[tuple[float, float, int, float]]
+) -> tuple[NDArray, ...]:
+    """Return the offset (E,) [s] beyond that of the fit, its weight, the time [s], the direction and the duration [s]
+    of each of E events. In each event a constant and the scale of the modelled motion are free.
     """
     tiny = 1e-3
     coefficients = np.linalg.lstsq(frame.response(x), frame.y, rcond=1e-10)[0]
     model, late, early = (frame.response(x + np.array([d, 0.0, 0.0])) @ coefficients for d in (0.0, tiny, -tiny))
     slope, rest = (late - early) / (2 * tiny), frame.y - model
     rows = []
-    for start, end, sign in events:
+    for start, end, sign, duration in events:
         inside = (frame.at >= start) & (frame.at < end)
         if inside.sum() < FEWEST_FRAMES:
             continue
@@ -110,7 +120,7 @@ def event_offsets(
         information = float(g @ g)
         if information > 0:
             centre = float((frame.at[inside] * g**2).sum() / information)
-            rows.append((float(g @ r) / information, information, centre, float(sign)))
+            rows.append((float(g @ r) / information, information, centre, float(sign), duration))
     most = max((row[1] for row in rows), default=0.0)
-    table = np.array([row for row in rows if row[1] > SHARE * most]).reshape(-1, 4)
-    return table[:, 0], table[:, 1], table[:, 2], table[:, 3]
+    table = np.array([row for row in rows if row[1] > SHARE * most]).reshape(-1, 5)
+    return tuple(table.T)

@@ -116,13 +116,15 @@ def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     if not entries:
         judge_stated(stated, path.name)  # the reason why there is no channel
     channels: dict[str, Channel] = {}
+    cut = facts["whole"] < facts["segments"]  # inside a sample of one channel, which others of its length have
     for entry in entries:
-        values, begin = arrays[entry["key"]], entry["begin"]
+        alike = [len(arrays[e["key"]]) for e in entries if e["stated"] == entry["stated"]]
+        values, begin = arrays[entry["key"]][: min(alike) if cut else None], entry["begin"]
         shift = 1e-9 * (begin - min(begins)) if begin is not None else 0.0
         if entry["step"]:
             time = shift + entry["start"] + entry["step"] * np.arange(len(values))
-        elif len(clocks) == 1 and len(arrays[clocks[0]]) == len(values):
-            time = arrays[clocks[0]]
+        elif len(clocks) == 1 and len(arrays[clocks[0]]) in (len(values), entry["stated"]):
+            time = arrays[clocks[0]][: len(values)]
         else:
             raise InputError(f"{path.name} has no times for channel {entry['name'][:60]}: export it with waveform "
                              "properties (wf_increment) or with one time channel of the same length")  # fmt: skip
