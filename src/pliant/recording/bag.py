@@ -36,7 +36,7 @@ TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer 
 
 
 class BagMapping(FileMapping):
-    """Options of the reader of ROS 2 bags: the topics that hold stations and pressures, and their units.
+    """Options of the reader of ROS 2 bags: topics of stations and pressures, units, clock and coordinate frames.
 
     Attributes
     ----------
