@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -62,7 +64,7 @@ def test_events_of_an_input_are_its_changes_in_one_direction():
     events = input_events(pressure_course(recording))
     signs = [sign for _, _, sign, _ in events]
     assert sorted(signs) == [-1] * 4 + [1] * 4
-    assert all(a != b for a, b in zip(signs[:-1], signs[1:], strict=True))
+    assert all(a != b for a, b in pairwise(signs))
     assert [end for _, end, _, _ in events[:-1]] == [start for start, *_ in events[1:]]
 
 

@@ -23,12 +23,12 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 NS = 1_700_000_000_000_000_000
 
 
-def lvm(path, rows=60, *, samples=60, layout="One", times=None, step="0.01", begin=("10:11:12.0", "10:11:12.0"), **words):
+def lvm(path, rows=60, *, samples=60, layout="One", times=None, step="0.01", begin=("10:11:12.0",) * 2, **words):
     """A LabVIEW measurement of two channels; `words` replace entries of its headers."""
     facts = {"Separator": "Tab", "Decimal_Separator": ".", "X_Columns": layout, "Time_Pref": "Relative", **words}
     about = {"Channels": "2", "Samples": f"{samples}\t{samples}", "Date": "2026/01/02\t2026/01/02",
              "Time": "\t".join(begin), "Y_Unit_Label": "kPa\tkPa", "X_Dimension": "Time\tTime", "X0": "0.0\t0.0",
-             "Delta_X": f"{step}\t{step}", **{k: v for k, v in words.items() if k in ("X_Dimension",)}}  # fmt: skip
+             "Delta_X": f"{step}\t{step}", **{k: v for k, v in words.items() if k == "X_Dimension"}}  # fmt: skip
     end = "***End_of_Header***"
     head = ["LabVIEW Measurement\t", *(f"{k}\t{v}" for k, v in facts.items()), end, "",
             *(f"{k}\t{v}" for k, v in about.items()), end]  # fmt: skip
@@ -42,7 +42,7 @@ def lvm(path, rows=60, *, samples=60, layout="One", times=None, step="0.01", beg
 
 def test_a_log_of_fewer_samples_than_stated_is_refused_or_read_on_request(tmp_path):
     path = lvm(tmp_path / "log.lvm", 20)
-    with pytest.raises(InputError, match=r"states 60 samples of left \(Samples of its header\), but only 20 of 60 were"):
+    with pytest.raises(InputError, match=r"states 60 samples of left \(Samples of its header\), but only 20 of 60"):
         read(path)
     shown = invoke("inspect", path)
     assert shown.exit_code != 0
@@ -52,7 +52,7 @@ def test_a_log_of_fewer_samples_than_stated_is_refused_or_read_on_request(tmp_pa
     accepted = invoke("inspect", path, "--mapping", mapping)
     assert accepted.exit_code == 0
     assert "! log.lvm states 60 samples of left" in accepted.output
-    with pytest.raises(InputError, match="incomplete in the mapping for log.lvm must be true or false"):
+    with pytest.raises(InputError, match=r"incomplete in the mapping for log[.]lvm must be true or false"):
         read(path, mapping={"incomplete": "yes"})
 
 
@@ -143,7 +143,8 @@ def transform(parent, child, x, angle=0.0):
     move = message("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0)
     turn = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=np.sin(angle / 2), w=np.cos(angle / 2))
     pose = message("geometry_msgs/msg/Transform", translation=move, rotation=turn)
-    entry = message("geometry_msgs/msg/TransformStamped", header=header(NS, parent), child_frame_id=child, transform=pose)
+    kind = "geometry_msgs/msg/TransformStamped"
+    entry = message(kind, header=header(NS, parent), child_frame_id=child, transform=pose)
     return message("tf2_msgs/msg/TFMessage", transforms=[entry])
 
 
@@ -243,8 +244,8 @@ def test_clocks_without_common_time_are_refused_and_each_clock_is_named(tmp_path
 
 def motive(path, frames=48, *, stated=48, rate="120.000000", space="Global", name="tip"):
     """A Motive export whose times are rounded to 1 ms."""
-    head = [f"Format Version,1.23,Export Frame Rate,{rate},Total Exported Frames,{stated},Length Units,Meters,"
-            f"Coordinate Space,{space}", "", ",Type,Marker,Marker,Marker,Marker,Marker,Marker",
+    facts = f"Format Version,1.23,Export Frame Rate,{rate},Total Exported Frames,{stated},Length Units,Meters"
+    head = [f"{facts},Coordinate Space,{space}", "", ",Type,Marker,Marker,Marker,Marker,Marker,Marker",
             f",Name,{name},{name},{name},Unlabeled 1001,Unlabeled 1001,Unlabeled 1001", ",ID,a,a,a,b,b,b",
             ",,Position,Position,Position,Position,Position,Position", "Frame,Time (Seconds),X,Y,Z,X,Y,Z"]  # fmt: skip
     rows = [f"{k},{k / 120:.3f}000,{0.001 * k:.4f},2.0,3.0,,," for k in range(frames)]
@@ -339,9 +340,9 @@ def test_the_usual_step_is_that_without_rounding_and_gaps():
 
 def test_one_rule_judges_counts_and_rates():
     exact = Stated("frames", "its header", 10, 12)
-    with pytest.raises(InputError, match="states 10 frames .its header., but holds 12: it contradicts itself"):
+    with pytest.raises(InputError, match=r"states 10 frames .its header., but holds 12: it contradicts itself"):
         judge_stated([exact], "a.x")
     assert judge_stated([exact._replace(kind="at least"), exact._replace(kind="rate", stated=100, read=101)], "a") == []
     warned = judge_stated([exact._replace(read=7)], "a.x", incomplete=True)
-    assert warned == ["WARNING: a.x states 10 frames (its header), but only 7 of 10 were read, and incomplete = true "
-                      "accepts that"]  # fmt: skip
+    text = "a.x states 10 frames (its header), but only 7 of 10 were read, and incomplete = true accepts that"
+    assert warned == [f"WARNING: {text}"]

@@ -39,8 +39,8 @@ def drift_of_events(body: TimeSeries, pressure: TimeSeries, best: Fitted) -> Dri
 
     An event is a change of the input in one direction, with the motion up to the next event. Its offset comes from the
     residual of the fit `best` with a constant offset. A line through the offsets gives the drift; rising and falling
-    inputs may have different offsets, as valves and friction cause, and so may fast and slow ones. The scatter of the offsets about the line gives the
-    standard deviation, so that a difference of lags between few events is no drift.
+    inputs may have different offsets, as valves and friction cause, and so may fast and slow ones. The scatter of the
+    offsets about the line gives the standard deviation, so that a difference of lags between few events is no drift.
     """
     frame = LagFrame(body, pressure, best.delay, drift=False)
     x = np.array([0.0, np.log(best.frequency), np.log(best.damping)])
