@@ -95,9 +95,9 @@ def input_events(pressure: TimeSeries) -> list[tuple[float, float, int, float]]:
 
 
 def _duration(rise: NDArray, step: float) -> float:
-    """Return the time [s] from 10 to 90 % of a rise that is sampled at each `step` [s]."""
+    """Return the time [s] from 10 to 90 % of a rise, sampled at each `step` [s]; no less than smoothing allows."""
     level = (rise - rise[0]) / max(float(rise.max() - rise[0]), 1e-300)
-    return step * max(int(np.argmax(level >= 0.9)) - int(np.argmax(level >= 0.1)), 1)
+    return max(step * (int(np.argmax(level >= 0.9)) - int(np.argmax(level >= 0.1))), 2 * SMOOTH_S)
 
 
 def event_offsets(
