@@ -124,7 +124,7 @@ def test_columns_of_no_known_kind_are_told(tmp_path):
         (SIMPLE.replace("0.1", "0"), "increase strictly"),
         (SIMPLE.replace("0.1", ""), "not finite"),
         ("# {not json\n" + SIMPLE, "not JSON"),
-        ('# {"rows": 3}\n' + SIMPLE, "may be truncated"),
+        ('# {"rows": 3}\n' + SIMPLE, "only 2 of 3 were read: the file is truncated"),
         ('# {"length_unit": "furlong"}\n' + SIMPLE, "furlong"),
         ('# {"frame": "lab"}\n' + SIMPLE, "tracker, planar"),
         ('# {"station": ["one"]}\n' + SIMPLE, "need 2 names"),

@@ -28,6 +28,7 @@ from pliant.recording.columns import changing_columns
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
+from pliant.recording.stated import Reading, Stated
 from pliant.recording.tables import (
     find_delimiter,
     read_rows,
@@ -82,7 +83,7 @@ class TableMetadata(FileMapping):
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
-def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file."""
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
@@ -94,15 +95,12 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
-    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names))
+    used = [k for k, name in enumerate(names) if is_known(name)]
+    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names), used)
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
-    if "rows" in metadata and metadata["rows"] != len(table):
-        raise InputError(
-            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be "
-            "truncated, so copy it again"
-        )
     columns = dict(zip(names, table.T, strict=True))
-    return _recording(columns, metadata, path.name, findings)
+    stated = [Stated("rows", "its metadata", metadata["rows"], len(table))] if "rows" in metadata else []
+    return Reading(_recording(columns, metadata, path.name, findings), tuple(stated))
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
@@ -199,8 +197,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     labels = _station_labels(columns)
     history = list(findings)
     pressure, chamber = pressures_of(columns)
-    known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or pressure_unit(n))}
-    ignored = [n for n in columns if n not in known]
+    ignored = [n for n in columns if not is_known(n)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
         history += changing_columns({name: columns[name] for name in ignored}, file)
@@ -213,9 +210,11 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
                          "rename them or give a mapping")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
-    if not labels:
-        keep, repeats = without_repeats(time, file)
-        time, pressure, history = time[keep], np.asarray(pressure)[keep], [*history, *repeats]
+    used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)
+    keep, repeats = without_repeats(time, file, used if labels else None)
+    time, history = time[keep], [*history, *repeats]
+    pressure = None if pressure is None else np.asarray(pressure)[keep]
+    arrays |= {name: arrays[name][keep] for name in ("position", "quaternion", "angle") if name in arrays}
     with inside(file):
         return make_recording(
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
@@ -267,6 +266,11 @@ def _stations(
         history.append("the table has no z columns: z = 0 at every station")
     arrays["station"] = metadata.get("station") or [f"s{s}" if s[0].isdigit() else s for s in labels]
     return arrays, history
+
+
+def is_known(name: str) -> bool:
+    """Return whether the name of a column is that of a time, a coordinate of a station or a pressure."""
+    return name in (*CLOCKS, "p") or bool(STATION_COLUMN.fullmatch(name)) or pressure_unit(name) is not None
 
 
 def pressure_unit(name: str) -> str | None:
