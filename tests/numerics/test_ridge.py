@@ -53,6 +53,7 @@ def test_a_lag_of_a_step_and_of_a_ramp_has_its_closed_form() -> None:
     start = np.stack([steps, ramp[:-1]], axis=1)
     start[0, 0] = 1.0
     before = np.stack([steps, ramp[1:]], axis=1)
-    out = lagged(np.concatenate([[-1.0], time]), np.vstack([[0.0, 0.0], start]), np.vstack([[0.0, 0.0], before]), tau)[1:]
+    zero = [[0.0, 0.0]]
+    out = lagged(np.concatenate([[-1.0], time]), np.vstack([zero, start]), np.vstack([zero, before]), tau)[1:]
     np.testing.assert_allclose(out[:, 0], 1.0 - np.exp(-time / tau), atol=1e-9)
     np.testing.assert_allclose(out[:, 1], time - tau * (1.0 - np.exp(-time / tau)), atol=1e-9)

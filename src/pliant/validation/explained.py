@@ -124,12 +124,12 @@ def suggestion(fractions: Mapping[str, float]) -> str:
     if not fractions:
         return "These recordings are too short to say what the model's residual depends on."
     name = max(fractions, key=lambda kind: fractions[kind])
-    size = 100 * fractions[name]
+    size, squared = 100 * fractions[name], "of the model's squared residual"
     if fractions[name] < WORTH_NAMING:
-        return (f"No simple regressor explains more than {max(size, 1):.0f} % of the model's squared residual there: its "
-                "structure is not one of inputs, time, direction or rate.")
+        return (f"Where the plain map is better, no simple regressor explains more than {max(size, 1):.0f} % {squared}"
+                ": it follows neither inputs, nor their direction or rate, nor a drift.")
     if name not in MEANING:
-        return (f"There the recorded input {name}, which drives no input of the model, explains {size:.0f} % of the "
-                "model's squared residual beyond the other inputs: let it drive one.")
+        return (f"Where the plain map is better, the recorded input {name}, which drives no input of the model, "
+                f"explains {size:.0f} % {squared} beyond the other inputs: let it drive one.")
     what, where = MEANING[name]
-    return f"There {what} explains {size:.0f} % of the model's squared residual: {where}."
+    return f"Where the plain map is better, {what} explains {size:.0f} % {squared}: {where}."

@@ -1,4 +1,4 @@
-"""Inputs of a plain map: recorded inputs and known loads of experiments, at their frames and behind first-order lags."""
+"""Inputs of a plain map: recorded inputs and known loads of experiments, at their frames and behind lags."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class InputTable(NamedTuple):
         return len(self.names) + len(self.loads)
 
     def values(self, exp: Experiment, time_constants: Sequence[float] = ()) -> Array:
-        """Return the inputs and loads of an experiment at its T frames, then the inputs behind a first-order lag of each
-        of K time constants [s]: (T, C + L + K C), SI units. An input without a record is 0; settled poses have no lag.
+        """Return the inputs and loads of an experiment at its T frames, then the inputs behind first-order lags of K
+        time constants [s]: (T, C + L + K C), SI units. An input without a record is 0; settled poses have no lag.
 
         Raises
         ------
@@ -109,8 +109,8 @@ def table_of(train: Sequence[Experiment]) -> tuple[InputTable, tuple[str, ...]]:
 def still_sentence(names: Sequence[str]) -> str:
     """Return a sentence on inputs that never move in the training recordings."""
     several = len(names) > 1
-    return (f"Input{'s' * several} {', '.join(names)} never move{'' if several else 's'} in the training recordings: the "
-            f"plain map leaves {'them' if several else 'it'} out.")
+    return (f"Input{'s' * several} {', '.join(names)} never move{'' if several else 's'} in the training recordings: "
+            f"the plain map leaves {'them' if several else 'it'} out.")
 
 
 def together(units: Mapping[str, str], seen: Array) -> list[str]:

@@ -125,8 +125,8 @@ class PlainMap(Shown):
             When the experiment has a station, or a kind of observation, that no training experiment has.
         """
         if missing := [s for s in exp.stations if s not in self.stations]:
-            raise InputError(f"experiment {exp.name} has the station {missing[0]!r}, which no training experiment of the "
-                             f"plain map has: it has {', '.join(self.stations)}")
+            raise InputError(f"experiment {exp.name} has the station {missing[0]!r}, which no training experiment of "
+                             f"the plain map has: it has {', '.join(self.stations)}")
         values = self.basis.terms(self.table.values(exp, self.time_constants)) @ self.coefficients
         out = values.reshape(exp.time.size, len(self.stations), -1)
         if out.shape[2] != exp.compared.shape[2] or self.unit != exp.shown_in:
@@ -146,10 +146,10 @@ class PlainMap(Shown):
     def card(self) -> Card:
         """Return the map in words with its errors on training data, for display."""
         unit, factor = self.unit
-        errors = [f"error on left-out training data {factor * self.left_out_error:.3g} {unit}, on training data "
-                  f"{factor * self.training_error:.3g} {unit} (RMS)",
-                  f"{self.coefficients.size} coefficients, ridge {self.ridge:.0e}, {self.frames} training frames"]
-        return Card(f"Plain map, {self.title}", [*errors, *self.notes])
+        errors = [f"{factor * e:.3g} {unit}" for e in (self.left_out_error, self.training_error)]
+        lines = (f"RMS error {errors[0]} on left-out training data, {errors[1]} on training data",
+                 f"{self.coefficients.size} coefficients, ridge {self.ridge:.0e}, {self.frames} training frames")
+        return Card(f"Plain map, {self.title}", [*lines, *self.notes])
 
 
 def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -> PlainMap:
@@ -162,8 +162,8 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
     Parameters
     ----------
     experiments : sequence of Experiment
-        Training experiments, from `pliant.experiment`. Inputs are the measured ones; for pulses and steps of known level
-        the level between the edges that the motion shows; known forces; and known tip masses that differ. Settled
+        Training experiments, from `pliant.experiment`. Inputs are the measured ones; for pulses and steps of known
+        level the level between the edges that the motion shows; known forces; and known tip masses that differ. Settled
         poses give a static map.
     degree : {1, 2, 3}, optional
         Degree of the polynomial. Default: the one with the smallest error on left-out data.
@@ -233,7 +233,7 @@ class TrainingData(NamedTuple):
         return self.columns[:, [*range(count), *(c for lag in lags for c in lag)]]
 
     def error(self, square: Array, count: Array) -> Array:
-        """Return the error [m or rad] (R,) of R maps on the left-out data, from the sums of squares (G, R) of G groups
+        """Return the error (R,) [m or rad] of R maps on left-out data, from the sums of squares (G, R) of G groups
         and the numbers (G, 1) of values in them: the RMS over blocks, or the geometric mean of that over recordings.
 
         A recording that no map can predict from the others, such as the only one that drives an input, would else
@@ -248,7 +248,7 @@ class TrainingData(NamedTuple):
         return np.asarray(np.exp(np.mean(np.log(np.maximum(mean, LEAST_ERROR)), axis=0)))
 
     def parts(self) -> Iterator[tuple[Array, Array]]:
-        """Yield the frames and the outputs, as indices, of each set of outputs that were measured in the same frames."""
+        """Yield the indices of frames and of outputs for each set of outputs that were measured in the same frames."""
         outputs: dict[bytes, list[int]] = {}
         for k, measured in enumerate(np.isfinite(self.values).T):
             outputs.setdefault(measured.tobytes(), []).append(k)
