@@ -196,7 +196,8 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     records = [] if lost and not held else held or list(fit.records)
     verdicts = [judged(r.metrics, targets) for r in records]
     plain = better_sentence(fit)
-    notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []), *fit_warnings(fit, held=bool(held or lost)),
+    notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
+             *fit_warnings(fit, held=bool(held or lost)),
              *(w for r in records for w in record_warnings(r))]
     warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):

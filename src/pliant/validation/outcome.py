@@ -281,15 +281,19 @@ class StudyOutcome(Shown):
     def card(self) -> Card:
         """Return the headline, and a table with the errors of every recording under each fit, for display."""
         rows, unit = [], "deg" if self.turns else "mm"
+        mapped = any(f.baseline for f in self.fits)
         for f in self.fits:
             for r in f.records:
                 found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
                 numbers = ["" if v is None else f"{v:.3g}" for v in found]
-                plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
-                numbers.append("" if plain is None else f"{plain:.3g}")
+                if mapped:
+                    plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
+                    numbers.append("" if plain is None else f"{plain:.3g}")
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
-            rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", "", "", ""] for m in f.missing]
-        head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}", f"plain map {unit}"]
+            empty = [""] * (2 + mapped)
+            rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", *empty] for m in f.missing]
+        head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
+        head += [f"plain map {unit}"] if mapped else []
         sentences = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
         return Card(self.title, sentences, head, rows)
 

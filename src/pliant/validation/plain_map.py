@@ -193,7 +193,7 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
         raise InputError(f"the degree of a plain map must be 1, 2 or 3, got {degree}")
     table, notes = table_of(experiments)
     data = training_data(experiments, table)
-    maps = [one for one in candidates(data) if degree in (None, one.degree) or not table.count]
+    maps = list(candidates(data, DEGREES if degree is None else (degree,)))
     if not maps:
         raise InputError(f"{len(data.values)} frames do not determine a plain map of degree {degree}: use a lower one")
     chosen = best_of(maps)
@@ -209,8 +209,8 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
         notes = (*notes, "No input moves in the training recordings: the plain map is the mean of their frames.")
     return PlainMap(
         (*table.names, *table.loads), chosen.degree, chosen.time_constants, chosen.ridge, chosen.error,
-        float(np.sqrt(np.nanmean(np.sum(missed**2, axis=2)))), len(terms), data.stations, coefficients, notes, table, basis,
-        experiments[0].shown_in,
+        float(np.sqrt(np.nanmean(np.sum(missed**2, axis=2)))), len(terms), data.stations, coefficients, notes, table,
+        basis, experiments[0].shown_in,
     )
 
 
@@ -316,20 +316,20 @@ def forgetting_time(exp: Experiment) -> float:
     return frames * float(np.median(np.diff(exp.time)))
 
 
-def candidates(data: TrainingData) -> Iterator[Candidate]:
-    """Yield the maps to choose from: the linear ones with every pair of lags, and those of higher degree with the best
-    of these pairs.
+def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator[Candidate]:
+    """Yield the maps of these degrees to choose from: the linear ones with every pair of lags, and those of higher
+    degree with the best of these pairs.
     """
     if not data.table.count:
         yield tried(data, (), 0)
         return
     pairs = list(combinations(data.grid, 2))
     linear = [tried(data, lags, 1) for lags in [(), *pairs]]
-    yield from linear
+    yield from linear if 1 in degrees else ()
     lagging = sorted((one for one in linear if one.time_constants), key=lambda one: one.error)
     for lags in [(), *(one.time_constants for one in lagging[:TRIED_LAGS])]:
         columns = data.table.count + len(lags) * len(data.table.names)
-        for degree in DEGREES[1:]:
+        for degree in (d for d in degrees if d > 1):
             if comb(columns + degree, degree) <= min(MOST_TERMS, len(data.values)):
                 yield tried(data, lags, degree)
 
