@@ -14,7 +14,7 @@ from pliant.identification.drives import driving
 from pliant.recording.inputs import recorded_inputs
 from pliant.simulation import Trace
 from pliant.study.schema import Fit, SelectionEntry, Study
-from pliant.validation.baseline import with_baseline
+from pliant.validation.baseline import Mapped, mapped, with_baseline
 from pliant.validation.outcome import FitOutcome
 from pliant.validation.plain_map import PlainMap, plain_map
 
@@ -31,18 +31,21 @@ def with_baselines(
     if study.model_selection is not None:
         entries["model_selection"] = study.model_selection
     spare = {name: spare_inputs(study, name, body) for name, body in bodies.items()}
-    maps: dict[tuple[object, ...], PlainMap] = {}
+    maps: dict[tuple[str, ...], tuple[PlainMap, dict[str, Mapped | str]]] = {}
     compared = []
     for fit in fits:
-        train = [experiments[name].synchronised(fit.result.values) for name in entries[fit.name].train]
+        train = tuple(entries[fit.name].train)
         failures = Failures(fit.name, notify)
 
-        def baselined(fit: FitOutcome = fit, train: Sequence[Experiment] = train) -> FitOutcome:
-            key = tuple((e.name, None if e.pressure is None else float(e.pressure.time[0])) for e in train)
-            if key not in maps:
-                maps[key] = plain_map(train)
-                notify(f"plain map of {', '.join(e.name for e in train)}: {maps[key].title}")
-            return with_baseline(fit, maps[key], spare)
+        def baselined(fit: FitOutcome = fit, train: tuple[str, ...] = train) -> FitOutcome:
+            if train not in maps:
+                plain = plain_map([experiments[name] for name in train])
+                notify(f"plain map of {', '.join(train)}: {plain.title}")
+                maps[train] = plain, {}
+            plain, known = maps[train]
+            for record in (r for r in fit.records if r.name not in known):
+                known[record.name] = mapped(plain, record.experiment, fit.result.model.length)
+            return with_baseline(fit, plain, spare, known)
 
         done = failures.attempt("plain map", "", baselined) or fit
         compared.append(replace(done, not_computed=(*done.not_computed, *failures)))

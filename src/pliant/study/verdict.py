@@ -36,9 +36,10 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     """
     lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
-    lines = [*better_maps(outcome.fits), *lines]
+    lines = [*better_map(outcome.fits[0]), *lines]
     for fit in outcome.fits:
         held = [r for r in fit.records if r.role == "held_out"]
+        lines += better_map(fit) if fit is not outcome.fits[0] else []
         lines += [record_sentence(fit, r, targets) for r in held or fit.records]
         lines += [f"{fit.title}: {s}" for s in [plain_map_sentence(fit)] if s]
         lines += [n.sentence for n in fit.not_computed]
@@ -56,12 +57,12 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
 
 
-def better_maps(fits: Sequence[FitOutcome]) -> list[str]:
-    """Return two sentences for each fit whose plain map predicts held-out recordings better than its model: which ones,
-    and what the model's residual there suggests.
+def better_map(fit: FitOutcome) -> list[str]:
+    """Return two sentences where a plain map predicts held-out recordings better than the model: which recordings, and
+    what the model's residual there suggests; empty elsewhere.
     """
-    return [" ".join(filter(None, (f"{f.title}: {sentence}", f.baseline.suggestion)))
-            for f in fits if f.baseline and (sentence := better_sentence(f))]
+    sentence = better_sentence(fit)
+    return [f"{fit.title}: {sentence} {fit.baseline.suggestion}"] if fit.baseline and sentence else []
 
 
 def angles_sentences(outcome: StudyOutcome) -> list[str]:

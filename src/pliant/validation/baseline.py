@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,40 +17,54 @@ from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome
 from pliant.validation.plain_map import PlainMap
 from pliant.validation.wording import sized
 
+Array = np.ndarray
 MOST_NAMED = 3  # recordings that a sentence lists
 BETTER = 0.95  # of the model's error: a smaller error of the plain map is better
 Spare = Mapping[str, Mapping[str, Trace]]
 
 
-def with_baseline(fit: FitOutcome, plain: PlainMap, spare: Spare | None = None) -> FitOutcome:
+class Mapped(NamedTuple):
+    """The prediction of a plain map for one recording."""
+
+    predicted: Array  # (T, S, d), m or rad
+    metrics: dict[str, Any]
+    outside: float  # % of the frames beyond the range of the training inputs
+
+
+def mapped(plain: PlainMap, exp: Experiment, length: float) -> Mapped | str:
+    """Return the prediction of a plain map for a recording of a body of this length [m], or why there is none."""
+    try:
+        predicted = plain.predict(exp)
+    except InputError as error:
+        return f"The plain map does not predict {exp.name}: {error}."
+    return Mapped(predicted, compare(exp, predicted, length), 100 * plain.outside(exp))
+
+
+def with_baseline(
+    fit: FitOutcome, plain: PlainMap, spare: Spare | None = None, known: Mapping[str, Mapped | str] | None = None,
+) -> FitOutcome:
     """Return a fit with the predictions of a plain map for each of its recordings.
 
-    `spare` holds, by recording, the recorded inputs that drive no input of the model. Where the map is better than the
-    model on held-out recordings, the baseline says what the model's residual suggests.
+    `spare` holds, by recording, the recorded inputs that drive no input of the model; `known` holds predictions of the
+    map that exist already. Where the map is better than the model on held-out recordings, the baseline says what the
+    model's residual suggests.
     """
     unit, factor = plain.unit
-    records, metrics, outside, notes = [], {}, {}, list(plain.notes)
-    for record in fit.records:
-        exp = record.experiment.synchronised(fit.result.values)
-        try:
-            predicted = plain.predict(exp)
-        except InputError as error:
-            notes.append(f"The plain map does not predict {record.name}: {error}.")
-            records.append(record)
-            continue
-        metrics[record.name] = {"role": record.role, **compare(exp, predicted, fit.result.model.length)}
-        outside[record.name] = 100 * plain.outside(exp)
-        records.append(replace(record, baseline=predicted))
-    held = [r for r in records if r.role == "held_out" and r.name in metrics]
-    better = [r for r in held if is_better(metrics[r.name], r.metrics)]
+    done = {r.name: (known or {}).get(r.name) or mapped(plain, r.experiment, fit.result.model.length)
+            for r in fit.records}
+    good = {name: one for name, one in done.items() if isinstance(one, Mapped)}
+    records = tuple(replace(r, baseline=good[r.name].predicted) if r.name in good else r for r in fit.records)
+    metrics = {r.name: {"role": r.role, **good[r.name].metrics} for r in records if r.name in good}
+    better = [r for r in records if r.role == "held_out" and r.name in good and is_better(metrics[r.name], r.metrics)]
     fractions = explained([residual_of(r, fit, spare or {}) for r in better], plain.table) if better else {}
     baseline = Baseline(
         plain.title, plain.degree, plain.time_constants, plain.ridge, plain.held, plain.inputs, plain.coefficients.size,
         plain.frames, unit, factor * plain.left_out_error if np.isfinite(plain.left_out_error) else None,
-        factor * plain.training_error, tuple(notes), metrics, outside, tuple(r.name for r in better), fractions,
+        factor * plain.training_error, (*plain.notes, *(one for one in done.values() if isinstance(one, str))), metrics,
+        {name: one.outside for name, one in good.items()}, tuple(r.name for r in better), fractions,
         suggestion(fractions) if better else "",
     )
-    return replace(fit, records=tuple(records), baseline=baseline)
+    return replace(fit, records=records, baseline=baseline)
 
 
 def is_better(plain: Mapping[str, Any], model: Mapping[str, Any]) -> bool:
