@@ -21,6 +21,7 @@ import pliant
 from pliant.identification import Experiment
 from pliant.simulation import Trace
 from pliant.study import load_study
+from pliant.validation.plain_map import plain_map
 from pliant.validation.wording import sized
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -67,7 +68,7 @@ def arm_lines() -> None:
         train = [recordings[k] for k in SESSION if k != held]
         for degree in (None, 1, 2, 3):
             began, exp = time.process_time(), recordings[held]
-            plain = pliant.plain_map(train, degree=degree)
+            plain = plain_map(train, degree=degree)
             seconds = time.process_time() - began
             error = 1e3 * np.sqrt(np.nanmean(np.sum((plain.predict(exp) - exp.compared) ** 2, axis=2)))
             print(f"| {held} | {degree or 'chosen'} | {plain.title} | {1e3 * plain.left_out_error:.2f} | {error:.2f} | "

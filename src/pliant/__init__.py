@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from pliant.recording import read, write
     from pliant.simulation import Pulse, Step, Stepper, equilibrium, modes, simulate
     from pliant.study import load_study, run_study
-    from pliant.validation.plain_map import PlainMap, plain_map
 
 _PAGE = {
     "pliant.recording": ("read", "write"),
@@ -31,7 +30,6 @@ _PAGE = {
     "pliant.simulation": ("Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes"),
     "pliant.identification": ("experiment", "fit", "predict"),
     "pliant.study": ("load_study", "run_study"),
-    "pliant.validation.plain_map": ("PlainMap", "plain_map"),
     "pliant.estimation": ("estimate",),
     "pliant.linear": ("linearise",),
     "pliant.exporters": ("export",),
@@ -43,7 +41,7 @@ __all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes",
-    "experiment", "fit", "predict", "PlainMap", "plain_map", "load_study", "run_study",
+    "experiment", "fit", "predict", "load_study", "run_study",
     "estimate", "linearise", "export",
     "PliantError", "InputError",
 ]

@@ -7,14 +7,13 @@ import time as clock
 import numpy as np
 import pytest
 
-import pliant
 from pliant.errors import InputError
 from pliant.identification import Experiment
 from pliant.identification.experiment import Excitation
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 from pliant.validation.map_inputs import table_of
-from pliant.validation.plain_map import basis_of, candidates, training_data
+from pliant.validation.plain_map import PlainMap, basis_of, candidates, plain_map, training_data
 
 T = np.arange(0.0, 20.0, 0.05)
 
@@ -50,13 +49,13 @@ def lagging(name: str, seed: int, tau: float = 1.0) -> Experiment:
     return trial(name, {"left": pressure}, np.stack([1e-6 * delayed, 0.1 - 2e-7 * delayed], axis=1))
 
 
-def rms(plain: pliant.PlainMap, exp: Experiment) -> float:
+def rms(plain: PlainMap, exp: Experiment) -> float:
     return float(np.sqrt(np.nanmean(np.sum((plain.predict(exp) - exp.compared) ** 2, axis=2))))
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_an_affine_system_is_recovered_exactly(count: int) -> None:
-    plain = pliant.plain_map([affine(f"e{k}", k) for k in range(count)])
+    plain = plain_map([affine(f"e{k}", k) for k in range(count)])
     assert (plain.degree, plain.time_constants) == (1, ())
     held_out = affine("held", 50)
     assert rms(plain, held_out) < 1e-6 * held_out.travel
@@ -65,10 +64,10 @@ def test_an_affine_system_is_recovered_exactly(count: int) -> None:
 
 
 def test_a_lag_is_recognised() -> None:
-    plain = pliant.plain_map([lagging(f"e{k}", k) for k in range(3)])
+    plain = plain_map([lagging(f"e{k}", k) for k in range(3)])
     assert len(plain.time_constants) == 2
     assert rms(plain, lagging("held", 9)) < 0.01 * lagging("held", 9).travel
-    static = pliant.plain_map([affine(f"e{k}", k) for k in range(3)])
+    static = plain_map([affine(f"e{k}", k) for k in range(3)])
     assert static.time_constants == ()
 
 
@@ -77,7 +76,7 @@ def test_a_square_needs_the_second_degree() -> None:
         p = wave(seed)
         return trial(name, {"left": p}, np.stack([1e-11 * p(T) ** 2, 0.1 + 0 * T], axis=1))
 
-    plain = pliant.plain_map([squared(f"e{k}", k) for k in range(3)])
+    plain = plain_map([squared(f"e{k}", k) for k in range(3)])
     assert plain.degree == 2
     assert rms(plain, squared("held", 7)) < 1e-4 * squared("held", 7).travel
 
@@ -114,7 +113,7 @@ def test_the_error_on_left_out_data_is_that_of_explicit_refits(count: int) -> No
 
 def test_beyond_the_training_range_the_map_extrapolates_and_says_so() -> None:
     train = [affine(f"e{k}", k) for k in range(3)]
-    plain = pliant.plain_map(train)
+    plain = plain_map(train)
     assert plain.outside(train[0]) == 0.0
     high = wave(5, 200e3)
     tip = np.array([0.01, 0.1]) + 1e-7 * np.outer(high(T), [3.0, 1.0])
@@ -129,13 +128,13 @@ def saturating(name: str, p: Trace) -> Experiment:
 
 
 def test_where_left_out_data_show_it_the_map_keeps_its_value_at_the_edge() -> None:
-    plain = pliant.plain_map([saturating("a", wave(1)), saturating("b", wave(2)), saturating("c", wave(3, 90e3))])
+    plain = plain_map([saturating("a", wave(1)), saturating("b", wave(2)), saturating("c", wave(3, 90e3))])
     assert plain.held
     far = saturating("far", Trace([0.0, 5.0], [0.0, 300e3]))
     assert plain.outside(far) > 0.5
     beyond = T > 5.0
     np.testing.assert_allclose(plain.predict(far)[beyond, 0, 0], 0.06, atol=0.006)
-    assert not pliant.plain_map([affine(f"e{k}", k) for k in range(3)]).held
+    assert not plain_map([affine(f"e{k}", k) for k in range(3)]).held
 
 
 def test_inputs_that_always_move_together_are_named_with_their_combination() -> None:
@@ -145,7 +144,7 @@ def test_inputs_that_always_move_together_are_named_with_their_combination() -> 
         return trial(name, both, np.stack([1e-7 * left(T), 0.1 + 0 * T], axis=1))
 
     train = [pair(f"e{k}", k) for k in range(3)]
-    plain = pliant.plain_map(train)
+    plain = plain_map(train)
     note, = plain.notes
     assert "left, right always move together" in note
     assert "right = 0.5 left +2 kPa" in note
@@ -154,13 +153,13 @@ def test_inputs_that_always_move_together_are_named_with_their_combination() -> 
 
 
 def test_two_inputs_of_their_own_are_not_said_to_move_together() -> None:
-    assert pliant.plain_map([affine("a", 1), affine("b", 2)]).notes == ()
+    assert plain_map([affine("a", 1), affine("b", 2)]).notes == ()
 
 
 def test_an_input_that_never_moves_is_left_out_and_named() -> None:
     still = [trial(e.name, {**e.drives, "third": Trace(T, 100.0 * np.sin(T))}, e.position[:, 0])
              for e in (affine("a", 1), affine("b", 2))]
-    plain = pliant.plain_map(still)
+    plain = plain_map(still)
     assert plain.inputs == ("left", "right")
     assert "Input third never moves in the training recordings" in plain.notes[0]
 
@@ -175,7 +174,7 @@ def decaying(name: str, seed: int, excitation: Excitation = "release") -> Experi
 @pytest.mark.parametrize("excitation", ["release", "trace"])
 def test_without_a_moving_input_the_map_is_the_mean_and_says_so(excitation: Excitation) -> None:
     train = [decaying(f"e{k}", k, excitation) for k in range(2)]
-    plain = pliant.plain_map(train)
+    plain = plain_map(train)
     assert plain.degree == 0
     assert plain.title == "mean of the training frames"
     assert any("No input moves in the training recordings" in note for note in plain.notes)
@@ -189,7 +188,7 @@ def test_pulses_of_known_level_are_inputs() -> None:
         tip = np.stack([1e-6 * level * on, 0.1 + 0 * T], axis=1)
         return Experiment(name, T, tip[:, None], ("tip",), "pulse", level=level)
 
-    plain = pliant.plain_map([pulse("a", 20e3), pulse("b", 40e3), pulse("c", 30e3)])
+    plain = plain_map([pulse("a", 20e3), pulse("b", 40e3), pulse("c", 30e3)])
     held = pulse("held", 35e3)
     settled = (T > 6.0) & (T < 11.0)
     np.testing.assert_allclose(plain.predict(held)[settled, 0, 0], 0.035, rtol=0.02)
@@ -205,7 +204,7 @@ def test_known_loads_and_forces_are_inputs() -> None:
                           forces=(pull,))  # fmt: skip
 
     train = [hanging("a", 0.0, 0.0), hanging("bb", 0.05, 0.5), hanging("ccc", 0.1, 1.0), hanging("dddd", 0.05, 1.0)]
-    plain = pliant.plain_map(train, degree=1)
+    plain = plain_map(train, degree=1)
     assert set(plain.inputs) == {"left", "right", "force x at tip", "tip_mass"}
     held = hanging("eeeee", 0.08, 0.7)
     assert rms(plain, held) < 1e-3 * held.travel
@@ -221,7 +220,7 @@ def test_settled_poses_give_a_static_map() -> None:
         return Experiment(name, rows, tip[:, None], ("tip",), "trace", poses=True,
                           drives={"one": Trace(rows, a), "two": Trace(rows, b)})  # fmt: skip
 
-    plain = pliant.plain_map([poses("train")])
+    plain = plain_map([poses("train")])
     assert plain.time_constants == ()
     assert rms(plain, poses("held")) < 1e-6
 
@@ -234,13 +233,13 @@ def test_angles_are_mapped_in_radians() -> None:
         return Experiment(e.name, T, np.full(e.position.shape, np.nan), ("tip",), "trace", drives=e.drives, angle=angle,
                           angle_reference="rest", angles_alone=True)  # fmt: skip
 
-    plain = pliant.plain_map([turned(e) for e in base])
+    plain = plain_map([turned(e) for e in base])
     assert plain.unit[0] == "deg"
     assert rms(plain, turned(affine("held", 9))) < 1e-5
     with pytest.raises(InputError, match="does not hold what the plain map was fitted to"):
         plain.predict(affine("held", 9))
     with pytest.raises(InputError, match="experiments of one kind"):
-        pliant.plain_map([turned(base[0]), base[1]])
+        plain_map([turned(base[0]), base[1]])
 
 
 def test_gaps_of_a_station_cost_its_frames_alone() -> None:
@@ -251,7 +250,7 @@ def test_gaps_of_a_station_cost_its_frames_alone() -> None:
         both[50:90, 0] = np.nan
         both[200 + k, 1, 0] = np.nan
         gappy.append(Experiment(e.name, T, both, ("mid", "tip"), "trace", drives=e.drives))
-    plain = pliant.plain_map(gappy)
+    plain = plain_map(gappy)
     held = affine("held", 40)
     np.testing.assert_allclose(plain.predict(held)[:, 0], held.position[:, 0], atol=1e-7)
     with pytest.raises(InputError, match="no training experiment"):
@@ -260,10 +259,10 @@ def test_gaps_of_a_station_cost_its_frames_alone() -> None:
 
 def test_impossible_requests_are_refused() -> None:
     with pytest.raises(InputError, match="at least one training experiment"):
-        pliant.plain_map([])
+        plain_map([])
     with pytest.raises(InputError, match="must be 1, 2 or 3, got 4"):
-        pliant.plain_map([affine("a", 1)], degree=4)
-    two = pliant.plain_map([affine("a", 1)])
+        plain_map([affine("a", 1)], degree=4)
+    two = plain_map([affine("a", 1)])
     one = Experiment("bare", T, affine("a", 1).position, ("tip",), "trace", pressure=wave(1))
     with pytest.raises(InputError, match="which of the inputs left, right"):
         two.predict(one)
@@ -275,12 +274,12 @@ def test_a_long_recording_is_thinned_and_takes_seconds() -> None:
     tip = np.stack([1e-7 * sum(d(time) for d in drives.values()), 0.1 + 0 * time], axis=1)
     exp = trial("long", drives, tip, time)
     began = clock.process_time()
-    plain = pliant.plain_map([exp])
+    plain = plain_map([exp])
     assert plain.frames == 3000
     assert clock.process_time() - began < 3.0  # 0.4 s, more where the threads of a busy machine wait
 
 
 def test_the_map_is_shown_with_its_errors() -> None:
-    plain = pliant.plain_map([affine(f"e{k}", k) for k in range(3)])
+    plain = plain_map([affine(f"e{k}", k) for k in range(3)])
     assert "Plain map, linear in the inputs" in repr(plain)
     assert "left-out training data" in repr(plain)

@@ -33,6 +33,12 @@ def added(groups: Sequence[Products]) -> Products:
     return Products(*(sum(parts[1:], parts[0]) for parts in zip(*groups, strict=True)))
 
 
+def without(whole: Products, group: Products) -> Products:
+    """Return the sums of products of all rows but those of a group."""
+    return Products(whole.gram - group.gram, whole.cross - group.cross, whole.square - group.square,
+                    whole.rows - group.rows)  # fmt: skip
+
+
 def solved(p: Products, ridge: float) -> Array:
     """Return the coefficients (P, M) that minimise |Y - X B|^2 / N + `ridge` |B|^2 over N rows.
 
@@ -58,7 +64,7 @@ def fits_without(groups: Sequence[Products], ridge: float) -> list[Array]:
         When the other groups do not determine the coefficients, which a positive `ridge` prevents.
     """
     whole = added(groups)
-    return [solved(Products(*(a - b for a, b in zip(whole, one, strict=True))), ridge) for one in groups]
+    return [solved(without(whole, one), ridge) for one in groups]
 
 
 def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
@@ -70,7 +76,7 @@ def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
         As `fits_without`.
     """
     fitted = fits_without(groups, ridge)
-    return np.array([squared_error(one, without) for one, without in zip(groups, fitted, strict=True)])
+    return np.array([squared_error(one, coefficients) for one, coefficients in zip(groups, fitted, strict=True)])
 
 
 def lagged(time: Array, start: Array, end: Array, time_constant: float) -> Array:

@@ -39,7 +39,7 @@ SIMPLER = 1.02  # error, relative to the smallest, up to which the map with the 
 EDGE = 1.02  # of the range of training inputs: beyond, a frame is outside
 
 
-class Candidate(NamedTuple):
+class MapChoice(NamedTuple):
     """A polynomial of the inputs: its degree, time constants, ridge, number of terms and error on left-out data."""
 
     degree: int
@@ -50,7 +50,7 @@ class Candidate(NamedTuple):
     error: float  # m or rad
 
 
-class Basis(NamedTuple):
+class PolynomialTerms(NamedTuple):
     """The terms of a polynomial of C columns, each centred and scaled by its training values."""
 
     middle: Array  # (C,)
@@ -93,10 +93,22 @@ class PlainMap(Shown):
     frames : int
         Number of training frames used, after thinning.
     stations : tuple of str
-    coefficients : array (P, S d)
-        Of the P terms for each coordinate of each station, m or rad.
+    coefficients : array (P, M)
+        Of the P terms for each coordinate of each station, M in all, m or rad.
     notes : tuple of str
         Sentences on inputs that never move or always move together.
+    table : InputTable
+        The inputs that move, and the known loads.
+    basis : PolynomialTerms
+        The terms, scaled by the training data.
+    unit : (str, float)
+        Unit in which errors are shown, "mm" or "deg", and the factor to it from m or rad.
+
+    Raises
+    ------
+    InputError
+        From `predict`, when the experiment has a station that no training experiment has, or holds angles where these
+        held positions.
     """
 
     inputs: tuple[str, ...]
@@ -108,10 +120,10 @@ class PlainMap(Shown):
     training_error: float
     frames: int
     stations: tuple[str, ...]
-    coefficients: Float[Array, "P Sd"]
+    coefficients: Float[Array, "P M"]
     notes: tuple[str, ...]
     table: InputTable
-    basis: Basis
+    basis: PolynomialTerms
     unit: tuple[str, float]  # of display, and the factor to it
 
     @property
@@ -188,8 +200,8 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
 
     Examples
     --------
-    >>> import pliant
-    >>> baseline = pliant.plain_map(training)  # doctest: +SKIP
+    >>> from pliant.validation.plain_map import plain_map
+    >>> baseline = plain_map(training)  # doctest: +SKIP
     >>> baseline.predict(held_out).shape  # doctest: +SKIP
     (320, 1, 2)
     """
@@ -325,7 +337,7 @@ def forgetting_time(exp: Experiment) -> float:
     return frames * float(np.median(np.diff(exp.time)))
 
 
-def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator[Candidate]:
+def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator[MapChoice]:
     """Yield the maps of these degrees to choose from: the linear ones with every pair of lags, and those of higher
     degree with the best of these pairs.
     """
@@ -343,7 +355,7 @@ def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator
                 yield tried(data, lags, degree)
 
 
-def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) -> Candidate:
+def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) -> MapChoice:
     """Return the map of this degree with these lags whose ridge, and way beyond the edge of the inputs, give the
     smallest error on left-out data.
     """
@@ -369,7 +381,7 @@ def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) ->
     errors = np.stack([data.error(square, count) for square in squares])
     held = int(errors[1].min() <= SIMPLER * errors[0].min())
     best = int(np.argmin(errors[held]))
-    return Candidate(degree, time_constants, ridges[best], bool(held), terms.shape[1], float(errors[held, best]))
+    return MapChoice(degree, time_constants, ridges[best], bool(held), terms.shape[1], float(errors[held, best]))
 
 
 def held_inside(columns: Array, left: Array) -> Array | None:
@@ -392,19 +404,19 @@ def left_out(sums: Sequence[Products], edges: Sequence[Products], ridges: Sequen
                      for tested in (sums, edges)])  # fmt: skip
 
 
-def best_of(maps: Sequence[Candidate]) -> Candidate:
+def best_of(maps: Sequence[MapChoice]) -> MapChoice:
     """Return the map with the fewest terms among those whose error is within 2 % of the smallest."""
     least = min((one.error for one in maps if np.isfinite(one.error)), default=np.nan)
     good = [one for one in maps if one.error <= SIMPLER * least]
     return min(good or maps[:1], key=lambda one: (one.terms, one.error))
 
 
-def basis_of(columns: Array, degree: int) -> Basis:
+def basis_of(columns: Array, degree: int) -> PolynomialTerms:
     """Return the terms up to a degree of the columns (N, C), with the ranges, means and deviations of N rows."""
     low, high = columns.min(axis=0), columns.max(axis=0)
     half = np.where(high > low, 0.5 * (high - low), 1.0)
     powers = tuple(p for k in range(1, degree + 1) for p in combinations_with_replacement(range(columns.shape[1]), k))
-    plain = Basis(0.5 * (low + high), half, powers, np.zeros(len(powers)), np.ones(len(powers)))
+    plain = PolynomialTerms(0.5 * (low + high), half, powers, np.zeros(len(powers)), np.ones(len(powers)))
     raw = plain.terms(columns)[:, 1:]
     spread = np.std(raw, axis=0)
     return plain._replace(mean=raw.mean(axis=0), scale=np.where(spread > 0, spread, 1.0))
