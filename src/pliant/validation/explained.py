@@ -108,7 +108,7 @@ def rates(exp: Experiment, table: InputTable) -> Array:
     """Return the change (T, C) of each of C inputs within a short lag, SI units; 0 for settled poses."""
     count = len(table.names)
     values = table.values(exp, (max(FAST * forgetting_time(exp), 1e-3),) if count else ())
-    return np.asarray(values[:, :count] - values[:, table.count :]) if count else values[:, :0]
+    return np.asarray(values[:, :count] - values[:, table.size :]) if count else values[:, :0]
 
 
 def directed(change: Array, values: Array) -> Array:

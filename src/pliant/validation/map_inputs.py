@@ -32,7 +32,7 @@ class InputTable(NamedTuple):
     loads: tuple[str, ...] = ()
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """Return the number of inputs and loads, C + L."""
         return len(self.names) + len(self.loads)
 
@@ -54,7 +54,7 @@ class InputTable(NamedTuple):
         moving = [sources.get(name, Pulse(0.0)) for name in self.names]
         present = [np.asarray(one(exp.time), dtype=float) for one in moving]
         loads = [np.full(exp.time.size, float(exp.known.get(name, LOADS[name]))) for name in self.loads]
-        columns = np.array([*present, *loads]).reshape(self.count, exp.time.size).T
+        columns = np.array([*present, *loads]).reshape(self.size, exp.time.size).T
         if exp.poses or not moving:
             return np.hstack([columns, *[columns[:, : len(moving)]] * len(time_constants)])
         nodes, rows = instants(exp.time, moving)
@@ -118,10 +118,13 @@ def together(units: Mapping[str, str], seen: Array) -> list[str]:
 
     `units` holds the SI unit of each input by its name.
     """
-    names, notes, kept = list(units), [], []
+    names = list(units)
+    notes: list[str] = []
+    kept: list[int] = []
     spread = np.std(seen, axis=0)
     for k, name in enumerate(names):
-        regressors = np.column_stack([np.ones(len(seen)), (seen[:, kept] - seen[:, kept].mean(axis=0)) / spread[kept]])
+        before = seen[:, np.array(kept, dtype=int)]
+        regressors = np.column_stack([np.ones(len(seen)), (before - before.mean(axis=0)) / spread[kept]])
         slopes, *_ = np.linalg.lstsq(regressors, seen[:, k], rcond=None)
         if not kept or np.std(seen[:, k] - regressors @ slopes) > TOGETHER * spread[k]:
             kept.append(k)

@@ -85,8 +85,9 @@ class Baseline:
             return None
         named = {**content, "time_constants": content["lags_s"], "outside": content["outside_percent"],
                  "held": content["held_at_edge"]}
-        values = {f.name: named[f.name] for f in fields(cls)}
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        values: dict[str, Any] = {f.name: named[f.name] for f in fields(cls)}
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        return cls(**values)
 
 
 @dataclass(frozen=True)

@@ -249,7 +249,7 @@ class TrainingData(NamedTuple):
 
     def chosen_columns(self, time_constants: Sequence[float]) -> Array:
         """Return the columns of the inputs, the loads and the inputs behind lags of these time constants."""
-        count, width = self.table.count, len(self.table.names)
+        count, width = self.table.size, len(self.table.names)
         lags = [range(count + k * width, count + (k + 1) * width) for k in map(self.grid.index, time_constants)]
         return self.columns[:, [*range(count), *(c for lag in lags for c in lag)]]
 
@@ -341,7 +341,7 @@ def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator
     """Yield the maps of these degrees to choose from: the linear ones with every pair of lags, and those of higher
     degree with the best of these pairs.
     """
-    if not data.table.count:
+    if not data.table.size:
         yield tried(data, (), 0)
         return
     pairs = list(combinations(data.grid, 2))
@@ -349,7 +349,7 @@ def candidates(data: TrainingData, degrees: Sequence[int] = DEGREES) -> Iterator
     yield from linear if 1 in degrees else ()
     lagging = sorted((one for one in linear if one.time_constants), key=lambda one: one.error)
     for lags in [(), *(one.time_constants for one in lagging[:TRIED_LAGS])]:
-        columns = data.table.count + len(lags) * len(data.table.names)
+        columns = data.table.size + len(lags) * len(data.table.names)
         for degree in (d for d in degrees if d > 1):
             if comb(columns + degree, degree) <= min(MOST_TERMS, len(data.values)):
                 yield tried(data, lags, degree)
@@ -364,8 +364,9 @@ def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) ->
     terms, groups = basis.terms(columns), np.unique(data.group)
     inside = {g: held_inside(columns, data.group == g) for g in groups}
     edge = terms.copy()
-    for g in (g for g, moved in inside.items() if moved is not None):
-        edge[data.group == g] = basis.terms(inside[g])
+    for g, moved in inside.items():
+        if moved is not None:
+            edge[data.group == g] = basis.terms(moved)
     ridges = RIDGES if degree else (0.0,)
     squares, count = np.zeros((2, groups.size, len(ridges))), np.zeros((groups.size, 1))
     for rows, outputs in data.parts():
