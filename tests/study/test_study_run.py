@@ -169,7 +169,8 @@ def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) ->
 
 
 def test_the_verdict_speaks_of_held_out_records_first(done: tuple[StudyOutcome, Path, list[str]]) -> None:
-    first, second, step, third = done[0].verdict
+    first, plain, second, step, third = done[0].verdict
+    assert plain.startswith("linear: A plain map (")
     assert first.startswith("linear: held-out record middle is predicted with an RMS error of 0.0")
     assert first.endswith("(target 5 %: met).")
     assert "training error at most" in second
