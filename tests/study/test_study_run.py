@@ -197,8 +197,9 @@ def test_an_unreachable_target_is_missed_in_so_many_words(tmp_path: Path) -> Non
     assert outcome.headline is not None
     assert outcome.headline.state == "missed"
     assert outcome.headline.sentence.endswith("The target is missed.")
-    assert "target 0.001 %: missed; frequency of large swings" in outcome.verdict[0]
-    assert outcome.verdict[0].count("missed") == 4  # the error, both frequencies, the steady state
+    assert outcome.verdict[0].startswith("linear: A plain map without mechanics (")
+    assert "target 0.001 %: missed; frequency of large swings" in outcome.verdict[1]
+    assert outcome.verdict[1].count("missed") == 4  # the error, both frequencies, the steady state
     assert "at a bound: stiffness" in outcome.verdict[-1]
 
 
