@@ -10,6 +10,7 @@ import numpy as np
 from pliant.failures import NotComputed
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.study.schema import Targets
+from pliant.validation.baseline import better_sentence, plain_map_sentence
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import NO_PLACES, metric_label, sized
 
@@ -37,9 +38,12 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     """
     lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
+    lines = [*better_map(outcome.fits[0]), *lines]
     for fit in outcome.fits:
         held = [r for r in fit.records if r.role == "held_out"]
+        lines += better_map(fit) if fit is not outcome.fits[0] else []
         lines += [record_sentence(fit, r, targets) for r in held or fit.records]
+        lines += [f"{fit.title}: {s}" for s in [plain_map_sentence(fit)] if s]
         lines += [n.sentence for n in fit.not_computed]
         followed = [r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train"]
         if held and followed:
@@ -48,10 +52,19 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
             lines.append(f"{fit.title}: {fit.result.status}")
         lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
+    lines += dict.fromkeys(note for fit in outcome.fits if fit.baseline for note in fit.baseline.notes)
     lines += [n.sentence for n in outcome.failed]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
     return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
+
+
+def better_map(fit: FitOutcome) -> list[str]:
+    """Return two sentences where a plain map predicts held-out recordings better than the model: which recordings, and
+    what the model's residual there suggests; empty elsewhere.
+    """
+    sentence = better_sentence(fit)
+    return [f"{fit.title}: {sentence} {fit.baseline.suggestion}"] if fit.baseline and sentence else []
 
 
 def angles_sentences(outcome: StudyOutcome) -> list[str]:
@@ -201,7 +214,10 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     lost = [m for m in fit.missing if m.role == "held_out"]
     records = [] if lost and not held else held or list(fit.records)
     verdicts = [judged(r.metrics, targets) for r in records]
-    notes = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in records for w in record_warnings(r))]
+    plain = better_sentence(fit)
+    notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
+             *fit_warnings(fit, held=bool(held or lost)),
+             *(w for r in records for w in record_warnings(r))]
     warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
@@ -210,8 +226,9 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     else:
         state = "good" if any(verdicts) else "open"
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
+    sentences = [plain] if plain else []
     model = f"The model of the fit {fit.title}" if len(outcome.fits) > 1 else "The model"
-    sentences = [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
+    sentences += [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
     sentences += [lost_sentence(lost)] if lost else []
     return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
 

@@ -33,6 +33,7 @@ from pliant.view.rows import (
     not_shown,
     order_rows,
     parameter_row,
+    plain_maps,
     points_text,
     record_row,
     selection_rows,
@@ -122,7 +123,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         },
         "details": [detail_row(f, r) for f in outcome.fits for r in f.records], "detail_columns": DETAILS,
         "seen": {r.name: points_text(r) for _, r in main},
-        "several": len(outcome.fits) > 1,
+        "several": len(outcome.fits) > 1, "plain_maps": plain_maps(outcome.fits),
         "fits": fit_table(outcome.fits, list(outcome.findings)),
         "band_json": script_json({
             f"{k}:{r.name}": band_sentence(f, r) for k, f in enumerate(outcome.fits) for r in f.records
