@@ -23,6 +23,7 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.selection import ModelSelection
 from pliant.study.aligned import Aligned
+from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
@@ -32,6 +33,7 @@ from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import (
     all_aligned,
     beyond_reach,
+    left_out_columns,
     study_experiment,
     supported_links,
     without,
@@ -89,13 +91,16 @@ def run_study(
         ends, selection = all_fits(study, ready, notify, workers)
         fits, failed = computed(ends)
         fitted = clock.perf_counter()
+        fits = with_baselines(study, fits, ready.experiments, ready.bodies, notify)
+        compared = clock.perf_counter()
         first = fits[0].result
         failures = Failures(fits[0].name, notify)
         results = {"": first, **{fit.name: fit.result for fit in fits}}
         forecasts = run_forecasts(study, ready.experiments, results, failures)
         outcome = StudyOutcome(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
-            forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
+            forecasts, ready.shape, (), ready.findings,
+            {"prepare_s": prepared - began, "fits_s": fitted - prepared, "plain_maps_s": compared - fitted},
             {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
             doubts=(*ready.doubts, *wiring_warnings(wirings),
@@ -195,6 +200,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
             notify(f"{name}: {clocks.message}")
+        for line in left_out_columns(recording):
+            notify(f"{name}: {line}")
         unit, factor = reduced.shown_in
         notify(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
     actuator = with_azimuths(study, experiments, notify)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
+from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
 from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
@@ -311,6 +312,8 @@ def load_study(path: str | Path) -> Study:
     ['pulse_119', 'pulse_180', 'pulse_60', 'step_240']
     """
     path = Path(path)
+    if path.is_file() and kind_of_file(path) not in (MAPPING, SWEEP):  # these have refusals of their own
+        refuse_other(path, STUDY)
     content = read_entries(path, "study")
     refuse_open(content, path)
     refuse_mapping(content, path)

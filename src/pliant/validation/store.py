@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from pliant.selection import ModelSelection
 from pliant.simulation import Trace
 from pliant.units import input_words
 from pliant.validation.outcome import (
+    Baseline,
     Clocks,
     FitOutcome,
     Forecast,
@@ -129,6 +130,7 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     units = next(r.units for r in rows if r)
     held, listed = f"modelled_{names_of_inputs(units)[0]}", of_inputs(units)["units"]
     stack(held, ("time", "input"), listed, [r.pressure if r else None for r in rows])
+    stack("baseline", SPACE, unit, [r.baseline if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
@@ -236,7 +238,9 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
         for name, recording in groups.items()
         if name.startswith("/recording_")
     }
-    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(metrics["fits"].items()))
+    plain = metrics.get("baseline", {})
+    fits = tuple(replace(fit_of(i, name, entry, recordings), baseline=Baseline.from_dict(plain.get(name)))
+                 for i, (name, entry) in enumerate(metrics["fits"].items()))
     forecasts = tuple(
         forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
     )
@@ -287,10 +291,11 @@ def fit_of(
         exp, recording = recordings[record]
         under_fit = recording.isel(fit=i)
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
-        body = under_fit["body"].values if "body" in under_fit and under_fit["body"].notnull().any() else None
+        body, baseline = (under_fit[k].values if k in under_fit and under_fit[k].notnull().any() else None
+                          for k in ("body", "baseline"))
         records.append(RecordOutcome(record, numbers["role"], exp, under_fit["modelled"].values,
                                      modelled_inputs(under_fit), metrics, band_of(under_fit, exp), body,
-                                     dict(zip(actuation.names, actuation.units, strict=True))))
+                                     dict(zip(actuation.names, actuation.units, strict=True)), baseline))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
 
 

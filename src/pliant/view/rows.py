@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.selection import ModelSelection
 from pliant.simulation import modes
 from pliant.units import KIND_OF
-from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.baseline import better_sentence
+from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
@@ -53,6 +54,7 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
         "name": record.name, "fit": fit.title, "missing": "",
+        "plain": digits(sized(fit.baseline.records.get(record.name, {}), "rmse")[0] if fit.baseline else None),
         "notes": [*(n.sentence for n in fit.not_computed if n.record == record.name), *edge_notes(m)],
         "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.without_positions)},
         "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
@@ -109,7 +111,38 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
         missing = {m.record: m.sentence for m in f.missing}
         rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free,
                      "missing": [missing.get(n, "") for n in names]})
-    return {"names": [(n, role[n]) for n in names], "rows": rows}
+    plain = [plain_row(f.baseline, names, role) for f in fits if f.baseline]
+    return {"names": [(n, role[n]) for n in names], "rows": rows,
+            "plain": [row for k, row in enumerate(plain) if row not in plain[:k]]}
+
+
+def plain_row(baseline: Baseline, names: Sequence[str], role: Mapping[str, str]) -> dict[str, Any]:
+    """Return the row of a plain map in the table of fits: its error for each of the recordings `names`."""
+    cells = [(role[n], digits(m["rmse_percent_of_travel"]), digits(sized(m, "rmse")[0]))
+             if (m := baseline.records.get(n)) else None for n in names]
+    return {"title": baseline.title, "cells": cells, "coefficients": baseline.coefficients}
+
+
+def plain_maps(fits: Sequence[FitOutcome]) -> list[dict[str, Any]]:
+    """Return the title of each plain map, the fits with which it shares its training recordings, and sentences on it
+    and on the records that it predicts better than their models.
+    """
+    shown: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for f in (f for f in fits if f.baseline):
+        b: Any = f.baseline
+        key = (b.title, b.training_error, b.left_out_error)
+        error = "" if b.left_out_error is None else f"{digits(b.left_out_error)} {b.unit} on left-out training data, "
+        first = (f"RMS error {error}{digits(b.training_error)} {b.unit} in training; {b.coefficients} coefficients, "
+                 f"ridge {b.ridge:g}, {b.frames} training frames. Beyond the range of the training inputs it "
+                 f"{'holds its value at their edge' if b.held else 'extrapolates'}.")
+        entry = shown.setdefault(key, {"title": b.title, "fits": [], "lines": [first, *b.notes]})
+        entry["fits"].append(f.title)
+        entry["lines"] += [" ".join((f"{f.title}:", s, b.suggestion)).strip() for s in [better_sentence(f)] if s]
+        if b.explained:
+            parts = ", ".join(f"{name} {100 * value:.0f} %" for name, value in b.explained.items())
+            entry["lines"].append(f"{f.title}: fractions of the model's squared residual there, by what explains them "
+                                  f"(they overlap): {parts}.")
+    return [{**entry, "fits": ", ".join(entry["fits"])} for entry in shown.values()]
 
 
 def parameter_row(p: Parameter) -> dict[str, str]:
