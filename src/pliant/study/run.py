@@ -17,16 +17,17 @@ import xarray as xr
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
-from pliant.identification import Experiment, ModelSelection
+from pliant.identification import Experiment
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
+from pliant.selection import ModelSelection
 from pliant.study.aligned import Aligned
 from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
-from pliant.study.fits import run_model_selection, selection_fit, stages_of
+from pliant.study.fits import run_model_selection, selection_fit
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import (
@@ -169,8 +170,6 @@ class PreparedStudy(NamedTuple):
 
 def prepare_all(study: Study, notify: Notify) -> PreparedStudy:
     """Read and align every recording of the study, and reduce dense shapes to links."""
-    if study.model_selection:
-        stages_of(study.model_selection)  # raises InputError before any work is done
     aligned = all_aligned(study)
     doubts = recording_warnings(aligned)
     for line in doubts:

@@ -36,7 +36,7 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     """Return the sentences of the verdict: for each fit the errors on held-out recordings compared with the targets,
     the training error and notes; then sentences on failures and forecasts.
     """
-    lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
+    lines = [f"Model selection chose {outcome.model_selection.reason}."] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
     lines = [*better_map(outcome.fits[0]), *lines]
     for fit in outcome.fits:

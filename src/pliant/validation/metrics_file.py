@@ -180,28 +180,37 @@ class HeadlineEntry(MetricsEntry):
     warnings: list[str]
 
 
-class StageEntry(MetricsEntry):
-    """One stage of a model selection."""
+class TrialEntry(MetricsEntry):
+    """A term that was tried in one step of the model selection."""
 
+    name: str
     title: str
-    stands_on: str = Field(description="the stage from which it starts")
+    screened: float | None = Field(description="cost that the screen predicts")
+    cost: float | None = Field(description="cost of the fit, if the term was fitted")
+    left_out: float | None = Field(description="sum of squared residuals of left-out parts, if the term was fitted")
+    reason: str = Field(description="why it was taken or not")
+
+
+class StepEntry(MetricsEntry):
+    """A model on the way of the model selection."""
+
+    name: str = Field(description="term that joined the model; after a minus sign, one that left it")
+    title: str
     free: list[str]
-    train_percent: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
-    held_out_percent: dict[str, float] = Field(description="RMSE of held-out recordings, % of peak displacement")
-    bic: float | None
-    fit_s: float
-    step_ns: float | None = Field(description="computation time of one simulated step, ns")
-    reason: str = Field(description="why it could not be fitted, or why it was not chosen")
-    not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
-    as_given: list[str] = Field([], description="parameters kept at the given model's values, since undetermined")
+    cost: float = Field(description="half the sum of squared residuals of the training recordings")
+    train: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
+    left_out: dict[str, float] = Field(
+        description="RMSE of their parts, each predicted from the other parts, % of peak displacement")
+    tried: list[TrialEntry] = Field(description="terms that were tried next")
 
 
 class SelectionTable(MetricsEntry):
-    """The model selection: models with more and more free parameters."""
+    """The model selection: the terms of the model, chosen from the training recordings alone."""
 
-    chosen: str
+    terms: list[str]
     reason: str
-    stages: dict[str, StageEntry]
+    seconds: float = Field(description="wall time, s")
+    steps: list[StepEntry]
 
 
 class WiringResult(MetricsEntry):

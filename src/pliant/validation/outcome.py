@@ -11,13 +11,14 @@ import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.failures import NotComputed
-from pliant.identification import Band, Experiment, FitResult, ModelSelection
+from pliant.identification import Band, Experiment, FitResult
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.preprocessing.lag_model import body_course, pressure_course
 from pliant.preprocessing.sync import Delay
 from pliant.reduction import LinkPlacement, OrderResult
+from pliant.selection import ModelSelection
 
 Array = np.ndarray
 Role = Literal["train", "held_out", "forecast"]

@@ -14,14 +14,13 @@ import xarray as xr
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.files import content_of, whole
-from pliant.identification import Band, Experiment, FitResult, ModelSelection, Parameter
-from pliant.identification.stage_fit import StageResult
-from pliant.identification.stages import Stage
+from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
+from pliant.selection import ModelSelection
 from pliant.simulation import Trace
 from pliant.units import input_words
 from pliant.validation.outcome import (
@@ -251,7 +250,7 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     return StudyOutcome(
         metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
         tuple(metrics["verdict"]), {k: tuple(v) for k, v in metrics["findings"].items()}, metrics["timing"],
-        metrics["provenance"], selection_of(metrics["model_selection"], fits[0].result), headline,
+        metrics["provenance"], selection_of(metrics["model_selection"], fits), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
         run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
     )
@@ -354,23 +353,12 @@ def shape_of(groups: Groups) -> Shape | None:
                  str(body.attrs["tip_status"]))
 
 
-def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """Return the model selection stored in metrics.json, with what its table and its figure show; None if there is
-    none.
-
-    The fit results of single stages are not stored; `result` stands for each.
-    """
+def selection_of(content: dict[str, Any] | None, fits: Sequence[FitOutcome]) -> ModelSelection | None:
+    """Return the model selection stored in metrics.json; None if there is none."""
     if content is None:
         return None
-    stages = [
-        StageResult(
-            Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
-            r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
-            bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""), given=tuple(r.get("as_given", ())),
-        )
-        for name, r in content["stages"].items()
-    ]
-    return ModelSelection(tuple(stages), content["chosen"], content["reason"])
+    (result,) = (fit.result for fit in fits if fit.name == "model_selection")
+    return ModelSelection.from_dict(content, result)
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:

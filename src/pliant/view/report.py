@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import write_text
-from pliant.identification import ModelSelection
+from pliant.selection import ModelSelection
 from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
@@ -172,7 +172,7 @@ def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
 
 
 def selection_block(selection: ModelSelection) -> dict[str, Any]:
-    """Return the stages of a model selection, and the reason for the chosen one."""
+    """Return the steps of a model selection, and the reason for the choice."""
     return {"reason": selection.reason, "rows": selection_rows(selection)}
 
 

@@ -12,9 +12,9 @@ from pliant.errors import InputError, PliantError
 from pliant.failures import NotComputed
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
-from pliant.identification.stepwise import ModelSelection
 from pliant.model import Model
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.selection import ModelSelection
 from pliant.simulation import modes
 from pliant.units import KIND_OF
 from pliant.validation.baseline import better_sentence
@@ -254,25 +254,18 @@ def plausible(m: Model) -> list[tuple[str, str]]:
 
 
 def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
-    """Return the texts of the rows in the table of a model selection, one for each stage."""
-    titles = {s.stage.name: s.stage.title for s in selection.stages}
-    freed = {s.stage.name: set(s.freed) for s in selection.stages}
-    rows, before = [], ""
-    most = max(sum(e.values()) / len(e) for s in selection.stages for e in (s.train, s.held_out) if e)
-    for s in selection.stages:
-        means = [sum(e.values()) / len(e) if e else None for e in (s.train, s.held_out)]
-        errors = [digits(m) for m in means]
-        shares = [f"{100 * (m or 0.0) / most:.0f}%" for m in means]
-        added = [n for n in s.freed if n not in freed.get(s.stands_on, ())]
+    """Return the texts of the rows in the table of a model selection, one for each step."""
+    rows, free = [], set[str]()
+    most = max(max(s.train_percent, s.left_out_percent) for s in selection.steps)
+    for step in selection.steps:
         rows.append({
-            "title": s.stage.title, "chosen": s.stage.name == selection.chosen, "reason": s.reason,
-            "fitted": s.result is not None,
-            "stands_on": titles[s.stands_on] if s.result and s.stands_on not in ("", before) else "",
-            "adds": ", ".join(added) or "nothing", "free": str(len(s.freed)), "train": errors[0],
-            "train_share": shares[0], "held_share": shares[1],
-            "held_out": errors[1], "bic": digits(s.bic, 4), "fit": digits(s.seconds), "step": digits(s.step_ns),
+            "title": step.title, "chosen": step is selection.steps[-1], "free": str(len(step.free)),
+            "train": digits(step.train_percent), "train_share": f"{100 * step.train_percent / most:.0f}%",
+            "left_out": digits(step.left_out_percent), "left_share": f"{100 * step.left_out_percent / most:.0f}%",
+            "adds": ", ".join(n for n in step.free if n not in free) or "nothing",
+            "tried": [{"title": t.title, "reason": t.reason} for t in step.tried if t.cost is not None],
         })
-        before = s.stage.name
+        free = set(step.free)
     return rows
 
 
