@@ -6,17 +6,14 @@
 
 Each seed is a different virtual laboratory (`pliant.testbed.family_member`): body, valve and sensors. It records pulses
 of 1.5 s at 60, 119, 180, 234 and 360; pressures are scaled so that 180 is the working pressure. The recordings at 60
-and 180 train a model selection with the stages K, D and torque law; springs that soften; springs that stiffen again;
-lag of the pressure; K of each joint; creep. The model selection chooses the stage with the lowest BIC among those that
-the recordings determine. With ``--late`` skipped stages are tried once more at the end, as in a study. The other
-recordings are used neither in the fit nor in the choice; only their edge times are fitted. The rod has 60 elements.
+and 180 train a model selection (`pliant.selection.select_model`). The other recordings are used neither in the fit nor
+in the choice; only their edge times are fitted. The rod has 60 elements.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,10 +25,9 @@ import xarray as xr
 from pliant.errors import PliantError
 from pliant.failures import Failures
 from pliant.identification import Experiment, predict, predict_held_out
-from pliant.identification.stages import MORE_STAGES, STAGES
-from pliant.identification.stepwise import select_model
 from pliant.recording.netcdf import write_netcdf
 from pliant.reduction import spline_shape
+from pliant.selection import select_model
 from pliant.study.body import study_model
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.fits import records_of
@@ -45,7 +41,6 @@ from pliant.validation.outcome import RecordOutcome
 LEVELS = {"low": 60e3, "high": 180e3, "inside": 119e3, "beyond": 234e3, "double": 360e3}
 TRAIN, HELD_OUT = ("low", "high"), ("inside", "beyond", "double")
 CASES = {"inside": "interpolation (0.66)", "beyond": "1.3 x", "double": "2 x"}
-STAGE_NAMES = ("torque", "soften", "stiffen", "lag", "joints", "creep")
 METRICS = {  # of a held-out pulse: words, unit
     "tip_percent": ("tip, RMS", "% of length"), "shape_percent": ("whole shape, RMS", "% of length"),
     "joints_mrad": ("all joint angles, RMS", "mrad"), "joint_bias_mrad": ("worst joint at the plateau", "mrad"),
@@ -64,8 +59,6 @@ class Seeds(chunks.OneByOne):
     first: int = 0
     elements: int = 60
     links: int = 5
-    stages: tuple[str, ...] = STAGE_NAMES
-    late: bool = False
 
     def work(self, chunk: int) -> Arrays:
         """Compute all numbers of one seed; missing numbers are NaN, and `told` states the reason."""
@@ -73,10 +66,10 @@ class Seeds(chunks.OneByOne):
         who = family_member(seed)
         who = replace(who, body=replace(who.body, elements=self.elements))
         found: dict[str, Any] = {f"{case}_{m}": np.nan for case in HELD_OUT for m in METRICS} | {"told": ""}
-        found["stage"] = ""
+        found["terms"] = ""
         found |= {f"{case}_normalised": np.full((COMMON.size, 2 * self.links), np.nan) for case in HELD_OUT}
         try:
-            found |= judged(who, self.links, self.stages, late=self.late)
+            found |= judged(who, self.links)
         except PliantError as problem:
             found["told"] = str(problem)
         body = who.body
@@ -111,16 +104,16 @@ def recorded(who: Member, folder: Path, links: int) -> tuple[Study, dict[str, xr
     return study, {name: a.body for name, a in aligned.items()}, shape
 
 
-def judged(who: Member, links: int, stages: Sequence[str], *, late: bool = False) -> dict[str, Any]:
-    """Return stage, training error and every metric of every held-out pulse of a member."""
+def judged(who: Member, links: int) -> dict[str, Any]:
+    """Return terms, training error and every metric of every held-out pulse of a member."""
     with tempfile.TemporaryDirectory() as folder:
         study, bodies, shape = recorded(who, Path(folder), links)
         experiments = {name: link_experiment(study, name, body, shape.links) for name, body in bodies.items()}
         model = study_model(study.actuator, None, shape.links)
-    known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
     train = [experiments[n] for n in TRAIN]
-    selection = select_model(train, [], model, stages=[known[n]._replace(scan=()) for n in stages], late=late)
-    found: dict[str, Any] = {"stage": selection.chosen, "train_percent": selection.chosen_stage.error, "told": ""}
+    selection = select_model(train, model, minutes=30)
+    found: dict[str, Any] = {"terms": " ".join(selection.terms), "train_percent": selection.steps[-1].train_percent,
+                             "told": ""}
     for case in HELD_OUT:
         try:
             failures = Failures("hierarchy")
@@ -241,7 +234,7 @@ def worst(samples: xr.Dataset, many: int = 5) -> str:
         numbers = ", ".join(f"{n} {float(row[n]):.3g}" for n in (
             "inside_tip_percent", "beyond_tip_percent", "double_tip_percent", "length", "frequency", "loss", "slip",
             "relaxes", "swell", "locking", "rate", "noise"))  # fmt: skip
-        lines.append(f"seed {int(row['seed'])}, {row['stage'].values!s}, {row['spool'].values!s}: {numbers} {told}")
+        lines.append(f"seed {int(row['seed'])}, {row['terms'].values!s}, {row['spool'].values!s}: {numbers} {told}")
     return "\n".join(lines)
 
 
@@ -275,12 +268,10 @@ def main() -> None:
     """Compute missing seeds, then print the table and the five worst seeds, and draw the figure."""
     parser = chunks.options(__doc__, "family_sweep", 40)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--stages", nargs="+", default=STAGE_NAMES, help="from the lowest up")
-    parser.add_argument("--late", action="store_true", help="try stages that were passed over once more at the end")
     parser.add_argument("--figure", type=Path, help="path without ending")
     args = parser.parse_args()
-    seeds = Seeds(args.seeds, args.first, stages=tuple(args.stages), late=args.late)
-    key = {"sweep": "family", "first": args.first, "elements": seeds.elements, "stages": seeds.stages}
+    seeds = Seeds(args.seeds, args.first)
+    key = {"sweep": "family", "first": args.first, "elements": seeds.elements}
     key |= {"late": True} if args.late else {}
     samples = chunks.samples(seeds, key, args)
     print(f"{samples.sizes['sample']} seeds, {int(samples['failed'].sum())} with a prediction that was refused, "

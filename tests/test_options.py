@@ -8,13 +8,13 @@ from pliant.batch.batch import BATCH_OPTIONS, BatchOptions, simulate_batch
 from pliant.control.preparation import RIG, Rig, prepare_control
 from pliant.estimation.adaptive_observer import OBSERVER_NOISE, AdaptiveObserver, ObserverNoise
 from pliant.identification.fit import FIT_OPTIONS, FitOptions, fit
-from pliant.identification.stepwise import SELECTION_OPTIONS, select_model
 from pliant.options import with_defaults
+from pliant.selection.search import SEARCH_OPTIONS, SearchOptions, select_model
 from pliant.sweep.sweep import WORKERS, Workers, run_sweep
 
 DOORS = [
     (fit, 3, FitOptions, FIT_OPTIONS),
-    (select_model, 3, FitOptions, SELECTION_OPTIONS),
+    (select_model, 2, SearchOptions, SEARCH_OPTIONS),
     (simulate_batch, 2, BatchOptions, BATCH_OPTIONS),
     (run_sweep, 3, Workers, WORKERS),
     (prepare_control, 6, Rig, RIG),

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from pliant.text import escaped
 
+MOST_NAMED = 20  # known entries of a table that a message lists
 LONGEST = 1000  # characters of a message
 HEAD, TAIL = 600, 300  # characters that are kept of a longer one: what is wrong, and what to do
 
@@ -73,8 +74,9 @@ def explain_validation(error: Any, what: str, model: Any = None) -> InputError:
     With the pydantic `model` of the file, the message proposes the known entry whose name is most similar to an unknown
     one.
     """
-    first = error.errors()[0]
-    where = clipped(".".join(str(part) for part in first["loc"])) or "the whole"
+    first = most_telling(error.errors())
+    path, _ = table_of(model, first["loc"])
+    where = clipped(".".join(path)) or "the whole"
     more = len(error.errors()) - 1
     came = "" if first["type"] in {"missing", "extra_forbidden"} else f" (got {shown(first['input'])})"
     remedy = similar_entry(model, first["loc"]) if first["type"] == "extra_forbidden" else ""
@@ -88,14 +90,50 @@ def explain_validation(error: Any, what: str, model: Any = None) -> InputError:
 
 def similar_entry(model: Any, path: Sequence[Any]) -> str:
     """Return the remedy for the unknown entry at `path` of a file: the known entry of the same table that has the most
-    similar name, if there is one.
+    similar name or, if there is none, all known entries of that table.
     """
-    for part in path[:-1]:  # keys of tables and positions in lists are not fields
-        if field := getattr(model, "model_fields", {}).get(part):
-            model = next(models_in(field.annotation), None)
-    name, known = "".join(map(str, path[-1:]))[:80], list(getattr(model, "model_fields", {}))
+    known = known_entries(model, path)
+    name = "".join(map(str, path[-1:]))[:80]
     near = [k for k in known if name in k.split("_")] or get_close_matches(name, known, 1)
-    return f"use {near[0]!r}, or remove it" if near else "remove it or correct its name"
+    if near:
+        return f"use {near[0]!r}, or remove it"
+    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+    listing = ", ".join(known[:MOST_NAMED]) + more
+    return f"remove it, or use one of {listing}" if known else "remove it or correct its name"
+
+
+def known_entries(model: Any, path: Sequence[Any]) -> list[str]:
+    """Return the names of the known entries of the table that holds the entry at `path`, in a file that the pydantic
+    `model` describes; the list is empty if the model does not describe that table.
+    """
+    _, tables = table_of(model, path)
+    return list(dict.fromkeys(name for table in tables for name in getattr(table, "model_fields", {})))
+
+
+def table_of(model: Any, path: Sequence[Any]) -> tuple[list[str], list[Any]]:
+    """Return the `path` of an entry as the user writes it, and the pydantic models of the table that holds the entry.
+
+    Where a value may be one of several kinds of table, pydantic adds the name of its class to the path; the returned
+    path is without it.
+    """
+    tables, written = [model], []
+    for part in path[:-1]:  # keys of tables and positions in lists are not fields
+        fields = [field for table in tables if (field := getattr(table, "model_fields", {}).get(part))]
+        of_class = [] if fields else [table for table in tables if getattr(table, "__name__", None) == part]
+        if fields:
+            tables = [table for field in fields for table in models_in(field.annotation)]
+        tables = of_class or tables
+        written += [] if of_class else [str(part)]
+    return [*written, *map(str, path[-1:])], tables
+
+
+def most_telling(errors: Sequence[Any]) -> Any:
+    """Return the error of pydantic to report: the first one, or the one inside a table if the first says only that this
+    table is no plain value.
+    """
+    first = errors[0]["loc"]
+    deeper = [e for e in errors if len(e["loc"]) > len(first) and e["loc"][: len(first) - 1] == first[:-1]]
+    return deeper[0] if deeper and first[-1:] in [("bool",), ("float",), ("int",), ("str",)] else errors[0]
 
 
 def models_in(annotation: Any) -> Iterator[Any]:

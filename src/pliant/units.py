@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,6 +13,13 @@ PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 689
 RADIAN = {"rad": 1.0, "deg": math.pi / 180.0}
 NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+KILOGRAM = {"kg": 1.0, "g": 1e-3, "mg": 1e-6}
+OF_ONE_KIND = (  # units that can be converted to each other
+    PASCAL, RADIAN, NEWTON, METRE, SECOND, KILOGRAM, {"n m": 1.0, "mn m": 1e-3, "nm": 1.0, "mnm": 1e-3},
+    {"1/m": 1.0, "1/mm": 1e3}, {"m/s^2": 1.0}, {"1/h": 1.0, "1/min": 60.0},
+)  # fmt: skip
+NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+|nan\b|inf\b)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 ENDINGS = {  # of names that carry their unit, longer ones first
     "rad_s": "rad/s", "mn_m": "mN m", "us_per_sample": "us", "ns_per_step_one_core": "ns", "percent": "%", "mm": "mm",
     "kpa": "kPa", "pa": "Pa", "hz": "Hz", "deg": "°", "rad": "rad", "us": "us", "ms": "ms", "ns": "ns", "s": "s",
@@ -25,6 +33,24 @@ def quantity(name: str) -> tuple[str, str]:
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}").replace("_", " "), unit
     return name.replace("_", " "), ""
+
+
+def number_in(text: str, unit: str) -> float:
+    """Return the number, in `unit`, of a text such as "25", "25 kPa" or "0.25bar". A number alone is in `unit` already.
+
+    Raises
+    ------
+    InputError
+        When the text is no number, or its unit is unknown or of another kind.
+    """
+    match = NUMBER_WITH_UNIT.fullmatch(text)
+    if match is None:
+        raise InputError(f"{shown(text.strip())} is no number in {unit}: write it as 25 or 25{unit}")
+    known = next((table for table in OF_ONE_KIND if unit.lower() in table), {unit.lower(): 1.0})
+    stated = match[2].lower() or unit.lower()
+    if stated not in known:
+        raise InputError(f"{shown(text.strip())} is not in {unit}: use one of {', '.join(known)}, or a number alone")
+    return float(match[1]) * (known[stated] / known[unit.lower()])
 
 
 def _factor(table: dict[str, float], unit: str, what: str) -> float:

@@ -146,10 +146,11 @@ def test_unknown_parts_are_refused():
     assert set(PARTS) < set(run.NAMES)
 
 
-def test_the_command_prints_json(monkeypatch):
+def test_the_command_prints_json(monkeypatch, tmp_path):
     monkeypatch.setitem(PARTS, "startup", lambda: {"help_s": 0.25})  # fresh processes are another test's
     app = typer.Typer()
     app.command()(bench)
-    done = CliRunner().invoke(app, ["startup", "--json"])
+    done = CliRunner().invoke(app, ["startup", "--json", "-o", str(tmp_path / "b.json")])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout.strip().splitlines()[-1])["help_s"] == 0.25
+    assert "help_s" in (tmp_path / "b.json").read_text()

@@ -165,7 +165,8 @@ def test_a_study_runs_from_file_to_report(study: Path, tmp_path: Path) -> None:
     assert printed["records"]["middle"]["role"] == "held_out"
     assert "prepared low" in done.stderr
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
-    drawn = program("figures", tmp_path / "out", "--format", "svg", "--records", "middle", "--json")
+    drawn = program("figures", tmp_path / "out", "--format", "svg", "--records", "middle", "--json",
+                    "--width-mm", "8.8cm", "--letters")
     assert drawn.returncode == 0, drawn.stderr
     files = [Path(f) for f in json.loads(drawn.stdout)]
     assert files

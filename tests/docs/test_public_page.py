@@ -30,7 +30,8 @@ SHAPE = re.compile(r"\((\w+,\s*\w*(,\s*\w+)*)\)")  # (n,) or (T, S, 2)
 REFERENCE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 PLACES = re.findall(r"auto(?:function|class|exception):: pliant\.([\w.]+)$", REFERENCE, re.MULTILINE)
 BESIDE = {  # documented with the packages of their own, which have tests of their docstrings
-    "OrderResult", "Identifiability", "FitResult", "ModelSelection", "Band", "SweepResult", "Exported",
+    "OrderResult", "Identifiability", "FitResult", "ModelSelection", "SelectionStep", "TriedTerm", "Band",
+    "SweepResult", "Exported",
 }
 HELD = ("control", "loop", "estimation", "exporters")  # checked beside their packages
 

@@ -16,10 +16,10 @@ from pliant.identification import Experiment, Parameter
 from pliant.identification.identifiability import Direction, Identifiability
 from pliant.identification.prediction_bands import Band
 from pliant.identification.result import FitResult
-from pliant.identification.stepwise import STAGES, ModelSelection, StageResult
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 from pliant.reduction import select_order
+from pliant.selection import ModelSelection, SelectionStep, TriedTerm
 from pliant.validation.outcome import FitOutcome, RecordOutcome, StudyOutcome
 
 HOSTILE = "<b>&"
@@ -63,10 +63,11 @@ MADE = {
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
     "model_selection": (
         lambda: ModelSelection(
-            (StageResult(STAGES[0], fitted(), ("stiffness",), train={"low": 2.0}, held_out={"high": 3.0}),),
-            STAGES[0].name, "it is the only one.",
+            (SelectionStep("", "stiffness and damping", ("stiffness", "damping"), 0.1, {"low": 2.0}, {"low": 3.0},
+                  (TriedTerm("creep", "creep", 0.09, 0.09, 0.2, "not determined"),)),),
+            (), "no term is needed", fitted(), 1.5,
         ),
-        [STAGES[0].title, "3", "it is the only one."],
+        ["stiffness and damping", "3", "No term is needed.", "Not taken: creep: not determined."],
     ),
     "outcome": (outcome, ["low", "held out", "0.3", "First: low to 0.3 mm."]),
 }

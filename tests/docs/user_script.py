@@ -18,16 +18,17 @@ from pliant.identification import (
     identifiability,
     predict_held_out,
     prediction_band,
-    select_model,
 )
 from pliant.model import Extension, Memory, Station, Valve
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 from pliant.reduction import select_order
+from pliant.selection import select_model
 from pliant.simulation import Chirp, Multisine, Trace, inputs
 from pliant.simulation.inputs import Input
 from pliant.sweep import run_sweep
+from pliant.validation.plain_map import plain_map
 
 
 def recordings(path: Path) -> None:
@@ -81,9 +82,11 @@ def fits(paths: list[Path]) -> pliant.Model:
     prediction, own = predict_held_out(experiments[-1], fitted)
     same = pliant.predict(fitted.model, experiments[0], fitted.values, 2e-3)
     print(own.status, prediction["position"].shape, same["pressure"].max())
+    baseline = plain_map(experiments[:-1], degree=2)
+    print(baseline.title, baseline.predict(experiments[-1]).shape, baseline.outside(experiments[-1]))
     told = identifiability(experiments[:-1], start, ["stiffness", "damping", "mass"])
     band = prediction_band(experiments[-1], fitted, noise=1e-4)
-    selection = select_model(experiments[:-1], experiments[-1:], start, progress=print)
+    selection = select_model(experiments[:-1], start, minutes=1.0, progress=print)
     print(told.identifiable, band.upper - band.lower, selection.reason, selection.result.values)
     outcome = pliant.run_study(pliant.load_study("study.toml"), "results", progress=print)
     return outcome.model

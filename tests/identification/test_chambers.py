@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pliant.identification.stages import each_chamber
 
 from pliant.errors import FitError, InputError
-from pliant.identification import MORE_STAGES, STAGES, Experiment, Parameter, design, fit, identifiability, select_model
+from pliant.identification import Experiment, Parameter, design, fit, identifiability
 from pliant.identification.design import Candidate, information_gain
 from pliant.identification.drives import at_rest, findings_of_chambers, hardly_driven
 from pliant.identification.from_recording import experiment
 from pliant.identification.parameters import apply, check_names
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.stages import each_chamber
 from pliant.model import Chamber, Model, Space, Station, Tendon, Valve, chain_model
 from pliant.model.actuation import Actuation
 from pliant.recording.schema import make_recording
@@ -234,32 +233,6 @@ def test_the_next_recording_drives_the_chamber_of_which_least_is_known(body: Mod
     exact = J @ J.T / noise**2 / max(1.0, found.covariance.correlated / 0.01)
     gain = information_gain(found, seen, again, sizes, 2e-3)
     np.testing.assert_allclose(gain, exact, rtol=0.02, atol=1e-3 * exact.max())
-
-
-@pytest.mark.slow
-def test_a_model_selection_finds_the_law_and_the_valve_of_each_chamber(body: Model) -> None:
-    both = {"left": [0, 8e4, 8e4, 2e4, 0], "right": [0, 0, 9e4, 9e4, 0]}
-    train = [made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())]
-    named = {r.name: r._replace(scan=()) for r in (*STAGES, *MORE_STAGES)}
-    stages = [named[n] for n in ("torque", "lag", "valves")]
-    guess = apply(body, {"stiffness": 0.7, "damping": 4e-3, "left.torque_1": 3e-7, "valve_rise_time": 0,
-                         "valve_fall_time": 0})
-    found = select_model(train, [made(body, "both", both, 5)], guess, stages=stages)
-    assert found.chosen == "valves"
-    assert [s.stands_on for s in found.stages] == ["", "torque", "lag"]
-    assert {"left.torque_1", "right.torque_1"} <= set(found.stages[0].freed)
-    assert {"valve_rise_time", "valve_fall_time"} <= set(found.stages[1].freed)
-    assert "valve_rise_time" not in found.chosen_stage.freed
-    for name, true in {"left.torque_1": 6e-7, "right.torque_1": 4e-7, "left.valve_rise_time": 0.03,
-                       "right.valve_rise_time": 0.05, "left.valve_fall_time": 0.05,
-                       "right.valve_fall_time": 0.02}.items():  # fmt: skip
-        assert found.result.values[name] == pytest.approx(true, rel=0.1)
-
-
-def test_a_body_of_several_chambers_without_laws_has_one_of_each_on_every_rung(body: Model) -> None:
-    blank = body.with_(chambers=tuple(replace(c, torque=np.zeros(1)) for c in body.chambers))
-    found = select_model([made(body, n, p, k) for k, (n, p) in enumerate(ALONE.items())], [], blank, stages=STAGES[:1])
-    assert found.chosen_stage.freed == ("left.torque_1", "right.torque_1")
 
 
 def test_inputs_that_nothing_drives_are_told_by_their_kind_and_unit() -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pliant.identification import Parameter, Stage, uncertainty
+from pliant.identification import Parameter, uncertainty
 from pliant.identification.identifiability import combinations
 from pliant.identification.problem import scattered
-from pliant.identification.stage_fit import StageResult
-from pliant.identification.stepwise import MATERIAL, as_good
 from pliant.identification.uncertainty import HIDDEN, Covariance, covariance
 
 
@@ -57,22 +54,6 @@ def test_a_direction_is_hidden_by_its_share_of_the_largest_singular_value(
     if not hidden:
         expected = np.mean(residual**2) * 50 / 48 * np.linalg.inv(J.T @ J)
         np.testing.assert_allclose(found.matrix, expected, rtol=1e-3)
-
-
-def stage(error: float, squares: tuple[float, ...] = ()) -> StageResult:
-    """A stage that misses one held-out record by `error` % in every frame, or by the roots of `squares` in turns."""
-    missed = np.random.default_rng(1).permutation(np.resize(squares or (error**2,), 400))
-    return replace(StageResult(Stage(f"{error}", "")), held_out={"r": error}, missed={"r": missed})
-
-
-def test_a_gain_below_a_twentieth_of_the_error_buys_nothing() -> None:
-    best = stage(5.0)
-    assert pytest.approx(0.05) == MATERIAL
-    assert "less than 5 % of it" in as_good(stage(5.24), best)
-    assert as_good(stage(5.26), best) == ""
-    assert as_good(best, best) == "no other stage has a lower error"
-    seldom = stage(5.29, (280.0,) + 9 * (0.0,))  # 0.29 % more on average, with a standard error of 0.41 %
-    assert "standard error of the difference" in as_good(seldom, best)
 
 
 def test_a_scattered_start_lies_on_both_sides_and_leaves_edges() -> None:

@@ -89,11 +89,11 @@ def test_tdms_by_waveform_and_by_a_channel_of_time(tmp_path, step):
     assert "hold no numbers: note" in ds.attrs["history"]
 
 
-@pytest.mark.parametrize(("cut", "said"), [(150, "hold|no channel"), (-100, "is truncated")])
-def test_a_cut_tdms_is_refused(tmp_path, cut, said):
+@pytest.mark.parametrize("cut", [10, 150, -100])
+def test_a_cut_tdms_is_refused(tmp_path, cut):
     path = tdms(tmp_path / "log.tdms")
     path.write_bytes(path.read_bytes()[:cut])
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match="only 0 of 1 were read: the file is truncated"):
         read(path)
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from oracles.wire import NAME, add_wire
 
 from pliant.errors import InputError
 from pliant.recording import make_recording, read, write
@@ -123,7 +124,7 @@ def test_columns_of_no_known_kind_are_told(tmp_path):
         (SIMPLE.replace("0.1", "0"), "increase strictly"),
         (SIMPLE.replace("0.1", ""), "not finite"),
         ("# {not json\n" + SIMPLE, "not JSON"),
-        ('# {"rows": 3}\n' + SIMPLE, "may be truncated"),
+        ('# {"rows": 3}\n' + SIMPLE, "only 2 of 3 were read: the file is truncated"),
         ('# {"length_unit": "furlong"}\n' + SIMPLE, "furlong"),
         ('# {"frame": "lab"}\n' + SIMPLE, "tracker, planar"),
         ('# {"station": ["one"]}\n' + SIMPLE, "need 2 names"),
@@ -142,6 +143,28 @@ def test_other_encodings_are_refused(tmp_path, encoding):
         read(put(tmp_path, SIMPLE, encoding=encoding))
     with pytest.raises(InputError, match="UTF-8"):
         read(put(tmp_path, SIMPLE + "# é\n", encoding="latin-1"))
+
+
+def test_attributes_come_back(tmp_path):
+    ds = make_recording([0, 1], np.ones((2, 1, 3)), attrs={"cap_curvature": np.float64(50.0), "note": "a fibre"})
+    again = read(write(ds, tmp_path / "a.csv"))
+    assert (again.attrs["cap_curvature"], again.attrs["note"]) == (50.0, "a fibre")
+    with pytest.raises(InputError, match=r"cannot hold the attribute note, array\(.*write netCDF"):
+        write(ds.assign_attrs(note=np.ones(3)), tmp_path / "b.csv")
+    assert not (tmp_path / "b.csv").exists()
+
+
+def test_what_a_table_cannot_hold_is_refused_by_its_name(tmp_path, monkeypatch):
+    add_wire(monkeypatch)
+    further = {NAME: np.ones((2, 1)), f"{NAME}_constants": np.zeros((1, 3))}
+    ds = make_recording([0, 1], np.ones((2, 1, 3)), frame="spatial", further=further)
+    with pytest.raises(InputError, match=f"cannot hold {NAME}, {NAME}_constants, only positions.*write netCDF"):
+        write(ds, tmp_path / "a.csv")
+    tensions = make_recording([0, 1], np.ones((2, 1, 3)), actuation=np.ones((2, 1)), input_time=[0, 1],
+                              input_names=["a"], input_kind=["tension"])  # fmt: skip
+    with pytest.raises(InputError, match="cannot hold actuation, input_time, input, kind"):
+        write(tensions, tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_two_clocks_do_not_fit_one_table(recording, tmp_path):

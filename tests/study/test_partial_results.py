@@ -13,8 +13,6 @@ from typer.testing import CliRunner
 
 from pliant.cli import app
 from pliant.errors import FitError, InputError, SimulationError
-from pliant.identification import Parameter, Stage, select_model
-from pliant.identification.fit import parameters_from
 from pliant.study import load_study, parallel_fits, run_study
 from pliant.study.run import prepare_all
 from pliant.validation.draw import draw_figures
@@ -157,27 +155,6 @@ def test_a_motion_that_is_not_finite_is_no_small_error(tmp_path: Path, monkeypat
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))))
     assert [m.record for m in outcome.fits[0].missing] == ["high"]
     assert "not finite" in outcome.fits[0].missing[0].reason
-
-
-def test_the_hierarchy_passes_over_a_stage_that_cannot_predict(tmp_path: Path) -> None:
-    """The stage of softening springs follows the training records; the held-out pressure is beyond its torque."""
-    ready = prepare_all(load_study(write_study(tmp_path, study_of(good=FIT))), lambda _line: None)
-    train, held_out = ([ready.experiments[n] for n in FIT[role]] for role in ("train", "held_out"))
-    soft = Parameter("stiffening", -2.0, free=False)
-    stages = [Stage("elastic", "K and D", (("stiffness", "damping"),)), Stage("soft", "soft springs", ((soft,),))]
-    told: list[str] = []
-    known = Parameter("torque_1", 5e-7, free=False)
-    selection = select_model(train, held_out, ready.model, common=[known], stages=stages, progress=told.append)
-    elastic, other = selection.stages
-    assert selection.chosen == "elastic"
-    assert other.result is not None
-    assert other.held_out == {}
-    assert "the prediction of record high could not be computed" in other.reason
-    assert elastic.error < 5
-    assert any(line.startswith("warning: ") for line in told)
-    alone = select_model(train, held_out, ready.model, common=parameters_from(SOFT["parameters"]),
-                   stages=[Stage("given", "as given")])
-    assert "no stage can predict a held-out recording, so the choice is not validated" in alone.reason
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -47,7 +47,11 @@ def test_a_relative_folder_is_taken_from_the_study_file(tmp_path: Path) -> None:
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown key at the top": (
-        changed(colour="red"), "'colour' is not a known entry: remove it or correct its name"
+        changed(colour="red"), "'colour' is not a known entry: remove it, or use one of name, title"
+    ),
+    "unknown key in a table of the actuator": (
+        changed("actuator", space={"colour": 1.0}),
+        "'actuator.space.colour' is not a known entry: remove it, or use one of stiffness_ratio, twist_ratio"
     ),
     "unknown key in the actuator": (changed("actuator", lenght=0.1), "'actuator.lenght' is not a known entry"),
     "unknown key in a recording": (changed("recordings", "low", unit="psi"), "'recordings.low.unit' is not a known"),

@@ -1,4 +1,4 @@
-"""A study with a model selection: the chosen stage is the study's model, and the page shows what each stage bought."""
+"""A study with a model selection: the chosen model is the study's, and the page shows what was tried."""
 
 from __future__ import annotations
 
@@ -8,52 +8,65 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import program
 
 from pliant.errors import InputError
 from pliant.study import demo_study, load_study, run_study
 from pliant.validation.metrics_file import MetricsFile
+from pliant.validation.store import load_outcome
 
 
 def written(folder: Path, **selection: Any) -> Path:
     """The demo's study with a model selection in the place of its fits."""
     content = tomllib.loads(demo_study().read_text(encoding="utf-8"))
-    (fit, *_) = content.pop("fits").values()
+    content.pop("fits", None)
     content.pop("forecasts", None)
     content["folder"] = str(demo_study().parent)
-    common = {"torque_1": "free", "start": "free"}
-    content["model_selection"] = {"common": common, "train": fit["train"], "held_out": fit["held_out"], **selection}
+    content["model_selection"] = {"train": ["pulse_60", "pulse_180"], "held_out": ["pulse_119"], **selection}
     path = folder / "selection.json"
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 
 @pytest.mark.slow
-def test_the_chosen_stage_is_the_model_and_the_page_shows_all(tmp_path: Path) -> None:
-    study = load_study(written(tmp_path, stages=["given", "elastic"], bootstrap=20, choose_by="training"))
-    outcome = run_study(study, tmp_path / "out")
+def test_the_chosen_model_is_the_study_s_and_the_page_shows_what_was_tried(tmp_path: Path) -> None:
+    path = written(tmp_path, terms=["softening", "slip", "clock"], common={"stiffness_*": {"shrink": 0.3}})
+    done = program("run", path, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
     MetricsFile.model_validate(metrics)
-    assert list(metrics["model_selection"]["stages"]) == ["given", "elastic"]
-    assert metrics["model_selection"]["chosen"] == "elastic"
-    assert outcome.verdict[0].startswith("Model selection chose K and D: lowest BIC of the training recordings")
-    assert outcome.verdict[0].endswith("held-out recordings had no part in it.")
-    assert outcome.fits[0].name == "model_selection"
-    assert outcome.fits[0].result.covariance.source == "block bootstrap"
-    for name, record in metrics["records"].items():
-        assert ("within_band_percent" in record) == (record["role"] == "held_out"), name
-        assert 50 < record.get("within_band_percent", 99) <= 100
+    chosen = metrics["model_selection"]
+    assert "softening" in chosen["terms"]
+    assert set(chosen["terms"]) <= {"softening", "slip", "clock"}
+    assert list(metrics["fits"]) == ["model_selection"]
+    assert metrics["verdict"][0].startswith("Model selection chose ")
+    errors = [sum(s["left_out"].values()) for s in chosen["steps"]]
+    assert errors == sorted(errors, reverse=True)
+    assert metrics["records"]["pulse_119"]["rmse_percent_of_travel"] < 2.0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "<h2>Model selection</h2>" in page
-    assert "uncertainty (block bootstrap)" in page
+    assert "left-out parts are predicted" in page
+    again = load_outcome(tmp_path / "out")
+    assert again.model_selection.to_dict() == chosen
 
 
-def test_a_stage_that_nobody_knows_is_refused_before_any_work(tmp_path: Path) -> None:
-    told: list[str] = []
-    with pytest.raises(InputError, match="names an unknown stage 'moon'"):
-        run_study(load_study(written(tmp_path, stages=["moon"])), progress=told.append)
-    assert told == []
+@pytest.mark.parametrize(("entries", "words"), [
+    ({"terms": ["moon"]}, ["moon", "softening"]), ({"without": ["moon"]}, ["moon", "softening"]),
+    ({"stages": ["given"]}, ["stages", "remove", "terms"]), ({"choose_by": "training"}, ["choose_by", "remove"]),
+    ({"minutes": 0}, ["minutes", "greater than 0"]), ({"train": ["nowhere"]}, ["nowhere", "pulse_60"]),
+])  # fmt: skip
+def test_a_wrong_entry_is_refused_before_any_work(tmp_path: Path, entries: dict[str, Any], words: list[str]) -> None:
+    done = program("run", written(tmp_path, **entries), "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert all(word in done.stderr for word in words), done.stderr
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError):
+        load_study(written(tmp_path, **entries))
 
 
-def test_a_model_selection_s_records_must_be_listed(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="uses recording 'nowhere'"):
-        load_study(written(tmp_path, train=["nowhere"]))
+def test_a_model_selection_ends_at_its_time_limit(tmp_path: Path) -> None:
+    outcome = run_study(load_study(written(tmp_path, minutes=1e-6, held_out=[])))
+    assert outcome.model_selection is not None
+    assert outcome.model_selection.terms == ()
+    assert "the time limit was reached" in outcome.model_selection.reason
+    assert outcome.fits[0].result.values["torque_1"] > 0

@@ -169,7 +169,8 @@ def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) ->
 
 
 def test_the_verdict_speaks_of_held_out_records_first(done: tuple[StudyOutcome, Path, list[str]]) -> None:
-    first, second, step, third = done[0].verdict
+    first, plain, second, step, third = done[0].verdict
+    assert plain.startswith("linear: A plain map (")
     assert first.startswith("linear: held-out record middle is predicted with an RMS error of 0.0")
     assert first.endswith("(target 5 %: met).")
     assert "training error at most" in second
@@ -196,8 +197,9 @@ def test_an_unreachable_target_is_missed_in_so_many_words(tmp_path: Path) -> Non
     assert outcome.headline is not None
     assert outcome.headline.state == "missed"
     assert outcome.headline.sentence.endswith("The target is missed.")
-    assert "target 0.001 %: missed; frequency of large swings" in outcome.verdict[0]
-    assert outcome.verdict[0].count("missed") == 4  # the error, both frequencies, the steady state
+    assert outcome.verdict[0].startswith("linear: A plain map without mechanics (")
+    assert "target 0.001 %: missed; frequency of large swings" in outcome.verdict[1]
+    assert outcome.verdict[1].count("missed") == 4  # the error, both frequencies, the steady state
     assert "at a bound: stiffness" in outcome.verdict[-1]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import socket
 import subprocess
@@ -10,7 +11,10 @@ import time
 from importlib.util import find_spec
 
 import pytest
+import xarray as xr
+from command_line import program
 
+from pliant.model import save_model
 from pliant.sweep import run_sweep, scheduler
 from pliant.sweep.spec import sweep_from
 
@@ -111,6 +115,21 @@ def test_a_killed_worker_changes_nothing(cluster, long_sweep, whole, paper, tmp_
     assert cluster.workers[0].poll() is not None
     assert result.samples.equals(whole)
     assert result.account.made == 12
+
+
+def test_the_command_runs_on_the_workers(cluster, paper, tmp_path):
+    """The program hides Dask while it starts; a sweep on a cluster must see it again."""
+    save_model(paper, tmp_path / "model.json")
+    small = {"kind": "design", "duration": 0.2, "rate": 50.0, "time_step": 2e-3,
+             "parameters": {"damping": {"low": 2e-3, "high": 8e-3, "count": 3}, "level": 4e4}}
+    (tmp_path / "sweep.json").write_text(json.dumps({"sweep": small}), encoding="utf-8")
+    command = ("sweep", tmp_path / "sweep.json", "--model", tmp_path / "model.json")
+    done = program(*command, "-o", tmp_path / "dask", "--scheduler", cluster.address)
+    assert done.returncode == 0, done.stderr
+    assert "3 samples, 0 of them failed" in done.stdout
+    assert program(*command, "-o", tmp_path / "here").returncode == 0
+    samples = [xr.load_dataset(tmp_path / folder / "samples.nc") for folder in ("dask", "here")]
+    assert samples[0].equals(samples[1])
 
 
 def test_a_restarted_scheduler_changes_nothing(cluster, long_sweep, whole, paper, tmp_path, monkeypatch):

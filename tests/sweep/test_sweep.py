@@ -6,16 +6,20 @@ import os
 import resource
 import shutil
 import signal
+import sys
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from pliant.errors import InputError, PliantError
+from pliant.heavy import HEAVY
 from pliant.identification import Parameter, experiment
 from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.recording import make_recording
@@ -221,6 +225,15 @@ def test_fits_are_repeated(kind, recorded, paper, tmp_path):
 def test_refused_tables(content, sentence):
     with pytest.raises(InputError, match=sentence):
         sweep_from(content)
+
+
+@pytest.mark.skipif(find_spec("distributed") is None, reason="the extra 'scale' is not installed")
+def test_dask_is_found_although_the_program_hides_it(monkeypatch):
+    for name in HEAVY:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setitem(sys.modules, "distributed", ModuleType("distributed"))  # the real one takes a second to import
+    scheduler.executor_of("tcp://127.0.0.1:1")
+    assert not [name for name in HEAVY if sys.modules.get(name, True) is None]
 
 
 def test_refused_before_anything_runs(monte_carlo, paper, tmp_path):

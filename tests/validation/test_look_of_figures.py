@@ -18,7 +18,7 @@ from pliant.plotting import page
 from pliant.validation import figures, use_figures
 from pliant.validation.curves import slenderness
 from pliant.validation.motion import body_film, motion_figure
-from pliant.validation.selection_figures import order_figure, selection_figure, shape_figure
+from pliant.validation.selection_figures import order_figure, shape_figure
 
 MEASURED, MODELLED = ("0.57", "-", 1.9, "None"), ("#0b2f6b", "-", 0.9, "None")
 X, Y, Z = ("black", "-", 0.85, "None"), ("#c1440e", "--", 0.85, "None"), ("#0b6b5b", "--", 0.85, "None")
@@ -370,24 +370,6 @@ def test_a_film_frames_its_body(tmp_path, monkeypatch):
     high = tips + shift
     body_film(tmp_path / "f.gif", time, np.array([[0.0, 0.3], [0.0, 0.31]]), high, time[:, None], "pressure (kPa)")
     assert kept["film"]._fig.axes[0].get_ylim()[0] == pytest.approx(-12)  # the base's height is in it
-
-
-def test_a_model_selection_in_bars():
-    steps = [SimpleNamespace(stage=SimpleNamespace(name=n, title=n), train={"x": 2.0}, held_out={}, seconds=s,
-                             step_ns=100 * s, result=True) for n, s in (("a", 1.0), ("b", 2.0))]  # fmt: skip
-    figure = selection_figure(SimpleNamespace(stages=steps, chosen="a"))
-    assert tuple(figure.get_size_inches()) == pytest.approx((7.16, 0.9 + 0.64))
-    errors, *costs = figure.axes
-    assert list(errors.get_subplotspec().get_gridspec().get_width_ratios()) == [2, 1, 1]
-    assert [line.get_markersize() for line in errors.lines] == [4]
-    assert errors.get_xlabel() == "error (% of peak displacement)"
-    assert errors.patches[0].get_facecolor()[0] == pytest.approx(0.88)
-    assert errors.patches[0].get_zorder() == 0
-    for ax in costs:
-        assert [(bar.get_height(), bar.get_linewidth()) for bar in ax.patches] == [(0.5, 0.5)] * 2
-        assert [text.get_fontsize() for text in ax.texts] == [6.5] * 2
-        assert [text.xyann for text in ax.texts] == [(2, 0)] * 2
-        assert not any(tick.gridline.get_visible() for tick in ax.yaxis.get_major_ticks())
 
 
 def test_shapes_and_orders(shape):

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from pliant.errors import InputError
 from pliant.failures import NotComputed
-from pliant.identification import Band, Experiment, ModelSelection
-from pliant.identification.stage_fit import StageResult
-from pliant.identification.stages import Stage
+from pliant.identification import Band, Experiment
 from pliant.preprocessing.sync import Delay
 from pliant.recording import make_recording
 from pliant.reduction import links_of
+from pliant.selection import ModelSelection, SelectionStep, TriedTerm
 from pliant.simulation import Trace
 from pliant.validation import curves, draw, metrics
 from pliant.validation.metrics import (
@@ -444,31 +445,16 @@ def test_a_forecast_comes_back_with_its_unit(outcome, columns):
 
 
 def test_a_model_selection_comes_back(outcome):
-    result = outcome.fits[0].result
-    stages = (
-        StageResult(
-            Stage("linear", "+ linear"),
-            result,
-            ("a", "b"),
-            {"x": 1.0},
-            {"y": 2.0},
-            0.5,
-            300.0,
-            "",
-            bic=-4.0,
-            reason="",
-            open="c is open",
-            given=("d",),
-        ),
-        StageResult(Stage("creep", "+ creep"), None, ("a",), {}, {}, 0.0, float("nan"), "linear", reason="not seen"),
-    )
-    again = selection_of(ModelSelection(stages, "linear", "it wins").to_dict(), result)
-    for a, b in zip(stages, again.stages, strict=True):
-        for name in ("result", "freed", "train", "held_out", "seconds", "stands_on", "bic", "reason", "open", "given"):
-            assert getattr(a, name) == getattr(b, name), name
-        np.testing.assert_array_equal(a.step_ns, b.step_ns)
-    assert (again.chosen, again.reason) == ("linear", "it wins")
-    assert selection_of(None, result) is None
+    fit = replace(outcome.fits[0], name="model_selection")
+    trial = TriedTerm("creep", "creep", 0.2, 0.1, 0.3, "better")
+    steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 3.0}, {"x": 4.0}, (trial,)),
+             SelectionStep("creep", "creep", ("a", "b"), 0.1, {"x": 1.0}, {"x": 2.0}))
+    selection = ModelSelection(steps, ("creep",), "it wins", fit.result, 7.0)
+    again = selection_of(json.loads(json.dumps(selection.to_dict())), [outcome.fits[0], fit])
+    assert again == selection
+    assert selection_of(None, [fit]) is None
+    with pytest.raises(InputError, match="earlier version"):
+        selection_of({"chosen": "linear", "stages": {}, "reason": ""}, [fit])
 
 
 def test_an_experiment_comes_back_with_its_inputs():

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import animation
 
 from pliant.errors import InputError
-from pliant.plotting import page
+from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
 from pliant.validation.motion import body_film
 from pliant.validation.selection_figures import selection_figure, shape_figure
@@ -116,41 +116,16 @@ def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
     assert len(snaps.lines) >= 3  # measured, chain and spline at the instants
 
 
-def stage(name, train, held_out, seconds, step_ns, result=True):
-    return SimpleNamespace(stage=SimpleNamespace(name=name, title=f"+ {name}"), train=train, held_out=held_out,
-                           seconds=seconds, step_ns=step_ns, result=result)  # fmt: skip
-
-
-@pytest.mark.parametrize("held_out", [True, False])
-def test_a_model_selection_shows_mean_errors_costs_and_the_choice(held_out):
-    seen = {"a": 6.0, "b": 8.0} if held_out else {}
-    steps = [stage("linear", {"x": 9.0}, seen, 1.5, 300.0), stage("failed", {}, {}, 0.0, 0.0, result=None),
-             stage("creep", {"x": 3.0}, {k: 0.5 * v for k, v in seen.items()}, 4.0, 700.0)]  # fmt: skip
-    selection = SimpleNamespace(stages=steps, chosen="creep")
-    errors, time, cost = selection_figure(selection).axes
-    lines = {line.get_label(): line.get_xdata() for line in errors.lines}
-    np.testing.assert_allclose(lines["training"], [9.0, 3.0])
-    assert ("held out" in lines) == held_out
-    if held_out:
-        np.testing.assert_allclose(lines["held out"], [7.0, 3.5])
-        dashes = [line for line in errors.lines if line.get_marker() == "|"]
-        assert [list(line.get_xdata()) for line in dashes if len(line.get_xdata()) == 2] == [[6.0, 8.0], [3.0, 4.0]]
-        assert [set(line.get_ydata()) for line in dashes] == [{0}, {1}, {0}, {1}][-len(dashes):]
-    assert [t.get_text() for t in errors.get_yticklabels()] == ["+ linear", "+ creep"]
-    (band,) = errors.patches
-    assert (band.get_y(), band.get_height()) == pytest.approx((0.6, 0.8))  # about the second stage
-    assert errors.yaxis_inverted()
-    assert errors.get_xlim()[0] == 0.0
-    for ax, widths, label, text in (
-        (time, [1.5, 4.0], "time of the fits (s)", ["1.5", "4.0"]),
-        (cost, [300.0, 700.0], "simulated step (ns)", ["300", "700"]),
-    ):
-        assert [bar.get_width() for bar in ax.patches] == widths
-        assert [t.get_text() for t in ax.texts] == text
-        assert ax.get_xlabel() == label
-        assert ax.get_xlim() == pytest.approx((0.0, 1.3 * widths[-1]))
-    with page(88 / 25.4):
-        assert len(selection_figure(selection).axes) == 1  # in one column the errors alone
+def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
+    steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
+             SelectionStep("creep", "creep", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
+             SelectionStep("-lag", "without lag", ("a", "b"), 0.1, {"x": 3.5}, {"x": 3.9}))
+    (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
+    lines = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
+    assert lines == {"training": [[1, 9], [3, 3], [2, 3.5]], "parts left out": [[1, 10], [3, 4], [2, 3.9]],
+                     "chosen": [[2, 3.9]]}
+    assert [t.get_text() for t in ax.texts] == ["first", "+ creep", "without lag"]
+    assert ax.get_xlabel() == "free parameters"
 
 
 @pytest.mark.parametrize("chambers", [1, 2])

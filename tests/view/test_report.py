@@ -66,6 +66,14 @@ def test_page_is_well_formed_small_and_whole(source, page):
     assert len(ids) == len(set(ids))
 
 
+def test_the_tables_of_records_have_a_row_for_each_record_of_each_fit(source, outcome):
+    rows = sum(len(fit.records) for fit in outcome.fits)
+    section = source[source.index('<section id="records">') :]
+    tables = section[: section.index("</section>")].split("<table")[1:]
+    assert [table.count('<th scope="row">') for table in tables] == [rows] * 3
+    assert all(table.count("_polynomial law") == len(outcome.fits[1].records) for table in tables)
+
+
 def test_nothing_comes_from_elsewhere(source, page):
     for tag, attrs in page.tags:
         assert not {"src", "srcset", "action", "data", "poster"} & set(attrs), tag

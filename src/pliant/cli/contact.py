@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import DRIVE, drives, read_with_mapping
+from pliant.cli.reading import DRIVE, drives, read_in_base_frame
+from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,11 +30,14 @@ def contact(
         list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; repeat for several.")
     ],
     false_alarms_per_hour: Annotated[
-        float, typer.Option("--false-alarms-per-hour", help="False alarms that the threshold allows per hour.")
+        float, typer.Option("--false-alarms-per-hour", parser=in_unit("1/h"),
+                            help="False alarms that the threshold allows per hour.")
     ] = 1.0,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
-    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's time stamps, ms.")] = 0.0,
-    half_width_mm: Annotated[float, typer.Option("--half-width-mm", help="Centreline to surface, mm.")] = 0.0,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
+                                              help="Delay of the shape's time stamps, ms.")] = 0.0,
+    half_width_mm: Annotated[float, typer.Option("--half-width-mm", parser=in_unit("mm"),
+                                                 help="Centreline to surface, mm.")] = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first file (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of test statistic, position and force.")] = None,
     chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,
@@ -46,10 +50,12 @@ def contact(
     from pliant.cli.output import print_numbers, save_trajectory, write_figure
     from pliant.cli.terminal import busy
     from pliant.contact import find_contact, free_motion, map_contacts
+    from pliant.estimation.noise import default_noise
     from pliant.model import load_model
 
     loaded, options = load_model(model), dict[str, Any](latency=latency_ms * 1e-3, drive=drives(drive))
-    quiet, touched = ([read_with_mapping(f, None) for f in files] for files in (free, recordings))
+    quiet, touched = ([read_in_base_frame(f, None) for f in files] for files in (free, recordings))
+    options["noise"] = default_noise(loaded, recordings=quiet)  # one for all, since thresholds depend on it
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)
         results = [find_contact(recording, loaded, free=learnt, **options) for recording in touched]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_with_mapping
+from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_in_base_frame
+from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,10 +40,11 @@ def estimate(
     level: Annotated[
         str | None, typer.Option(help=f"Commanded pulse, {LEVELS}. Default: the measured inputs.")
     ] = None,
-    start: Annotated[float, typer.Option(help="Start of that pulse, s.")] = 0.12,
-    width: Annotated[float, typer.Option(help="Width of that pulse, s.")] = 2.76,
+    start: Annotated[float, typer.Option(parser=in_unit("s"), help="Start of that pulse, s.")] = 0.12,
+    width: Annotated[float, typer.Option(parser=in_unit("s"), help="Width of that pulse, s.")] = 2.76,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
-    latency_ms: Annotated[float, typer.Option("--latency-ms", help="Delay of the shape's time stamps, ms.")] = 0.0,
+    latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
+                                              help="Delay of the shape's time stamps, ms.")] = 0.0,
     lag: Annotated[int, typer.Option(help="Lag of the smoother, frames.")] = 10,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="States and their covariances (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of angles, rates and innovations.")] = None,
@@ -58,7 +60,7 @@ def estimate(
     from pliant.model import load_model
     from pliant.simulation import Pulse
 
-    recorded, body = read_with_mapping(recording, None), load_model(model)
+    recorded, body = read_in_base_frame(recording, None), load_model(model)
     pressure: list[Input] | None = None
     if level is not None:
         pressure = [Pulse(high, start, width) for high in levels(body, level)]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import answer, busy, mention
+from pliant.cli.terminal import answer, busy, in_unit, mention
 
 
 def figures(
@@ -17,7 +17,8 @@ def figures(
     ] = None,
     kinds: Annotated[str, typer.Option("--format", help="One or more of svg, pdf and png, such as pdf,svg.")] = "pdf",
     width_mm: Annotated[
-        float | None, typer.Option("--width-mm", help="Width, mm; 88 is one column. Default: two columns, 182 mm.")
+        float | None, typer.Option("--width-mm", parser=in_unit("mm"),
+                                   help="Width, mm; 88 is one column. Default: two columns, 182 mm.")
     ] = None,
     records: Annotated[str, typer.Option("--records", help="Recordings to draw: a,b. Default: all.")] = "",
     all_fits: Annotated[bool, typer.Option("--all-fits", help="Draw all fits, not the chosen model alone.")] = False,

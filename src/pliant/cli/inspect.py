@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pliant.cli.reading import read_with_mapping
 from pliant.cli.terminal import answer, busy
 from pliant.text import escaped
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def inspect(
@@ -30,15 +33,28 @@ def inspect(
         assessed, history = quality(ds), history_of(ds)
     names = [str(s) for s in ds["station"].values] if "station" in ds else []
     content = {"file": str(recording), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes),
-               "station_names": names, "history": history, "quality": plain(assessed.to_dict())}  # fmt: skip
+               "station_names": names, "history": history, "quality": plain(assessed.to_dict()),
+               "next": next_step(ds, recording, mapping)}  # fmt: skip
     head = escaped(f"{recording} ({ds.attrs.get('source_format', 'unknown format')})", "line")
     listed = [f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"] if names else []
-    answer(content, "\n".join([head, *listed, assessed.summary(), *(f"  {line}" for line in history)]), as_json=json)
+    lines = [head, *listed, assessed.summary(), *(f"  {line}" for line in history), f"next: {content['next']}"]
+    answer(content, "\n".join(lines), as_json=json)
     if figure is not None:
         from pliant.cli.output import write_figure
         from pliant.plotting import recording_overview
 
         write_figure(recording_overview(ds), figure)
+
+
+def next_step(ds: xr.Dataset, path: Path, mapping: Path | None) -> str:
+    """Return the command that usually follows: a draft of a study for the recording, together with the file that it
+    still needs.
+    """
+    shape = "" if {"position", "angle"} & set(ds) else " RECORDING"
+    study = "STUDY.toml" if shape else f"{path.stem}.toml"
+    log = "" if {"pressure", "actuation"} & set(ds) else " [LOG]"
+    columns = f" --mapping {mapping}" if mapping else ""
+    return f"pliant new {study} --from{shape} {path}{log}{columns}"
 
 
 def plain(value: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pliant.cli.reading import load_mapping, vector
-from pliant.cli.terminal import answer
+from pliant.cli.terminal import answer, in_unit
 
 if TYPE_CHECKING:
     from pliant.study.draft import Draft
@@ -25,10 +25,12 @@ def new(
                      help="Recordings, and logs of their pressures (push_log.csv for push.csv), e.g. --from *.csv"),
     ],
     mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
-    length: Annotated[float | None, typer.Option(help="Length of the body, m.")] = None,
-    mass: Annotated[float | None, typer.Option(help="Mass of the body, kg.")] = None,
+    length: Annotated[float | None, typer.Option(parser=in_unit("m"),
+                                                 help="Length of the body, m, or as 170mm.")] = None,
+    mass: Annotated[float | None, typer.Option(parser=in_unit("kg"), help="Mass of the body, kg, or as 50g.")] = None,
     level_kpa: Annotated[
-        float | None, typer.Option("--level-kpa", help="Pressure of pulses that was not recorded, kPa gauge.")
+        float | None, typer.Option("--level-kpa", parser=in_unit("kPa"),
+                                   help="Pressure of pulses that was not recorded, kPa gauge.")
     ] = None,
     gravity: Annotated[
         str | None, typer.Option(help="Gravity in the tracker's axes, m/s^2: 'x,y,z', such as '0,0,-9.81'.")
@@ -53,7 +55,7 @@ def new(
         raise InputError(f"there is no folder {study.parent}: create it first")
     level = None if level_kpa is None else 1e3 * level_kpa
     direction = None if gravity is None else vector(
-        gravity, 3, f"--gravity must be three numbers 'x,y,z', got {gravity!r}"
+        gravity, 3, f"--gravity must be three numbers 'x,y,z', got {gravity!r}", "m/s^2"
     )
     columns, given = load_mapping(mapping), [*files, *more]
     with busy("reading the recordings"):

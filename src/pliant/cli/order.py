@@ -9,7 +9,7 @@ import typer
 
 from pliant.cli.output import aligned
 from pliant.cli.reading import read_with_mapping
-from pliant.cli.terminal import answer, busy, say
+from pliant.cli.terminal import answer, busy, in_unit, say
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def order(
     file: Annotated[Path, typer.Argument(help="Recording of a body's shape, base first.")],
     max_order: Annotated[int, typer.Option("--max-order", help="Highest number of segments to try.")] = 8,
     bound_mm: Annotated[
-        float | None, typer.Option("--bound-mm", help="Largest error allowed in any frame, mm.")
+        float | None, typer.Option("--bound-mm", parser=in_unit("mm"), help="Largest error allowed in any frame, mm.")
     ] = None,
     boundary: Annotated[
         str, typer.Option("--boundary", help="natural, not-a-knot or clamped+not-a-knot.")

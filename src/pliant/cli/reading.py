@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pliant.cli.terminal import busy
 from pliant.errors import InputError
 from pliant.files import read_entries
-from pliant.units import inputs_word, shown_in
+from pliant.units import inputs_word, number_in, shown_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,6 +37,16 @@ def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
         return read_shape(path, mapping=load_mapping(mapping))
 
 
+def read_in_base_frame(path: Path, mapping: Path | None) -> xr.Dataset:
+    """Read an aligned recording for use with a model. Angles without positions are taken relative to the rest at the
+    start of the recording, as studies take them.
+    """
+    from pliant.preprocessing.angles import from_rest
+
+    recording = read_with_mapping(path, mapping)
+    return from_rest(recording) if "angle" in recording and "position" not in recording else recording
+
+
 def levels(model: Model, text: str) -> list[float]:
     """Return the level [SI] of each input of a model from a text in kPa, N, mm or rad: "30,20" in the order of the
     inputs, or "left=30" by name with 0 for the others.
@@ -61,22 +71,22 @@ def levels(model: Model, text: str) -> list[float]:
 
 
 def number(text: str, unit: str) -> float:
-    """Return the value in an SI `unit` of a text such as "30", a number in the unit that plots use. A text that is no
-    number raises InputError.
+    """Return the value in an SI `unit` of a text such as "30", a number in the unit that plots use, or "30kPa". A text
+    that is no number raises InputError.
     """
     factor, shown = shown_in(unit)
     try:
-        return float(text) * (1.0 / factor)
-    except ValueError:
-        raise InputError(f"--level must be numbers in {shown}, got {text.strip()!r:.60}") from None
+        return number_in(text, shown) * (1.0 / factor)
+    except InputError as error:
+        raise InputError(f"--level must be numbers in {shown}, got {text.strip()!r:.60}: {error}") from None
 
 
-def vector(text: str, count: int, refusal: str) -> list[float]:
-    """Return `count` numbers from a text such as "1,2,3"; any other text raises InputError with the message
-    `refusal`.
+def vector(text: str, count: int, refusal: str, unit: str = "1") -> list[float]:
+    """Return `count` numbers in `unit` from a text such as "1,2,3" or "1mm,2mm,3mm"; any other text raises InputError
+    with the message `refusal`.
     """
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [number_in(part, unit) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) != count:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import answer
+from pliant.cli.terminal import answer, in_unit
 
 
 def shape(
@@ -23,15 +23,20 @@ def shape(
     rest: Annotated[str, typer.Option(help="START,STOP: when the body is at rest, s.", show_default="found")] = "",
     origin: Annotated[str, typer.Option(help="X,Y,Z of the base in the tracker's frame, m, if no station shows it.",
                                         show_default="the base station")] = "",
-    cap_curvature: Annotated[float | None, typer.Option(help="Signed curvature of the tip's cap, 1/m.")] = None,
-    cap_length: Annotated[float | None, typer.Option(help="Length of that cap, m.")] = None,
-    body_length: Annotated[float | None, typer.Option(help="Length of the body along the fibre, m, from the "
+    cap_curvature: Annotated[float | None, typer.Option(parser=in_unit("1/m"),
+                                                        help="Signed curvature of the tip's cap, 1/m.")] = None,
+    cap_length: Annotated[float | None, typer.Option(parser=in_unit("m"), help="Length of that cap, m.")] = None,
+    body_length: Annotated[float | None, typer.Option(parser=in_unit("m"),
+                                                      help="Length of the body along the fibre, m, from the "
                                                            "base to the tip.")] = None,
-    start: Annotated[float | None, typer.Option(help="Length of fibre before the body, m, if no cap marks the "
+    start: Annotated[float | None, typer.Option(parser=in_unit("m"),
+                                                help="Length of fibre before the body, m, if no cap marks the "
                                                      "tip.")] = None,
     space: Annotated[bool, typer.Option("--space", help="Keep three dimensions: base tangent along +z.")] = False,
-    clamp_length: Annotated[float, typer.Option(help="Length of straight, clamped fibre at its start, m.")] = 0.012,
-    gauge_length: Annotated[float | None, typer.Option(help="Length over which the sensor averages, m.")] = None,
+    clamp_length: Annotated[float, typer.Option(parser=in_unit("m"),
+                                                help="Length of straight, clamped fibre at its start, m.")] = 0.012,
+    gauge_length: Annotated[float | None, typer.Option(parser=in_unit("m"),
+                                                       help="Length over which the sensor averages, m.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the processing steps as JSON.")] = False,
 ) -> None:
     """Convert a raw shape to a clean one with its base at the origin: find the tip, cut out the body, align.
@@ -65,8 +70,8 @@ def shape(
         with busy("aligning"):
             clean = align(
                 raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space,
-                rest=vector(rest, 2, f"--rest must be START,STOP in s, got {rest!r:.60}") if rest else None,
-                origin=vector(origin, 3, f"--origin must be X,Y,Z in m, got {origin!r:.60}") if origin else None,
+                rest=vector(rest, 2, f"--rest must be START,STOP in s, got {rest!r:.60}", "s") if rest else None,
+                origin=vector(origin, 3, f"--origin must be X,Y,Z in m, got {origin!r:.60}", "m") if origin else None,
             )
     write(clean, output)
     history = history_of(clean)

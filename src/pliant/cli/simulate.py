@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pliant.cli.reading import DRIVE, LEVELS, drives, levels, vector
+from pliant.cli.terminal import in_unit
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,22 +23,25 @@ def simulate(
     level: Annotated[
         str | None, typer.Option(help=f"Level of a pulse, {LEVELS}.", show_default="bends the body by 0.5 rad")
     ] = None,
-    start: Annotated[float, typer.Option(help="Start of the pulse, s.")] = 0.12,
-    width: Annotated[float, typer.Option(help="Width of the pulse, s.")] = 2.76,
+    start: Annotated[float, typer.Option(parser=in_unit("s"), help="Start of the pulse, s.")] = 0.12,
+    width: Annotated[float, typer.Option(parser=in_unit("s"), help="Width of the pulse, s.")] = 2.76,
     trace: Annotated[Path | None, typer.Option(help="Recording whose inputs are used instead of a pulse.")] = None,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time, s.", show_default="4, or the length of the trace")
+        float | None, typer.Option(parser=in_unit("s"),
+                                   help="Simulated time, s.", show_default="4, or the length of the trace")
     ] = None,
     time_step_ms: Annotated[
         float | None,
-        typer.Option("--time-step-ms", help="Longest time step, ms.", show_default="1, or shorter for an accurate tip"),
+        typer.Option("--time-step-ms", parser=in_unit("ms"),
+                     help="Longest time step, ms.", show_default="1, or shorter for an accurate tip"),
     ] = None,
     method: Annotated[
         str, typer.Option(help="midpoint, extrapolated, accurate, LSODA, BDF or Radau.")
     ] = "midpoint",
     load_g: Annotated[
-        float, typer.Option("--load-g", help="Mass attached to the tip, g; it has weight if the model has gravity.")
+        float, typer.Option("--load-g", parser=in_unit("g"),
+                            help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
     force: Annotated[
         str,
@@ -105,7 +109,7 @@ def point_forces(model: Model, text: str, start: float, stop: float) -> tuple[Po
     numbers, _, point = text.partition("@")
     axes = mechanics_of(model).dimension
     wanted = "FX,FY" + ",FZ" * (axes - 2)
-    pull = vector(numbers, axes, f"--force must be {wanted} or {wanted}@POINT with numbers in N, got {text!r}")
+    pull = vector(numbers, axes, f"--force must be {wanted} or {wanted}@POINT with numbers in N, got {text!r}", "N")
     force, time = np.array([0.0 * np.array(pull), pull, pull, 0.0 * np.array(pull)]), [start, start, stop, stop]
     return (PointForce(np.array(time), force, point or model.points[-1].name),)
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import answer
+from pliant.cli.terminal import answer, in_unit
 
 
 def sync(
@@ -21,7 +21,8 @@ def sync(
         Path | None, typer.Option("--pressure-mapping", help="TOML file that describes the log's columns.")
     ] = None,
     largest_s: Annotated[
-        float | None, typer.Option("--largest-s", help="Largest offset to try, s; default: half of the overlap.")
+        float | None, typer.Option("--largest-s", parser=in_unit("s"),
+                                   help="Largest offset to try, s; default: half of the overlap.")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of the clocks (.png, .svg or .pdf).")] = None,

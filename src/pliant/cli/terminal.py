@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -16,7 +17,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pliant.errors import InputError
 from pliant.text import escaped
+from pliant.units import number_in
 
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
@@ -50,6 +53,24 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in taken}
     return run
+
+
+def in_unit(unit: str, least: float = -math.inf) -> Callable[[Any], float]:
+    """Return the parser of an option that holds a quantity: a number in `unit`, at least `least`, or a number with a
+    unit of the same kind, such as 50g for an option in kg.
+    """
+
+    def parse(given: Any) -> float:
+        try:
+            value = number_in(given, unit) if isinstance(given, str) else float(given)
+        except InputError as error:
+            raise typer.BadParameter(str(error)) from None
+        if value < least:
+            raise typer.BadParameter(f"{value:g} is less than {least:g}")
+        return value
+
+    parse.__name__ = "float"  # as the help shows it
+    return parse
 
 
 class ExampleCommand(TyperCommand):

@@ -36,9 +36,9 @@ def track(
     entries = read_entries(camera, "camera")
     options = entries.pop("tracking", {})
     if not isinstance(options, dict):
-        raise InputError(f"[tracking] of {camera} must be a table with count and region")
-    if unknown := sorted(set(options) - {"count", "region"}):
-        raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count and region")
+        raise InputError(f"[tracking] of {camera} must be a table with count, region and incomplete")
+    if unknown := sorted(set(options) - {"count", "region", "incomplete"}):
+        raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count, region or incomplete")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
         raise InputError(f"the name of the recording must end in .nc or .csv, got {output.name!r}")
     at = None if base is None else tuple(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import answer
+from pliant.cli.terminal import answer, in_unit
 
 
 def view(
@@ -16,7 +16,8 @@ def view(
         Path | None, typer.Option("--loop", help="log.csv that `pliant control` is writing, to watch that loop.")
     ] = None,
     touch_mn_m: Annotated[
-        float, typer.Option("--touch-mn-m", min=0.0, help="With --loop and --estimator filter: unexplained joint"
+        float, typer.Option("--touch-mn-m", parser=in_unit("mN m", least=0.0),
+                            help="With --loop and --estimator filter: unexplained joint"
                             " torque, mN m, above which the force that explains it is drawn; 0: never.")
     ] = 0.0,
     port: Annotated[int, typer.Option("--port", help="Port on this machine; 0: any free one.")] = 0,

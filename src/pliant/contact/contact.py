@@ -102,7 +102,7 @@ def find_contact(
         at.contact_arc_length, at.contact_force                    # position along the body, m; force, N
         at.hidden_tangential.any()                                 # whether the force along the body is undetermined
     """
-    settings = noise or default_noise(model, disturbance=True)
+    settings = noise or default_noise(model, recordings=[recording])
     learnt = free if isinstance(free, FreeMotion) else free_motion(
         free, model, false_alarms_per_hour=false_alarms_per_hour, noise=settings, **options
     )
@@ -139,7 +139,7 @@ def free_motion(
             "free_motion needs at least one recording without contact, which sets the threshold: record some seconds "
             "of free motion"
         )
-    settings = noise or default_noise(model, disturbance=True)
+    settings = noise or default_noise(model, recordings=recordings)
     return free_motion_for_rate(filtered_free_motion(recordings, model, settings, **options), false_alarms_per_hour)
 
 

@@ -16,7 +16,7 @@ from pliant.control.plan import Task
 from pliant.control.registry import controller_kind
 from pliant.control.tuning import Tuning
 from pliant.control.valve import SupplyValve
-from pliant.errors import InputError, explain_validation
+from pliant.errors import explain_validation
 from pliant.files import read_entries
 
 EXAMPLE = """\
@@ -297,7 +297,4 @@ def read_task(path: str | Path | None) -> TaskFile:
     try:
         return TaskFile.model_validate(content)
     except ValidationError as error:
-        message = str(explain_validation(error, f"task {path}", TaskFile))
-        if error.errors()[0]["type"] == "extra_forbidden":
-            message += f"; it may have {', '.join(TaskFile.model_fields)}"
-        raise InputError(message) from None
+        raise explain_validation(error, f"task {path}", TaskFile) from None

@@ -174,10 +174,10 @@ def measurement_of(
     """Return the filter's measurement from an aligned recording: m measured quantities, their values (T, m) in T
     frames, and their variances (m,).
 
-    Positions of the model's stations are used, with their angles where recorded. A dense curve, base first, without any
-    of these stations is compressed to the angles between links that divide the curve's length as the model's do. In
-    space, the positions of the model's stations are used, with orientations of rigid bodies there. A recording holds
-    these as rotations since its rest; they are added to the model's equilibrium without input.
+    Positions of the model's stations are used, with their angles where recorded, or angles alone. A dense curve, base
+    first, without any of these stations is compressed to the angles between links that divide the curve's length as
+    the model's do. In space, the positions of the model's stations are used, with orientations of rigid bodies there.
+    A recording holds these as rotations since its rest; they are added to the model's equilibrium without input.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def measurement_of(
         )
     if wanted:
         return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
-    if len(names) >= 3 * model.n and not space:
+    if len(names) >= 3 * model.n and not space and "position" in recording:
         return from_curve(recording, model, noise)
     raise InputError(
         f"no station of the recording ({', '.join(names[:5])}) is one of the model's ({', '.join(known)}): "
@@ -228,10 +228,12 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
-    """Return the filter's measurement of named stations: positions, and recorded angles or orientations."""
+    """Return the filter's measurement of named stations: recorded positions, and recorded angles or orientations."""
     names, space = [s.name for s in stations], model.space is not None
     further = recorded_further(recording, names)
-    recorded = {"position": recording["position"].sel(station=names).values.astype(float)}  # (T, S, k), by variable
+    recorded = {}  # (T, S, k), by variable
+    if "position" in recording:
+        recorded["position"] = recording["position"].sel(station=names).values.astype(float)
     if "angle" in recording and not space:
         recorded["angle"] = angles_of(recording, model, stations)[..., None]
     if "quaternion" in recording and space:
@@ -242,7 +244,8 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
         values = {n: v[:, k] for n, v in recorded.items() if n != "quaternion" or np.isfinite(v[:, k]).any()}
         columns += [column for value in values.values() for column in value.T]
         turned = bool({"angle", "quaternion"} & set(values))
-        own = rows_of(model, (s,), angle=turned, further={n: c[k : k + 1] for n, (_, c) in further.items()})
+        constants = {n: c[k : k + 1] for n, (_, c) in further.items()}
+        own = rows_of(model, (s,), position="position" in values, angle=turned, further=constants)
         rows.append(own)
         label += [f"{s.name} {KINDS[kind].name}" for kind in own[:, 0]]
         variance += [noise.of_row(kind, s.name) ** 2 for kind in own[:, 0]]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
+import xarray as xr
 
 from pliant.equations.observation import ALONG_X, ANGLE, KINDS
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.preprocessing.angles import sensor_noise
 
 Array = np.ndarray
 TORQUE_SHARE = 2e-5  # rad sqrt(s): torque noise over stiffness, tuned on one virtual actuator
@@ -121,16 +123,21 @@ def scales(model: Model) -> Array:
     return np.asarray(size)
 
 
-def default_noise(model: Model, *, disturbance: bool = True) -> Noise:
+def default_noise(model: Model, *, disturbance: bool = True, recordings: Sequence[xr.Dataset] = ()) -> Noise:
     """Return default noise levels in proportion to the model's stiffness. With `disturbance`, they make an estimator
     also estimate a disturbance torque of each joint.
 
-    Without a disturbance, model errors are described by white torque noise, which fits them less well.
+    Without a disturbance, model errors are described by white torque noise, which fits them less well. If the
+    `recordings` hold angles alone, the noise of an angle is the one that they show, where that is larger than the
+    default: sensors of inclination are noisier than trackers.
     """
     stiffness = float(np.mean(model.stiffness))
+    alone = [r["angle"].values for r in recordings if "angle" in r and "position" not in r]
+    shown = [float(np.sqrt(np.mean(sensor_noise(angle) ** 2))) for angle in alone]
+    angle = max([Noise.angle, *shown])
     if not disturbance:
-        return Noise(torque=ALONE_SHARE * stiffness)
+        return Noise(torque=ALONE_SHARE * stiffness, angle=angle)
     return Noise(
-        torque=TORQUE_SHARE * stiffness, random_walk=WALK_SHARE * stiffness, motion_growth=MOTION_GROWTH,
+        angle=angle, torque=TORQUE_SHARE * stiffness, random_walk=WALK_SHARE * stiffness, motion_growth=MOTION_GROWTH,
         initial_disturbance=0.01 * stiffness,
     )

@@ -57,10 +57,10 @@ def estimate(
     Parameters
     ----------
     recording : xarray.Dataset
-        Aligned recording of the model's stations, with angles where recorded, or of a dense curve, base first. For a
-        model in space, its stations with orientations of rigid bodies where recorded; orientations that differ from
-        the estimate by more than 90 degrees (flipped markers) are ignored and counted. Missing values are skipped and
-        counted.
+        Aligned recording of the model's stations, with angles where recorded, or of a dense curve, base first. Angles
+        without positions are those since rest: see `pliant.preprocessing.angles.from_rest`. For a model in space, its
+        stations with orientations of rigid bodies where recorded; orientations that differ from the estimate by more
+        than 90 degrees (flipped markers) are ignored and counted. Missing values are skipped and counted.
     model : Model
     noise : Noise, optional
         Default: in proportion to the model's stiffness, see `pliant.estimation.noise.default_noise`.
@@ -117,7 +117,7 @@ def estimate(
         found.attrs["nis_ratio"], found.attrs["nis_bounds"]        # 1 where the covariances are right
         found.disturbance, found.disturbance_sd                    # N m of each joint: external forces, model error
     """
-    settings = noise or default_noise(model, disturbance=disturbance)
+    settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
     measurement = measurement_of(recording, model, settings, stations)
     source, held = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency

@@ -10,11 +10,9 @@ from pliant.identification.prediction import predict
 from pliant.identification.prediction_bands import Band, prediction_band, residual_noise
 from pliant.identification.resampling import bootstrap, bootstrapped
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.stages import MORE_STAGES, STAGES, Stage
-from pliant.identification.stepwise import ModelSelection, select_model
 
 __all__ = [
-    "MORE_STAGES", "STAGES", "Band", "Design", "Experiment", "FitResult", "Identifiability", "ModelSelection",
-    "Parameter", "Stage", "bootstrap", "bootstrapped", "design", "experiment", "fit", "identifiability", "predict",
-    "predict_held_out", "prediction_band", "residual_noise", "select_model", "sensitivities",
+    "Band", "Design", "Experiment", "FitResult", "Identifiability", "Parameter", "bootstrap", "bootstrapped", "design",
+    "experiment", "fit", "identifiability", "predict", "predict_held_out", "prediction_band", "residual_noise",
+    "sensitivities",
 ]

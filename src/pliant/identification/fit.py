@@ -43,7 +43,7 @@ NUMBERS = ("value", "lower", "upper", "scale", "prior", "prior_std", "shrink")
 
 
 class FitOptions(TypedDict, total=False):
-    """Keyword options shared by `fit` and `select_model`, where they are documented."""
+    """Keyword options of `fit`, where they are documented."""
 
     time_step: float | None
     loss: str

@@ -58,6 +58,7 @@ def solve_all(
 
 def solve(
     problem: Problem, x0: Array, loss: str, max_evaluations: int, found: OptimizeResult | None = None,
+    tolerance: float = 1e-9,
 ) -> OptimizeResult:
     """Minimise the residuals of a least-squares problem from scaled start parameters x0 (P,), with exact derivatives.
 
@@ -100,7 +101,7 @@ def solve(
     best = least_squares(
         at, np.zeros_like(x0), slopes, bounds=(lower - start, upper - start), loss=loss,
         f_scale=ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit,
-        max_nfev=max_evaluations, xtol=1e-9, ftol=1e-9, gtol=1e-10,
+        max_nfev=max_evaluations, xtol=tolerance, ftol=tolerance, gtol=1e-10,
     )
     x = x_of(best.x)
     best.jac = best.jac / np.where(logs, x + shift, 1.0)

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationError, create_model, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
+from pliant.file_kinds import MODEL, refuse_other
 from pliant.files import content_of, write_text
 from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
@@ -248,7 +249,9 @@ def load_model(path: str | Path) -> Model:
     ...     pliant.load_model(path) == chen2018.model()
     True
     """
-    return read_model(content_of(path, "model file"), f"model file {path}")
+    text = content_of(path, "model file")
+    refuse_other(Path(path), MODEL)
+    return read_model(text, f"model file {path}")
 
 
 def model_of(value: Model | str | Path) -> Model:

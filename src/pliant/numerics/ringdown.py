@@ -13,6 +13,8 @@ PERIODS_NEEDED = 2.0
 MOST_DAMPED = 0.6  # damping ratio at which a hundredth of the amplitude is left after one period
 NOWHERE = 1e6  # standard deviations of the signal: residual of invalid parameters
 FAR = 20.0  # limit of the logarithms of the fitted parameters
+LEAST_AMPLITUDE = 0.02  # of the range of the signal: a smaller sine is vibration of the rig, not the body's own motion
+BEYOND_MONOTONE = 20.0  # mean square residuals of the sine by which a monotone motion must explain the signal less well
 RETURN_NEEDED = 0.01  # of the range: an over-damped motion, fitted by a sine and an exponential, turns back by less
 LARGE = 1.0 / 3.0  # of the first swing: larger swings count as large
 SMALL = 1.0 / 6.0  # of the first swing: smaller swings count as small
@@ -66,7 +68,7 @@ def fitted_ring_down(time: bytes, signal: bytes) -> RingDown | None:
         fits.append(least_squares(decay_residual, start, decay_jacobian, args=(t, y), method="lm", max_nfev=200))
     for fit in sorted(fits, key=lambda fit: fit.cost):  # the best may be a slow part without oscillation
         ring = oscillation(fit.x, t, y)
-        if ring is not None:
+        if ring is not None and ring.amplitude > LEAST_AMPLITUDE * np.ptp(y):
             return ring._replace(amplitude=ring.amplitude * scale)
     return None
 
@@ -76,7 +78,8 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
     signal does not clearly oscillate.
 
     None is returned if the sine explains too little of the signal, the signal spans less than two periods, the damping
-    is too strong, or the motion does not turn back. `decay_basis` explains x.
+    is too strong, the motion does not turn back, or a motion that never turns back explains the signal as well, such as
+    the return of an over-damped body after a delay. `decay_basis` explains x.
     """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
@@ -93,9 +96,19 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
     if min(float(rise.max()), float(fall.max())) < RETURN_NEEDED * float(np.ptp(curve)):
         return None
     ratio = float(sigma / np.hypot(sigma, omega))
-    if ratio > MOST_DAMPED:
+    squares = float(left @ left)
+    if ratio > MOST_DAMPED or monotone_squares(y) - squares < BEYOND_MONOTONE * squares / y.size:
         return None
     return RingDown(frequency, ratio, float(np.hypot(weights[0], weights[1])), explained)
+
+
+def monotone_squares(y: Array) -> float:
+    """Return the sum of squared residuals of the monotone sequence, rising or falling, that is nearest to a signal y
+    (T,).
+    """
+    from scipy.optimize import isotonic_regression
+
+    return min(float(np.sum((y - isotonic_regression(y, increasing=up).x) ** 2)) for up in (True, False))
 
 
 def peak_frequencies(t: Array, y: Array, count: int = 3) -> Array:

@@ -113,9 +113,7 @@ def align(
     InputError
         When the recording does not determine base, tangent or plane.
     """
-    check_recording(recording)
-    if "position" not in recording or recording.attrs["frame"] == "spatial":
-        raise InputError("align needs positions in the tracker's frame: pass the recording as read, not an aligned one")
+    _check_positions(recording)
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)
@@ -129,8 +127,9 @@ def align(
     if remove_base_motion:
         position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
         pose = mean_place(position[window])
-    y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
     offset = _offset(origin_offset, origin, pose[index])
+    _check_only_station(recording, offset)
+    y = base_tangent(tangent, pose, index, base_rotation, clamp_length)
     zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
     method = plane if isinstance(plane, str) else "stated"
@@ -153,6 +152,21 @@ def align(
     place = _turned(position, zero, rotation if space else rotation[:2])
     turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
     return _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
+
+
+def _check_positions(recording: xr.Dataset) -> None:
+    check_recording(recording)
+    if "angle" in recording and "position" not in recording:
+        raise InputError("align needs positions, and the recording holds angles alone, which need no alignment: use it "
+                         "as it is in a study, or in `pliant estimate` and `pliant contact`")
+    if "position" not in recording or recording.attrs["frame"] == "spatial":
+        raise InputError("align needs positions in the tracker's frame: pass the recording as read, not an aligned one")
+
+
+def _check_only_station(recording: xr.Dataset, offset: NDArray) -> None:
+    if recording.sizes["station"] == 1 and not offset.any():
+        raise InputError(f"the only station, {recording['station'].values[0]}, cannot be base and tip at once: set "
+                         "origin, the position of the base in tracker coordinates, and tangent")
 
 
 def _without_jumps(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:

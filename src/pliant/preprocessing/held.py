@@ -11,6 +11,7 @@ import numpy as np
 from pliant.preprocessing.detectors import noise_level, repeated_frames
 from pliant.recording import append_history
 from pliant.recording.inputs import recorded_inputs
+from pliant.recording.typed_steps import BETWEEN, HELD
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -146,11 +147,13 @@ def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
     than it was updated.
 
     An input is held where the intervals between its changes are nearly equal and longer than a sample, and most changes
-    are larger than its resolution. The only pressure of a recording has the name ``p``.
+    are larger than its resolution. The only pressure of a recording has the name ``p``. Typed steps, which a reader
+    held between the rows of a table, are no staircase.
     """
     found = {}
     for one in recorded_inputs(recording):
-        every = _interval(one.values)
+        variable = "pressure" if one.kind == "pressure" else "actuation"
+        every = 1 if recording[variable].attrs.get(BETWEEN) == HELD else _interval(one.values)
         if every > 1:
             found[one.name or "p"] = (every, every * float(np.median(np.diff(one.time))))
     return found

@@ -27,6 +27,8 @@ MOST_SAMPLES = 40_000
 STARTS = ((1.0, 1.0), (4.0, 0.2), (10.0, 0.2), (0.3, 1.5))  # Hz, damping ratio
 HYSTERESIS = 0.03  # of the pressure's range: width of a loop that looks like a delay under slow pressure
 EDGE_SHARE, EDGE_TIMES_S = 0.15, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+FIRST = 5  # samples that show an input when its log begins
+HIGH = 0.3  # of the range of an input: how far from its rest value
 BLOCK_S = 0.5  # s: closer residuals are correlated
 
 
@@ -52,7 +54,7 @@ class Fitted(NamedTuple):
     frequency: float  # Hz
     damping: float  # ratio
     inside: float  # fraction of the shape's frames that the pressure log covers
-    after_motion: bool  # whether the pressure is already high when its log begins
+    after_motion: bool  # whether an input is already high when its log begins
 
 
 def body_course(recording: xr.Dataset) -> TimeSeries:
@@ -94,8 +96,8 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
     """Return the pressure, or other inputs, over time, with gaps interpolated. The first column is the first principal
-    component of all inputs. Each further column is an input's rise above its minimum, scaled by the range of all inputs
-    of its unit.
+    component of all inputs. Each further column is an input's distance from 0, or from its value nearest to 0, scaled
+    by the range of all inputs of its unit.
     """
     inputs = inputs_on_one_clock(recording)
     clock, values = inputs[0].time, np.stack([one.values for one in inputs], axis=1)
@@ -112,7 +114,8 @@ def pressure_course(recording: xr.Dataset) -> TimeSeries:
     values, units = values[:, moving], np.array([one.unit for one in inputs])[moving]
     for unit in set(units):
         own = units == unit
-        values[:, own] = (values[:, own] - values[:, own].min(0)) / np.ptp(values[:, own])
+        rest = np.clip(0.0, values[:, own].min(0), values[:, own].max(0))
+        values[:, own] = (values[:, own] - rest) / np.ptp(values[:, own])
     main, _ = first_component(values)
     return TimeSeries(clock, np.column_stack([main, values]), np.ones(len(clock)))
 
@@ -148,16 +151,23 @@ def fit_lag(
     best = min(ends, key=lambda end: end.cost)
     errors = frame.standard_errors(best.x, best.fun)
     explained = 1.0 - float(best.fun @ best.fun) / float(frame.y @ frame.y)
-    first = pressure.values[0, 0]
-    up = abs(first - np.median(np.sort(pressure.values[:, 0])[: max(1, len(pressure.time) // 20)]))
     return Fitted(
         guess + float(best.x[0]) - (float(best.x[3]) * frame.middle if drift else 0.0),
         float(np.hypot(errors[0], HYSTERESIS * edge_time(pressure))),
         float(best.x[3]) if drift else 0.0, float(errors[3]) if drift else np.inf, explained,
         explained * frame.share, float(np.exp(best.x[1])),
         float(np.exp(best.x[2])), float(frame.inside.mean()),
-        after_motion=bool(up > 0.3 * np.ptp(pressure.values[:, 0])),
+        after_motion=begins_high(pressure),
     )
+
+
+def begins_high(pressure: TimeSeries) -> bool:
+    """Return whether one of the inputs is far from its rest value (0, or its value nearest to 0) when its log begins,
+    so that its rise is not in the log.
+    """
+    inputs = pressure.values[:, 1:]
+    rest = np.clip(0.0, *np.quantile(inputs, [0.05, 0.95], axis=0))
+    return bool((np.abs(np.median(inputs[:FIRST], axis=0) - rest) > HIGH * np.ptp(inputs, axis=0)).any())
 
 
 class LagFrame:

@@ -1,4 +1,6 @@
-"""Determine the sampling of a pressure that has its own times: number of samples, rate [Hz] and missing samples."""
+"""Determine the sampling of a pressure that has its own times: number of samples, rate [Hz] and missing samples; and
+how far the clocks of inputs and shape overlap.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import xarray as xr
 
 NEAR = 0.2  # of the usual step: tolerance of a whole number of steps
@@ -31,6 +35,7 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
         return found
     step = np.diff(time)
     usual = float(np.median(step[step <= 1.5 * np.percentile(step, 25)]))  # not the median: many samples may be missing
+    usual = float(step[(step > 0.5 * usual) & (step < 1.5 * usual)].mean())  # times may be rounded
     found["pressure_rate_hz"] = 1.0 / usual
     if np.mean(np.abs(step / usual - np.rint(step / usual)) < NEAR) < REGULAR:
         return found | {"pressure_steps_s": (float(step.min()), float(step.max()))}
@@ -39,6 +44,35 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
     return found | {
         "pressure_gaps": tuple((int(k) + 1, float(time[k]), float(step[k]), int(lost[k])) for k in gaps),
     }
+
+
+CLOCKS = {"pressure_time": ("pressure", "pressure"), "input_time": ("actuation", "other inputs")}
+COVERED = 0.98  # fraction of the frames: inputs that cover less leave frames without a measured input
+
+
+def clock_overlap(recording: xr.Dataset) -> dict[str, float]:
+    """Return the fraction of the frames of the shape that lie within the times of the pressure and of other inputs,
+    where these have their own times.
+    """
+    if "time" not in recording.coords:
+        return {}
+    time, overlap = recording["time"].values, {}
+    for name, (variable, what) in CLOCKS.items():
+        if variable in recording and not np.array_equal(recording[name].values, time):
+            clock = recording[name].values
+            overlap[what] = float(((time >= clock[0]) & (time <= clock[-1])).mean())
+    return overlap
+
+
+def overlap_sentences(recording: xr.Dataset, overlap: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each clock of inputs that covers less than `COVERED` of the frames of the shape."""
+    said = []
+    for name, (_, what) in CLOCKS.items():
+        if overlap.get(what, 1.0) < COVERED:
+            spans = [f"{t[0]:.6g} to {t[-1]:.6g} s" for t in (recording[name].values, recording["time"].values)]
+            said.append(f"the clock of the {what} covers {100 * overlap[what]:.0f} % of the shape's frames: it has "
+                        f"{spans[0]}, the shape {spans[1]}")  # fmt: skip
+    return said
 
 
 def clock_sentences(samples: int, gaps: tuple[Gap, ...], steps: tuple[float, ...]) -> list[str]:

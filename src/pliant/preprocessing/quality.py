@@ -18,11 +18,13 @@ from pliant.preprocessing.labels import exchanged
 from pliant.preprocessing.picture import recording_svg
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
-from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
+from pliant.preprocessing.pressure_clock import clock_overlap, clock_sentences, overlap_sentences, pressure_clock
 from pliant.preprocessing.rotations import continuous
+from pliant.recording.clock import usual_step
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.lost import known_losses, loss_sentences
-from pliant.recording.schema import check_recording
+from pliant.recording.schema import check_recording, history_of
+from pliant.recording.stated import WARNING
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,9 +47,10 @@ class Quality(Shown):
     frames, stations : int
         Numbers of frames and of stations.
     duration_s, rate_hz : float
-        Duration, and frame rate by the median time step.
+        Duration, and frame rate by the mean time step without gaps.
     irregular_steps : int
-        Number of time steps that differ by more than 20 % from the median step.
+        Number of time steps that differ by more than 20 % from the median step, and by more than the rounding of times
+        to 1 ms.
     gaps : tuple of (start_s, length_s)
         Time steps of more than 2.5 times the median step.
     repeated_frames : int
@@ -89,6 +92,9 @@ class Quality(Shown):
         Gaps of that pressure: after sample number `sample`, counted from 1, `missing` samples are missing.
     pressure_steps_s : tuple of float
         Shortest and longest time step of that pressure, where its steps are irregular.
+    input_overlap : dict
+        Fraction of the frames of the shape that the clock of the pressure, or of other inputs, covers, where that clock
+        differs from the shape's.
     findings : tuple of str
         One sentence for each fault or remark, the sentences of `doubts` included.
     doubts : dict
@@ -131,6 +137,7 @@ class Quality(Shown):
     pressure_rate_hz: float = float("nan")
     pressure_gaps: tuple[tuple[int, float, float, int], ...] = ()
     pressure_steps_s: tuple[float, ...] = ()
+    input_overlap: dict[str, float] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     doubts: dict[str, str] = field(default_factory=dict)
     drawing: str = ""
@@ -218,7 +225,7 @@ def quality(recording: xr.Dataset) -> Quality:
         found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
     if "pressure" in recording:
         found |= pressure_clock(recording)
-    found |= {**_inputs(recording), "lost": known_losses(recording)}
+    found |= {**_inputs(recording), "lost": known_losses(recording), "input_overlap": clock_overlap(recording)}
     if "time" not in recording.coords:
         found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
     found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")
@@ -226,8 +233,9 @@ def quality(recording: xr.Dataset) -> Quality:
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
-    findings = (*first, *loss_sentences(result.lost), *_sentences(result), *clock,
-                *staircase_sentences(result.input_held),
+    stated = [line.removeprefix(WARNING) for line in history_of(recording) if line.startswith(WARNING)]
+    findings = (*stated, *first, *loss_sentences(result.lost), *_sentences(result), *clock,
+                *overlap_sentences(recording, result.input_overlap), *staircase_sentences(result.input_held),
                 *glitch_sentences(result.input_glitches, _units_shown(recording)),
                 *_lost_inputs(recording), *_hardly_moves(recording, result), *later)
     named = replace(result, findings=findings)
@@ -253,10 +261,16 @@ def _clock(time: np.ndarray) -> dict[str, Any]:
     middle = float(np.median(step))
     wide = np.flatnonzero(step > GAP_RATIO * middle)
     return found | {
-        "rate_hz": 1.0 / middle,
-        "irregular_steps": int((np.abs(step - middle) > IRREGULAR_SHARE * middle).sum()),
+        "rate_hz": 1.0 / usual_step(time),
+        "irregular_steps": int((np.abs(step - middle) > max(IRREGULAR_SHARE * middle, _rounding(time))).sum()),
         "gaps": tuple((float(time[i]), float(step[i])) for i in wide),
     }
+
+
+def _rounding(time: np.ndarray) -> float:
+    """Return 1 ms, and the rounding of that number, where all times (T,) [s] are whole milliseconds, else 0."""
+    ticks = 1e3 * (time - time[0])
+    return 1.001e-3 if np.abs(ticks - np.rint(ticks)).max() < 1e-3 else 0.0
 
 
 def _positions(recording: xr.Dataset) -> dict[str, Any]:

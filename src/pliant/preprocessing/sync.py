@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.preprocessing.clock_drift import UNKNOWN, drift_of_events
 from pliant.preprocessing.lag_model import Fitted, TimeSeries, body_course, fit_lag, holes, pressure_course
 from pliant.recording.inputs import inputs_on_one_clock
 from pliant.recording.schema import append_history, check_holds, check_recording
@@ -94,8 +95,9 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
         Largest offset that is tried, of either sign. Default: every offset at which half of the shorter recording
         overlaps with the other.
     drift : bool
-        Whether to estimate a difference of the clock rates too; it is used when it exceeds three times its
-        uncertainty.
+        Whether to estimate a difference of the clock rates too. It is used when it exceeds three times its
+        uncertainty, which follows from the scatter of the offsets of single changes of the input; at least four or
+        five such changes are needed.
 
     Raises
     ------
@@ -113,14 +115,18 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     check_fit(best, rival, largest_s)
     word = input_words([one.unit for one in inputs])[0]
     warnings = doubts(best, pressure, word)
-    clear = fit_lag(
-        body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60
-    ) if drift else best
-    if drift and abs(clear.drift) > DRIFT_SIGMA * clear.drift_uncertainty and clear.explained >= best.explained:
-        best = clear
-        if abs(best.drift) > LONGEST_DRIFT:
-            warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
-                            "stated rates")
+    change = drift_of_events(body, pressure, best) if drift else UNKNOWN
+    if change.significant:
+        clear = fit_lag(
+            body, pressure, best.delay, starts=((best.frequency, best.damping),), drift=True, evaluations=60
+        )
+        error = max(clear.drift_uncertainty, change.uncertainty)
+        agree = abs(clear.drift - change.value) < DRIFT_SIGMA * error
+        if abs(clear.drift) > DRIFT_SIGMA * error and agree and clear.explained >= best.explained:
+            best = clear._replace(drift_uncertainty=error)
+            if abs(best.drift) > LONGEST_DRIFT:
+                warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
+                                "stated rates")
     return Delay(best.delay, best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
                  best.explained, best.frequency, best.damping, tuple(warnings), word)
 

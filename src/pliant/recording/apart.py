@@ -17,6 +17,8 @@ from pliant.errors import InputError
 from pliant.recording.apart_worker import MAGIC, WORKING, content_bound, read_answer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pliant.recording.apart_worker import Content
 
 SOURCES = str(Path(__file__).parents[2])  # the folder that holds pliant; no other package is looked for there
@@ -24,13 +26,14 @@ START = """import sys
 sys.path.insert(0, sys.argv.pop(1))
 import pliant
 del sys.path[0]
-from pliant.recording.apart_worker import main
-main()"""
+from importlib import import_module
+import_module(sys.argv.pop(1)).main()"""
 SECONDS, BYTES_PER_SECOND = 4, 10e6  # processor time: start of the process, and decompression even from a slow disk
 WAIT_FACTOR = 8  # wall-clock time per processor time: other programs use the processor too
 COPIES = 2  # of the content in memory at a time: as stored and as read
-ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number would load
+ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number would load; no film from the network
     "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE", "HDF5_PLUGIN_PRELOAD": "::",
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file", "OPENCV_LOG_LEVEL": "SILENT",
 }  # fmt: skip
 
 
@@ -56,7 +59,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     InputError
         When the library rejects the file, crashes, or takes more time or memory than any intact file of this size.
     """
-    size = path.stat().st_size
+    size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
     damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
     try:
@@ -77,13 +80,18 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     return content
 
 
+def start_helper(module: str, arguments: Sequence[str], stdin: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    """Start a helper process that runs the function `main` of a module of pliant, and return it."""
+    return subprocess.Popen(  # noqa: S603  our own worker, no shell
+        [sys.executable, "-P", "-c", START, SOURCES, module, *arguments], stdin=stdin, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, env={**os.environ, **ENVIRONMENT},
+    )  # fmt: skip
+
+
 def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
     """Run the helper process that reads a file, and return its exit code and its output as bytes."""
-    command = [sys.executable, "-P", "-c", START, SOURCES, kind, str(path.resolve()), str(seconds), str(memory)]
-    with subprocess.Popen(  # noqa: S603  our own worker, no shell
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        env={**os.environ, **ENVIRONMENT},
-    ) as helper:  # fmt: skip
+    arguments = [kind, str(path.resolve()), str(seconds), str(memory)]
+    with start_helper("pliant.recording.apart_worker", arguments) as helper:
         try:
             import_module("xarray")
             answer, _ = helper.communicate(timeout=WAIT_FACTOR * seconds)

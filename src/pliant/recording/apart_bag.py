@@ -13,6 +13,8 @@ import numpy as np
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from pliant.recording.apart_worker import Content, Refused
 
@@ -48,6 +50,7 @@ def cloud(m: Any) -> list[list[float]]:
 
 
 FLOATS = {7: 4, 8: 8}  # PointField.datatype -> bytes, of floating-point numbers
+NUMBERS = ("sensor_msgs/msg/FluidPressure", "std_msgs/msg/Float64", "std_msgs/msg/Float32")
 ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
     "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
@@ -60,11 +63,19 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
 }
 
 
-def stamp_of(message: Any, received: int) -> int:
-    """Return the time [ns] in the header of a ROS 2 message; without a header, the time of reception."""
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+FIXED = 1e-6  # m, and of a unit quaternion: a transform that changes by less is constant
+
+
+def stamp_of(message: Any) -> int:
+    """Return the time [ns] in the header of a ROS 2 message; 0 without a header, or where the header states none."""
     header = getattr(message, "header", None)
-    stamp = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
-    return int(stamp or received)
+    return 0 if header is None else int(header.stamp.sec * 10**9 + header.stamp.nanosec)
+
+
+def frame_of(message: Any) -> str:
+    """Return the name of the coordinate frame in the header of a ROS 2 message, "" without a header."""
+    return str(message.header.frame_id).removeprefix("/") if hasattr(message, "header") else ""
 
 
 def defined_as_in_ros(connection: Any) -> bool:
@@ -79,39 +90,118 @@ def defined_as_in_ros(connection: Any) -> bool:
     return bool(found) and all(fields == STORE.fielddefs.get(kind) for kind, fields in found.items())
 
 
+class Messages:
+    """The messages of one topic that holds poses, points or numbers, as they are read."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.read = kind, 0
+        self.stamps: list[int] = []
+        self.received: list[int] = []
+        self.rows: list[list[list[float]]] = []
+        self.frame = ""
+
+    def add(self, message: Any, received: int) -> None:
+        """Add a message that was received at a time [ns]; raise Refused where it does not fit the others."""
+        row, frame = ROWS[self.kind](message), frame_of(message)
+        if self.rows and len(row) != len(self.rows[0]):
+            raise Refused("it has a varying number of points per message")
+        if self.rows and frame != self.frame:
+            raise Refused(f"its coordinate frame changes from {self.frame[:60]!r} to {frame[:60]!r}")
+        self.frame = frame
+        self.stamps.append(stamp_of(message))
+        self.received.append(received)
+        self.rows.append(row)
+
+
+class Transforms:
+    """The transforms between coordinate frames in a bag: the pose of each child frame in its parent frame."""
+
+    def __init__(self) -> None:
+        self.poses: dict[tuple[str, str], list[float]] = {}
+        self.moving: set[tuple[str, str]] = set()
+
+    def add(self, message: Any) -> None:
+        """Add the transforms of a message. One that differs from an earlier one is marked as moving."""
+        for entry in message.transforms:
+            edge = (frame_of(entry), str(entry.child_frame_id).removeprefix("/"))
+            t, q = entry.transform.translation, entry.transform.rotation
+            pose_of = [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+            first = self.poses.setdefault(edge, pose_of)
+            if max(abs(a - b) for a, b in zip(first, pose_of, strict=True)) > FIXED:
+                self.moving.add(edge)
+
+    def listed(self) -> list[dict[str, Any]]:
+        """Return the transforms as a list of dicts: parent, child, pose (7 numbers), moving."""
+        return [{"parent": parent, "child": child, "pose": numbers, "moving": (parent, child) in self.moving}
+                for (parent, child), numbers in self.poses.items()]  # fmt: skip
+
+
 def read(path: str) -> Content:
-    """Read the topics of a ROS 2 bag that hold poses, points or numbers. Return for each topic the times (M,) [ns] of
-    its M messages and their values (M, R, 7) or (M, R, 1): R poses of 7 numbers, or R single numbers, per message. Also
-    return the names of all other topics, and for each topic that cannot be read the reason.
+    """Read the topics of a ROS 2 bag that hold poses, points or numbers. Return for each topic the header stamps and
+    times of reception (M,) [ns] of its M messages (a stamp is 0 where there is none), and their values (M, R, 7) or
+    (M, R, 1): R poses of 7 numbers, or R single numbers, per message.
+
+    The facts hold for each topic its coordinate frame and the number of messages that the bag states; the transforms
+    between frames; the names of all other topics; and for each topic that cannot be read the reason.
     """
     with Reader(Path(path)) as bag:
-        known = {c.topic: c for c in bag.connections if c.msgtype in ROWS}
-        others = sorted({c.topic for c in bag.connections} - set(known))
+        kinds = {c.topic: c.msgtype for c in bag.connections if c.msgtype in ROWS}
+        others = sorted({c.topic for c in bag.connections if c.msgtype != TRANSFORMS} - set(kinds))
         unread = {c.topic: f"the bag defines {c.msgtype} differently from ROS 2"
-                  for c in bag.connections if c.topic in known and not defined_as_in_ros(c)}  # fmt: skip
-        stamps: dict[str, list[int]] = {topic: [] for topic in known}
-        rows: dict[str, list[list[list[float]]]] = {topic: [] for topic in known}
-        wanted = [c for c in bag.connections if c.topic in known and c.topic not in unread]
+                  for c in bag.connections if c.topic in kinds and not defined_as_in_ros(c)}  # fmt: skip
+        stated = {t: sum(c.msgcount for c in bag.connections if c.topic == t and c.msgtype == kinds[t]) for t in kinds}
+        topics, transforms = {topic: Messages(kind) for topic, kind in kinds.items()}, Transforms()
+        wanted = [c for c in bag.connections if (c.topic in kinds and c.msgtype == kinds[c.topic]
+                  and c.topic not in unread) or (c.msgtype == TRANSFORMS and defined_as_in_ros(c))]  # fmt: skip
         for connection, received, raw in bag.messages(connections=wanted) if wanted else ():
-            topic = connection.topic
-            if topic in unread:
+            if connection.msgtype == TRANSFORMS:
+                transforms.add(STORE.deserialize_cdr(raw, TRANSFORMS))
                 continue
-            message = STORE.deserialize_cdr(raw, connection.msgtype)
+            topic = topics[connection.topic]
+            topic.read += 1
+            if connection.topic in unread:
+                continue
             try:
-                row = ROWS[connection.msgtype](message)
+                topic.add(STORE.deserialize_cdr(raw, connection.msgtype), received)
             except Refused as refused:
-                unread[topic] = str(refused)
-            else:
-                if rows[topic] and len(row) != len(rows[topic][0]):
-                    unread[topic] = "it has a varying number of points per message"
-                stamps[topic].append(stamp_of(message, received))
-                rows[topic].append(row)
-            if topic in unread:
-                rows[topic].clear()
+                unread[connection.topic] = str(refused)
+                topic.rows.clear()
+    arrays, listed = tabulated(topics, stated, metadata_counts(Path(path)))
+    return arrays, {"topics": listed, "others": others, "unread": unread, "transforms": transforms.listed()}
+
+
+def tabulated(
+    topics: dict[str, Messages], stated: dict[str, int], beside: dict[str, int]
+) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
+    """Return the arrays of the topics by key, and for each topic a dict of its facts. `stated` and `beside` are the
+    numbers of messages that the bag and the file of metadata beside it state.
+    """
     arrays: dict[str, np.ndarray] = {}
-    topics = []
-    for k, topic in enumerate(rows):
-        if rows[topic]:
-            arrays[f"t{k}"], arrays[f"v{k}"] = np.array(stamps[topic], np.int64), np.array(rows[topic], np.float64)
-            topics.append({"name": topic, "type": known[topic].msgtype, "times": f"t{k}", "rows": f"v{k}"})
-    return arrays, {"topics": topics, "others": others, "unread": unread}
+    listed = []
+    for k, (name, topic) in enumerate(topics.items()):
+        if not topic.rows and not (stated[name] and not topic.read):
+            continue
+        arrays[f"t{k}"], arrays[f"r{k}"] = (np.array(v, np.int64) for v in (topic.stamps, topic.received))
+        width = 1 if topic.kind in NUMBERS else 7
+        arrays[f"v{k}"] = np.array(topic.rows, np.float64) if topic.rows else np.zeros((0, 1, width))
+        listed.append({"name": name, "type": topic.kind, "stamps": f"t{k}", "received": f"r{k}", "rows": f"v{k}",
+                       "frame": topic.frame, "stated": stated[name], "beside": beside.get(name, 0),
+                       "read": topic.read})  # fmt: skip
+    return arrays, listed
+
+
+def metadata_counts(path: Path) -> dict[str, int]:
+    """Return the number of messages of each topic that `metadata.yaml` beside a bag of a single file states; empty
+    where there is none, or where it describes other files.
+    """
+    beside = path.parent / "metadata.yaml"
+    if path.is_dir() or not beside.is_file():
+        return {}
+    try:
+        facts = YAML(typ="safe").load(beside.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        files = [Path(name).name for name in facts["relative_file_paths"]]
+        counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"])
+                  for entry in facts["topics_with_message_count"]}  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, YAMLError):
+        return {}
+    return counts if files == [path.name] else {}

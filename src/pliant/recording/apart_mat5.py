@@ -13,31 +13,55 @@ DEEPEST = 20  # structs within structs
 
 
 def read(path: str) -> Content:
-    """Return the numeric arrays of a .mat file, and a dict with two entries: the names of these arrays, and the names
-    of all variables that are not numeric.
+    """Return the numeric arrays of a .mat file, and a dict with three entries: the names of these arrays, the names of
+    all variables that are not numeric, and for each array or cell of structs the number of its structs and their
+    fields.
 
-    Fields of structs are named ``struct.field``.
+    Fields of structs are named ``struct.field``, those of the second struct of several ``struct(2).field``.
     """
-    arrays: dict[str, np.ndarray] = {}
-    names: dict[str, str] = {}
-    others: list[str] = []
-
-    def walk(name: str, value: Any, depth: int) -> None:
-        if isinstance(value, dict) and depth < DEEPEST:
-            for key, item in value.items():
-                walk(f"{name}.{key}", item, depth + 1)
-            return
-        array = np.asarray(value)
-        if array.dtype.names and array.size == 1 and depth < DEEPEST:
-            for key in array.dtype.names:
-                walk(f"{name}.{key}", array.reshape(-1)[0][key], depth + 1)
-        elif array.dtype.kind in "iufb":
-            names[name] = f"v{len(arrays)}"
-            arrays[names[name]] = array
-        else:
-            others.append(name)
-
+    content = Variables()
     for name, value in loadmat(path, simplify_cells=True).items():
         if not name.startswith("__"):
-            walk(name, value, 0)
-    return arrays, {"names": names, "others": others}
+            content.walk(name, value, 0)
+    return content.arrays, {"names": content.names, "others": content.others, "structs": content.structs}
+
+
+class Variables:
+    """The variables of a .mat file: numeric arrays by key, their keys by name, the names of the others, and the number
+    and fields of the structs of each array of structs.
+    """
+
+    def __init__(self) -> None:
+        self.arrays: dict[str, np.ndarray] = {}
+        self.names: dict[str, str] = {}
+        self.others: list[str] = []
+        self.structs: dict[str, tuple[int, list[str]]] = {}
+
+    def walk(self, name: str, value: Any, depth: int) -> None:
+        """Add a variable, and the fields of structs in it down to `DEEPEST`."""
+        if isinstance(value, dict) and depth < DEEPEST:
+            for key, item in value.items():
+                self.walk(f"{name}.{key}", item, depth + 1)
+            return
+        array = as_array(value)
+        if array.dtype == object and array.size and depth < DEEPEST and all(isinstance(v, dict) for v in array.flat):
+            self.structs[name] = (array.size, [str(key) for key in array.flat[0]])
+            for k, item in enumerate(array.ravel(order="F"), 1):
+                self.walk(f"{name}({k})", item, depth + 1)
+        elif array.dtype.names and array.size == 1 and depth < DEEPEST:
+            for key in array.dtype.names:
+                self.walk(f"{name}.{key}", array.reshape(-1)[0][key], depth + 1)
+        elif array.dtype.kind in "iufb":
+            self.names[name] = f"v{len(self.arrays)}"
+            self.arrays[self.names[name]] = array
+        else:
+            self.others.append(name)
+
+
+def as_array(value: Any) -> np.ndarray:
+    """Return a value as an array; a list of structs becomes an array of objects."""
+    if isinstance(value, list):
+        array = np.empty(len(value), object)
+        array[:] = value
+        return array
+    return np.asarray(value)

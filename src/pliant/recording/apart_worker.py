@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 MAGIC = b"pliant-arrays\n"
 LENGTH_BYTES = 8  # of the header that follows MAGIC
+STAMP = struct.Struct("<d")  # time of a frame of a film
 Content = tuple[dict[str, np.ndarray], dict[str, Any]]
 
 READ = {  # kind of file -> module with `read(path)`; a module loads its library when it is imported

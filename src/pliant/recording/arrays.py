@@ -46,7 +46,8 @@ class ArrayMapping(FileMapping):
     station : list of str, optional
         Names of the stations, from base to tip.
     order : str
-        Meaning of the dimensions of `position`: any order of the letters t (time), s (station), a (axis).
+        Meaning of the dimensions of `position`: any order of the letters t (time), s (station), a (axis). With names
+        in `station`, x, y, z of one station after the other may also lie in the columns of a table.
     trial : int, optional
         Index, from 0, of the trial to read, where `position` has the trials as an additional first dimension. A
         pressure with one value for each trial is then the nominal pressure.
@@ -89,7 +90,7 @@ def recording_from_arrays(
     if options.trial is not None:
         position, pressure, level = _one_trial(position, pressure, options.trial, file)
     if position is not None:
-        position = _ordered(position, options.order, file) * scale
+        position = _ordered(_side_by_side(position, options), options.order, file) * scale
         if position.shape[-1] == 2:
             position = np.concatenate([position, np.zeros((*position.shape[:2], 1))], -1)
             history.append("stations with two coordinates got z = 0")
@@ -193,6 +194,16 @@ def _pressure(
         name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
     values = np.squeeze(numbers(arrays[name], f"the array {name} of {file}"))
     return name, np.atleast_1d(values) * pascal_per(unit)
+
+
+def _side_by_side(position: NDArray, options: ArrayMapping) -> NDArray:
+    """Return positions (T, S * N) of as many stations as the mapping names, N coordinates side by side for each, as
+    (T, S, N); other positions unchanged.
+    """
+    count = len(options.station or ())
+    if position.ndim != 2 or count < 2 or position.shape[1] not in (2 * count, 3 * count) or options.order != "tsa":
+        return position
+    return position.reshape(len(position), count, -1)
 
 
 def _ordered(position: NDArray, order: str, file: str) -> NDArray:

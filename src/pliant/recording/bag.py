@@ -1,31 +1,34 @@
-"""Reader of ROS 2 bags and MCAP files (.mcap, .db3), by rosbags (extra ``ros``) in a separate process.
+"""Reader of ROS 2 bags (a folder, .mcap, .db3) and MCAP files, by rosbags (extra ``ros``) in a separate process.
 
 Poses and points become stations, pressures become the pressure of chambers. Times are those of the message headers, or
-the times of reception where a message has no header. Known types: PoseStamped, PoseArray, PointStamped, PointCloud,
-PointCloud2, FluidPressure, Float64 and Float32. A FluidPressure is absolute: subtract the ambient pressure by
-``linear.pressure``.
+the times of reception where the messages of a topic have no header or no stamp in it. Stations in other coordinate
+frames are transformed into that of the first station by the constant transforms of the bag (tf). Known types:
+PoseStamped, PoseArray, PointStamped, PointCloud, PointCloud2, FluidPressure, Float64 and Float32. A FluidPressure is
+absolute: subtract the ambient pressure by ``linear.pressure``.
 """
 
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
-from pliant.recording.clock import without_repeats
+from pliant.recording.bag_frames import FramePose, FrameTree, in_one_frame
+from pliant.recording.clock import usual_step, without_repeats
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
+from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.units import metre_per, pascal_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    import xarray as xr
     from numpy.typing import NDArray
 
 FLUID, NUMBERS = "sensor_msgs/msg/FluidPressure", ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
@@ -33,7 +36,7 @@ TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer 
 
 
 class BagMapping(FileMapping):
-    """Options of the reader of ROS 2 bags: the topics that hold stations and pressures, and their units.
+    """Options of the reader of ROS 2 bags: topics of stations and pressures, units, clock and coordinate frames.
 
     Attributes
     ----------
@@ -46,55 +49,140 @@ class BagMapping(FileMapping):
         Unit of topics with plain numbers; a FluidPressure is in Pa.
     length_unit : str
         Unit of the positions; the ROS convention is metres.
+    clock : {"header", "reception"}
+        Times that are used. Default: those of the headers, for each topic that has them.
+    frame : str, optional
+        Coordinate frame of the positions. Default: that of the first station.
+    transforms : dict of FramePose, optional
+        Pose of other coordinate frames in that frame, where the bag holds no transform.
     """
 
     topics: dict[str, str] | None = None
     pressure: dict[str, str] | None = None
     pressure_unit: str | None = None
     length_unit: str = "m"
+    clock: Literal["header", "reception"] = "header"
+    frame: str | None = None
+    transforms: dict[str, FramePose] = Field(default={})
 
 
 class Topic(NamedTuple):
-    """Messages of one ROS 2 topic: its type, the times (M,) [ns] of M messages, and their values (M, R, 7) or (M, R,
-    1), which are R poses of 7 numbers, or R single numbers, per message.
+    """Messages of one ROS 2 topic: its name and type, the times (M,) [ns] of M messages, and their values (M, R, 7) or
+    (M, R, 1), which are R poses of 7 numbers, or R single numbers, per message.
+
+    `clock` says what the times are, `delay` is the median time [s] from the stamp of a header to the reception of its
+    message (NaN without stamps), `unstamped` the number of messages without a stamp.
     """
 
+    name: str
     kind: str
     stamps: NDArray[np.int64]
     rows: NDArray[np.float64]
+    frame: str = ""
+    clock: Literal["header", "reception"] = "header"
+    delay: float = float("nan")
+    unstamped: int = 0
 
 
-def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def topic_of(facts: Mapping[str, Any], arrays: Mapping[str, NDArray], clock: str) -> Topic:
+    """Return a topic with the times of the headers or, where `clock` says so or no header has a stamp, of reception."""
+    stamps, received = arrays[facts["stamps"]], arrays[facts["received"]]
+    stamped = stamps != 0
+    delay = 1e-9 * float(np.median(received[stamped] - stamps[stamped])) if stamped.any() else float("nan")
+    by_header = clock == "header" and bool(stamped.any())
+    return Topic(facts["name"], facts["type"], stamps if by_header else received, arrays[facts["rows"]],
+                 facts["frame"], "header" if by_header else "reception", delay, int((~stamped).sum()))  # fmt: skip
+
+
+def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read the stations and pressures of a ROS 2 bag or MCAP file and return them as a recording."""
     options = BagMapping.load(mapping, path.name)
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
-    held = {t["name"]: Topic(t["type"], arrays[t["times"]], arrays[t["rows"]]) for t in facts["topics"]}
+    topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
-    stations = chosen(held, options.topics, {n.rpartition("/")[2] or n: n for n, t in held.items()
-                                             if t.rows.shape[2] == 7}, facts["unread"], path.name)  # fmt: skip
-    pressures = chosen(held, options.pressure, {n.rpartition("/")[2] or n: n for n, t in held.items()
-                                                if t.kind == FLUID}, facts["unread"], path.name)  # fmt: skip
+    stations = chosen(topics, options.topics, {n.rpartition("/")[2] or n: n for n, t in topics.items()
+                                               if t.rows.shape[2] == 7}, facts["unread"], path.name)  # fmt: skip
+    pressures = chosen(topics, options.pressure, {n.rpartition("/")[2] or n: n for n, t in topics.items()
+                                                  if t.kind == FLUID}, facts["unread"], path.name)  # fmt: skip
     if not stations and not pressures:
         raise InputError(f"{path.name} has no topic of poses, points or FluidPressure: name the topics in its mapping; "
-                         f"it has {'; '.join([shorten([*held, *facts['others']]) or 'none', *unread])}")  # fmt: skip
+                         f"it has {'; '.join([shorten([*topics, *facts['others']]) or 'none', *unread])}")  # fmt: skip
+    stated = [Stated(f"messages of {t['name'][:60]}", where, t[key], t["read"]) for t in facts["topics"]
+              for key, where in (("stated", "its index"), ("beside", "metadata.yaml")) if t[key]]  # fmt: skip
+    if empty := [t.name for t in (*stations.values(), *pressures.values()) if not len(t.stamps)]:
+        raise InputError(f"{path.name} states messages of topic {clipped(empty[0])!r}, but none can be read: the bag "
+                         "is damaged, so copy or record it again")
+    history = compared_clocks(stations, pressures, path.name)
     origin = min(t.stamps.min() for t in (*stations.values(), *pressures.values()))
-    history = [f"times are those of the message headers; 0 s is {origin / 1e9:.3f} s of the ROS clock"]
-    left = [*(n for n, t in held.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
+    history = [f"0 s is {origin / 1e9:.3f} s of the ROS clock", *history]
+    left = [*(n for n, t in topics.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
+    stations, transformed = placed(stations, options, facts["transforms"], path.name)
     arrays_of, findings = frames_of(stations, origin, metre_per(options.length_unit), path.name)
     with inside(path.name):
-        return make_recording(
+        return Reading(make_recording(
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
-            history=[*history, *(f"{text}; it is left out" for text in unread), *findings],
-        )  # fmt: skip
+            history=[*history, *transformed, *(f"{text}; it is left out" for text in unread), *findings],
+        ), tuple(stated))  # fmt: skip
+
+
+def placed(
+    stations: Mapping[str, Topic], options: BagMapping, transforms: list[dict[str, Any]], file: str
+) -> tuple[dict[str, Topic], list[str]]:
+    """Return the topics of the stations with their poses in one coordinate frame, and lines for the history."""
+    posed = {name: topic for name, topic in stations.items() if topic.rows.shape[2] == 7}
+    tree = FrameTree(transforms, metre_per(options.length_unit), file)
+    target = options.frame if options.frame is not None or not posed else next(iter(posed.values())).frame
+    for frame, pose in options.transforms.items():
+        tree.add(str(target), frame.removeprefix("/"), np.array(pose.position), np.array(pose.quaternion))
+    rows, history = in_one_frame({name: (t.frame, t.rows) for name, t in posed.items()}, tree, options.frame)
+    return {name: t._replace(rows=rows.get(name, t.rows)) for name, t in stations.items()}, history
+
+
+def compared_clocks(stations: Mapping[str, Topic], pressures: Mapping[str, Topic], file: str) -> list[str]:
+    """Return lines for the history that name the clock of each channel.
+
+    Raises
+    ------
+    InputError
+        When only some messages of a topic have a stamp, or the times of two topics have nothing in common.
+    """
+    topics = {**pressures, **stations}
+    remedy = 'set clock = "reception" in its mapping to use the times of reception of all topics'
+    for topic in topics.values():
+        if topic.clock == "header" and topic.unstamped:
+            raise InputError(f"{topic.unstamped} of {len(topic.stamps)} messages of topic {clipped(topic.name)} of "
+                             f"{file} have no stamp in their header (it is 0): {remedy}")
+    first = next(iter((stations or pressures).values()))
+    for topic in topics.values():
+        if topic.stamps.max() < first.stamps.min() or topic.stamps.min() > first.stamps.max():
+            raise InputError(f"topics {_span(first)} and {_span(topic)} of {file} have no time in common, so their "
+                             f"clocks are different: {remedy}, or choose other topics")
+    said = []
+    for clock, words in (("header", "the message headers"), ("reception", "reception")):
+        names = [clipped(name, 40) for name, topic in topics.items() if topic.clock == clock]
+        blank = [clipped(n, 40) for n, t in topics.items() if t.clock == clock == "reception" and np.isnan(t.delay)]
+        why = f" (no stamp in the messages of {shorten(blank, 6)})" if blank else ""
+        said += [f"clock of {shorten(names, 6)}: times of {words}{why}"] if names else []
+    delays = [t.delay for t in topics.values() if t.clock == "header"]
+    step = usual_step(1e-9 * np.sort(first.stamps - first.stamps.min()))
+    if len(said) > 1 and abs(float(np.median(delays))) > (step if np.isfinite(step) else 0.0):
+        said.append(f"{WARNING}two clocks are joined: where both are known, reception is {np.median(delays):.4g} s "
+                    "after the stamp in the header; estimate the offset by `pliant sync`")
+    return said
+
+
+def _span(topic: Topic) -> str:
+    low, high = 1e-9 * topic.stamps.min(), 1e-9 * topic.stamps.max()
+    return f"{clipped(topic.name, 60)} ({topic.clock}, {low:.3f} to {high:.3f} s)"
 
 
 def chosen(
-    held: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str], unread: Mapping[str, str],
-    file: str,
+    topics: Mapping[str, Topic], named: Mapping[str, str] | None, default: Mapping[str, str],
+    unread: Mapping[str, str], file: str,
 ) -> dict[str, Topic]:
     """Return a dict from the name of each station or chamber to the messages of its topic. `named` is a dict from these
     names to topics. If it is None or empty, the dict `default` is used. `unread` holds for each topic that cannot be
@@ -104,10 +192,10 @@ def chosen(
         if topic in unread:
             raise InputError(f"{file}: topic {clipped(topic)!r} cannot be read: {unread[topic]}. Choose another topic "
                              "in its mapping")
-        if topic not in held:
+        if topic not in topics:
             raise InputError(f"{file} has no topic {clipped(topic)!r} of a known type: choose in its mapping among "
-                             f"{shorten(list(held))}")
-    return {name: held[topic] for name, topic in (named or default).items()}
+                             f"{shorten(list(topics))}")
+    return {name: topics[topic] for name, topic in (named or default).items()}
 
 
 def frames_of(

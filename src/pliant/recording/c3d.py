@@ -23,13 +23,13 @@ from pliant.recording.c3d_facts import (
 from pliant.recording.mapping import FileMapping, PressureChannels, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
+from pliant.recording.stated import Reading, Stated
 from pliant.units import metre_per, pascal_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    import xarray as xr
     from numpy.typing import NDArray
 
 
@@ -47,6 +47,7 @@ class C3dContent(NamedTuple):
     analog_rate: float
     doubts: list[str]
     remarks: list[str]
+    frames: int  # that the header states
 
 
 class C3dMapping(FileMapping):
@@ -69,7 +70,7 @@ class C3dMapping(FileMapping):
     pressure: PressureChannels | None = None
 
 
-def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read the markers of a C3D file as stations, and pressure from its analog channels where the mapping names them;
     return a recording.
     """
@@ -89,10 +90,11 @@ def read_c3d(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     if renamed:
         history.append(f"{renamed} point(s) had no name or a repeated one and got a number")
     with inside(path.name):
-        return make_recording(
+        recording = make_recording(
             np.arange(len(position)) / content.rate, position, station=names, history=history,
             **_analog_pressure(content, options, path.name),
         )  # fmt: skip
+    return Reading(recording, (Stated("frames", "its header", content.frames, len(position)),))
 
 
 def _content(path: Path) -> C3dContent:
@@ -105,14 +107,14 @@ def _content(path: Path) -> C3dContent:
     parameters, points, analog = facts["parameters"], arrays["points"], arrays["analog"]
     frames = frames_of(header, parameters)
     _check_length(data, header, frames, path.name)
-    short = len(points) < frames or (header.analog and len(analog) < frames * header.samples)
+    short = bool(header.analog) and len(analog) < frames * header.samples
     if points.shape[1] != header.points or short:
         raise InputError(f"{path.name} is damaged: it holds {len(points)} frames of {points.shape[1]} points, but its "
                          f"header states {frames} of {header.points}; export it again")  # fmt: skip
     doubts, remarks = judge_layout(data, header, frames)
     doubts = [*compare_facts(header, frames, parameters), *doubts, *judge_residuals(data, header, frames)]
     return C3dContent(parameters, points[:frames], analog[: frames * header.samples], header.rate,
-                      header.rate * header.samples, doubts, remarks)  # fmt: skip
+                      header.rate * header.samples, doubts, remarks, frames)  # fmt: skip
 
 
 def _check_length(data: bytes, header: C3dHeader, frames: int, name: str) -> None:

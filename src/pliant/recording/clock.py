@@ -44,11 +44,40 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     return ticks * SECONDS[unit], [line]
 
 
-def without_repeats(time: NDArray, file: str) -> tuple[NDArray, list[str]]:
+def without_repeats(
+    time: NDArray, file: str, rows: NDArray | None = None
+) -> tuple[NDArray, list[str]]:
     """Return a mask (T,) of T rows that is True for the first row of each run of equal time stamps, and a line for the
     history.
+
+    With the values `rows` (T, K), of a shape, a row is left out only if it equals the previous row in all K values.
+
+    Raises
+    ------
+    InputError
+        When there is no row.
     """
-    keep = np.concatenate([[True], np.diff(time) != 0])
+    if not len(time):
+        raise InputError(f"{file} has no row with a time: copy or export it again, with its times")
+    same = np.diff(time) == 0
+    if rows is not None:
+        same &= ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    keep = np.concatenate([[True], ~same])
     dropped = int((~keep).sum())
-    finding = [f"{dropped} of {len(keep)} rows of {file} repeat the previous time stamp and are left out"]
+    what = "repeat the previous time stamp" if rows is None else "repeat the previous row with its time stamp"
+    finding = [f"{dropped} of {len(keep)} rows of {file} {what} and are left out"]
     return keep, finding if dropped else []
+
+
+def usual_step(time: NDArray[np.float64]) -> float:
+    """Return the usual time [s] between two of T samples `time` (T,): the mean of the steps that are no gaps. NaN for
+    fewer than two samples.
+
+    The median would be wrong by the rounding of the times, and the mean of all steps by lost samples.
+    """
+    step = np.diff(time)
+    if not step.size:
+        return float("nan")
+    middle = float(np.median(step))
+    near = step[(step > 0.5 * middle) & (step < 1.5 * middle)]
+    return float(near.mean()) if near.size else middle

@@ -25,7 +25,8 @@ from pliant.recording.column_mapping import Column, ColumnMapping, StationColumn
 from pliant.recording.mapping import shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import holds_number, judge_end, parse_numbers, read_text, split_cells
+from pliant.recording.stated import WARNING
+from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells, without_text
 from pliant.units import metre_per, newton_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
     import xarray as xr
     from numpy.typing import NDArray
+
+
+CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping forgot
 
 
 class ColumnHeader:
@@ -76,20 +80,25 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         )
     options = ColumnMapping.load(mapping, path.name)
     header, table, findings = _table(path, options)
-    history = [*findings, *_unused(header, options)]
+    history = [*findings, *_unused(header, options, table)]
     table, kept = _rows(table, header, options)
     time, wrapped = _time(table, header, options)
     history += [*kept, *wrapped]
-    if options.stations or options.points is not None:
+    whole = bool(options.stations) or options.points is not None
+    if options.time is not None or not whole:
+        keep, more = without_repeats(time, path.name, table[:, sorted(_used(header, options))] if whole else None)
+        time, table, history = time[keep], table[keep], [*history, *more]
+        if len(same := np.flatnonzero(np.diff(time) == 0)):
+            raise InputError(f"{path.name}: time must increase strictly, but {len(same)} pair(s) of rows have the "
+                             f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
+                             "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
+    if whole:
         arrays, more = _stations(table, header, options)
         if options.camera is not None:
             arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
             more.append(how)
     else:
-        keep, more = without_repeats(time, path.name)
-        time, table = time[keep], table[keep]
-        arrays, turns = _turning(table, header, options) if options.angles else ({}, [])
-        more += turns
+        arrays, more = _turning(table, header, options) if options.angles else ({}, [])
     with inside(path.name):
         return make_recording(
             time if arrays else None, pressure_time=time, input_time=time, history=[*history, *more],
@@ -111,27 +120,9 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, l
     rows, findings = judge_end(lines[body:], delimiter, path.name)
     header = ColumnHeader(cells if options.header else [], len(cells), path.name)
     if options.header:
-        rows = _without_text(rows, delimiter, header, options)
+        rows = without_text(rows, delimiter, _used(header, options), header.width)
     table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
     return header, table, findings
-
-
-def _without_text(
-    rows: list[str], delimiter: str | None, header: ColumnHeader, options: ColumnMapping
-) -> list[str]:
-    """Return the rows with "nan" in columns that hold text in the first row and are not in the mapping."""
-    first = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
-    text = {k for k, cell in enumerate(first) if not holds_number(cell)}
-    if not text or len(first) != header.width or not (text := text - _used(header, options)):
-        return rows
-    emptied = []
-    for row in rows:
-        cells = split_cells(row, delimiter)
-        if len(cells) == header.width:
-            cells = ["nan" if k in text else cell for k, cell in enumerate(cells)]
-            row = (delimiter or " ").join(cells)  # noqa: PLW2901
-        emptied.append(row)
-    return emptied
 
 
 def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
@@ -145,12 +136,31 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     return {header.index(column) for column in wanted if column is not None}
 
 
-def _unused(header: ColumnHeader, options: ColumnMapping) -> list[str]:
-    """Return one sentence that lists the columns that the mapping does not use; none where it uses all."""
+def _unused(header: ColumnHeader, options: ColumnMapping, table: NDArray) -> list[str]:
+    """Return one sentence that lists the columns that the mapping does not use, and one that names those of them whose
+    values change; none where it uses all.
+    """
     used = _used(header, options)
-    left = [header.names[i] if header.names else i for i in range(header.width) if i not in used]
-    finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {shorten(left)}"
-    return [finding] if left else []
+    left = {i: header.names[i] if header.names else i for i in range(header.width) if i not in used}
+    if not left:
+        return []
+    names = shorten([*left.values()])
+    finding = f"{len(left)} column(s) of {header.file} are not in the mapping and were left out: {names}"
+    return [finding, *changing_columns({name: table[:, i] for i, name in left.items()}, header.file)]
+
+
+def changing_columns(columns: Mapping[Any, NDArray], file: str) -> list[str]:
+    """Return a sentence that names the columns (T,) whose values change, such as a sensor that a mapping forgot; an
+    empty list if there are none. Counters, which grow by the same step in every row, are left out.
+    """
+    moving = []
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        step = np.diff(known)
+        if step.any() and np.ptp(step) > 1e-6 * np.abs(step).max():
+            moving.append(name)
+    verb = "changes" if len(moving) == 1 else "change"
+    return [f"{CHANGING} of {file} {verb} during the recording: {shorten(moving)}"] if moving else []
 
 
 def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
@@ -171,6 +181,9 @@ def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple
             raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of "
                              f"{file}: correct rows")
         history.append(f"kept rows {first} to {last - 1} of {len(table)}")
+        if last == len(table) - 1:
+            history.append(f"{WARNING}rows = [{first}, {last}] leaves out the last row of {file}: the second number is "
+                           f"the first row that is not read, {len(table)} for all")  # fmt: skip
         table = table[first:last]
     return table, history
 

@@ -2,7 +2,7 @@
 files.
 
 nptdms (extra ``tdms``) reads a TDMS file in a separate process. Times come from the waveform properties of a channel
-(``wf_start_offset``, ``wf_increment``), or from a time channel, such as ``Time``.
+(``wf_start_time``, ``wf_start_offset``, ``wf_increment``), or from a time channel, such as ``Time``.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pliant.recording.clock import without_repeats
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
+from pliant.recording.stated import WARNING, Reading, Stated, judge_stated
 from pliant.units import PASCAL, pascal_per
 
 if TYPE_CHECKING:
@@ -86,8 +87,10 @@ def pressure_log(
     time = channels[names[0]].time
     for name in names[1:]:
         if not np.array_equal(channels[name].time, time):
-            raise InputError(f"channels {clipped(names[0])} and {clipped(name)} of {file} have different sample "
-                             "times: read each channel by its own mapping")  # fmt: skip
+            first, other = (f"{clipped(n)} ({len(channels[n].time)} samples from {channels[n].time[:1].sum():.6g} s)"
+                            for n in (names[0], name))  # fmt: skip
+            raise InputError(f"channels {first} and {other} of {file} have different sample times: read each channel "
+                             "by its own mapping")
     keep, repeats = without_repeats(time, file)
     values = np.stack([channels[n].values * pascal_per(u) for n, u in zip(names, units, strict=True)], axis=1)[keep]
     single = len(names) == 1 and options.chamber is None
@@ -101,28 +104,54 @@ def pressure_log(
         )  # fmt: skip
 
 
-def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read the pressures in a LabVIEW TDMS file and return them as a recording without shape."""
     if find_spec("nptdms") is None:
         raise InputError(f"{path.name}: TDMS files need nptdms, which is not installed: pip install 'pliant[tdms]'")
     arrays, facts = read_apart("tdms", path, "TDMS")
     clocks = [c["key"] for c in facts["channels"] if CLOCK.fullmatch(c["name"])]
+    entries = [c for c in facts["channels"] if c["key"] not in clocks]
+    begins = [c["begin"] for c in entries if c["begin"] is not None]
+    stated = [Stated("whole segments", "the lengths of its segments", facts["segments"], facts["whole"])]
+    if not entries:
+        judge_stated(stated, path.name)  # the reason why there is no channel
     channels: dict[str, Channel] = {}
-    for entry in facts["channels"]:
-        values = arrays[entry["key"]]
-        if entry["key"] in clocks:
-            continue
+    cut = facts["whole"] < facts["segments"]  # inside a sample of one channel, which others of its length have
+    for entry in entries:
+        alike = [len(arrays[e["key"]]) for e in entries if e["stated"] == entry["stated"]]
+        values, begin = arrays[entry["key"]][: min(alike) if cut else None], entry["begin"]
+        shift = 1e-9 * (begin - min(begins)) if begin is not None else 0.0
         if entry["step"]:
-            time = entry["start"] + entry["step"] * np.arange(len(values))
-        elif len(clocks) == 1 and len(arrays[clocks[0]]) == len(values):
-            time = arrays[clocks[0]]
+            time = shift + entry["start"] + entry["step"] * np.arange(len(values))
+        elif len(clocks) == 1 and len(arrays[clocks[0]]) in (len(values), entry["stated"]):
+            time = arrays[clocks[0]][: len(values)]
         else:
             raise InputError(f"{path.name} has no times for channel {entry['name'][:60]}: export it with waveform "
                              "properties (wf_increment) or with one time channel of the same length")  # fmt: skip
         channels[entry["name"]] = Channel(time, values, entry["unit"])
+        what = f"samples of {clipped(entry['name'], 40)}"
+        stated += [Stated(what, "its segments", entry["stated"], len(values)),
+                   Stated(what, "wf_samples", entry["samples"], len(values), "at least")]  # fmt: skip
     others = facts["others"]
     findings = [f"{len(others)} channel(s) of {path.name} hold no numbers: {shorten(others)}"] if others else []
-    return pressure_log(channels, mapping, path.name, findings)
+    findings += start_sentences(entries, path.name)
+    return Reading(pressure_log(channels, mapping, path.name, findings), tuple(stated))
+
+
+def start_sentences(entries: Sequence[Mapping[str, Any]], file: str) -> list[str]:
+    """Return sentences for the history where the channels of a TDMS file state different start times, or only some of
+    them state one.
+    """
+    dated = {e["name"]: e["begin"] for e in entries if e["begin"] is not None and e["step"]}
+    undated = [e["name"] for e in entries if e["begin"] is None and e["step"]]
+    said = []
+    if len(set(dated.values())) > 1:
+        late = ", ".join(f"{clipped(n, 40)} {1e-9 * (b - min(dated.values())):.6g} s" for n, b in dated.items())
+        said.append(f"the channels of {file} start at different times (wf_start_time) and were shifted: {late}")
+    if dated and undated:
+        said.append(f"{WARNING}{shorten(undated, 5)} of {file} state no start time (wf_start_time), but other channels "
+                    "do: they are assumed to start with the first of these")
+    return said
 
 
 TDMS = Reader("tdms", ENDINGS["tdms"], read_tdms, begins_with(b"TDSm"))

@@ -7,16 +7,18 @@ tare. One file is one core. The layout is that of other readers of this format.
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped, inside
 from pliant.recording.inputs import input_arguments
 from pliant.recording.mapping import FileMapping
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import append_history, make_recording
+from pliant.recording.stated import Reading, Stated, stated_rate
 from pliant.recording.tables import judge_end, parse_numbers, read_text
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 PITCH_TOLERANCE = 0.02  # of the pitch: the x-axis is rounded
 LABEL_CELLS = 3  # time stamp, kind of row, quantity
+AXIS_UNITS = ("", "m", "meters", "metres")
 STRAIN_UNITS = {"microstrain": 1e-6, "ustrain": 1e-6, "με": 1e-6, "µε": 1e-6, "ue": 1e-6, "strain": 1.0}
 
 
@@ -36,7 +39,7 @@ class LunaMapping(FileMapping):
     core: str = "core000"
 
 
-def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read the strain of one fibre core from a Luna ODiSI table and return it as a recording; missing values become
     NaN.
     """
@@ -44,6 +47,9 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     lines = read_text(path).split("\n")
     header, at = _header(lines, path.name)
     scale = _strain_scale(header, path.name)
+    if (unit := header.get("x-axis units", "m").lower()) not in AXIS_UNITS:
+        raise InputError(f"{path.name} states the x-axis in {clipped(unit, 20)!r}, not in metres: export it again with "
+                         "the x-axis in m")
     gauges, first = _gauges(lines, at, path.name)
     body, findings = judge_end(lines[first:], "\t", path.name)
     rows = [(i, line.split("\t", LABEL_CELLS)) for i, line in enumerate(body, first) if line.strip()]
@@ -63,10 +69,18 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Datase
     if len(kept) < len(rows):
         findings.append(f"{len(rows) - len(kept)} row(s) hold another quantity than strain and were left out")
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
-    return make_recording(
-        time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=findings,
-        attrs={"start_time": stamps[0].isoformat(), "test_name": header.get("test name", "")},
-    )  # fmt: skip
+    with inside(path.name):
+        recording = make_recording(
+            time, strain=strain[:, None, :], gauge_position=gauges, core=[options.core], history=findings,
+            attrs={"start_time": stamps[0].isoformat(), "test_name": header.get("test name", "")},
+        )  # fmt: skip
+    return Reading(recording, tuple(_stated(header, time)))
+
+
+def _stated(header: Mapping[str, str], time: np.ndarray) -> list[Stated]:
+    """Return the rate that the header states, beside that of the rows."""
+    rate = re.match(r"[0-9]+\.?[0-9]*", header.get("measurement rate per channel", ""))
+    return stated_rate("rows", "Measurement Rate per Channel", float(rate[0]) if rate else np.nan, time)
 
 
 def combine_cores(recordings: Sequence[xr.Dataset]) -> xr.Dataset:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pliant.errors import InputError, clipped
+from pliant.errors import InputError, clipped, known_entries
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +30,9 @@ class FileMapping(BaseModel):
             first = error.errors()[0]
             key = clipped(".".join(map(str, first["loc"]))) or "as a whole"
             if first["type"] == "extra_forbidden":
-                problem = f"unknown key {key!r}; the known keys are {', '.join(cls.model_fields)}"
+                table = key.rpartition(".")[0]
+                keys = ", ".join(known_entries(cls, first["loc"]))
+                problem = f"unknown key {key!r}; the known keys{f' of {table}' * bool(table)} are {keys}"
             else:
                 problem = f"{key}: {first['msg'].removeprefix('Value error, ')}"
             raise InputError(f"the {what} {name} is invalid: {problem}") from None

@@ -7,15 +7,17 @@ of each column, and the frames: number, time in seconds, values; empty cells whe
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped, inside
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
+from pliant.recording.stated import Reading, Stated, stated_rate
 from pliant.recording.tables import read_rows, read_text, split_cells, whole_number
 from pliant.units import metre_per
 
@@ -23,21 +25,22 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    import xarray as xr
     from numpy.typing import NDArray
 
+UNLABELLED = re.compile(r"unlabell?ed[ _#]?\d*", re.IGNORECASE)  # names of markers that Motive has not identified
+SPACES = ("", "global")  # of coordinates; others refer to the skeleton of the asset
 UNITS = {"meters": "m", "metres": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in"}
-RATE_TOLERANCE = 0.02  # of the rate: times are rounded to the microsecond
 TYPES = ("Rigid Body", "Bone", "Marker")
 
 
 class MotiveMapping(FileMapping):
-    """Options of the Motive reader: the unit of length where the file states none, and the types of tracked assets to
-    read.
+    """Options of the Motive reader: the unit of length where the file states none, the types of tracked assets to
+    read, and whether to read markers without a label, such as ``Unlabeled 1001``.
     """
 
     length_unit: str | None = None
     types: tuple[str, ...] = TYPES
+    unlabelled: bool = False
 
 
 class _Header:
@@ -56,6 +59,7 @@ class _Header:
         self.axis, self.quantity = table[at], table[at - 1]
         self.width = len(self.axis)
         types, names = labelled["type"], labelled["name"]
+        self.names = names
         if min(len(types), len(names), len(self.quantity)) < self.width:
             raise InputError(f"the header rows of {name} differ in length: the file is damaged, so export it again")
         if nameless := [i + 1 for i in range(2, self.width) if types[i] in options.types and not names[i]]:
@@ -63,11 +67,13 @@ class _Header:
                              "this cell")
         self.columns: dict[str, dict[tuple[str, str], int]] = {}
         self.left_out = [i for i in range(2, self.width) if types[i] not in options.types]
+        self.unlabelled = set() if options.unlabelled else {i for i in range(2, self.width) if types[i] in options.types
+                                                            and UNLABELLED.fullmatch(names[i])}  # fmt: skip
         self.renamed: list[str] = []
         self.same: Counter[str] = Counter()  # names that are taken -> how many were
         of: dict[tuple[str, ...], str] = {}  # type, name and ID of an asset -> the name of its station
         ids = labelled.get("id", [])
-        for i in (i for i in range(2, self.width) if types[i] in options.types):
+        for i in (i for i in range(2, self.width) if types[i] in options.types and i not in self.unlabelled):
             asset = (types[i], names[i], ids[i] if i < len(ids) else "")
             if asset in of and (self.quantity[i], self.axis[i]) in self.columns[of[asset]]:
                 del of[asset]  # the same column once more: another asset of the same name
@@ -87,7 +93,7 @@ class _Header:
         return fresh
 
 
-def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read the markers and rigid bodies of an OptiTrack Motive CSV export as stations and return a recording."""
     options = MotiveMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
@@ -95,44 +101,53 @@ def read_motive(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
         raise InputError(f"{path.name} is not a Motive export: it does not begin with Format Version; export it from "
                          "Motive as CSV")
     header = _Header(lines, options, path.name)
+    if (space := header.keys.get("Coordinate Space", "")).lower() not in SPACES:
+        raise InputError(f"{path.name} states its coordinates in the space {clipped(space, 40)!r}, not Global: export "
+                         "it from Motive with global coordinates")
     table, findings = read_rows(lines, header.first, ",", path.name, header.width)
     scale = _scale(header, options, path.name)
     names = [n for n, c in header.columns.items() if all(("Position", a) in c for a in "XYZ")]
     if not names:
-        raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position: export positions, or "
-                         "change types in the mapping")
+        only = ", as its markers have no label: label them, or set unlabelled = true" if header.unlabelled else \
+            ": export positions, or change types"
+        raise InputError(f"{path.name} holds no {' or '.join(options.types)} with a position{only} in the mapping")
     columns = [[header.columns[n]["Position", a] for a in "XYZ"] for n in names]
     quaternion, history = _rotations(table, header, names)
-    history = [*findings, *_facts(table, header, path.name), *history]
+    history = [*findings, *_numbering(table), *history]
     if header.left_out:
         history.append(f"{len(header.left_out)} columns of assets other than {', '.join(options.types)} were not read")
+    if header.unlabelled:
+        lost = {header.names[i] for i in header.unlabelled}
+        history.append(f"{len(lost)} marker(s) without a label were left out: {shorten(sorted(lost))}; unlabelled = "
+                       "true in the mapping reads them")  # fmt: skip
     if header.renamed:
         history.append(f"{len(header.renamed)} asset(s) have a repeated name and got a number: "
                        f"{shorten(header.renamed)}")  # fmt: skip
     history += _other_columns(header, names)
-    return make_recording(
-        table[:, 1], table[:, columns] * scale, station=names, quaternion=quaternion, history=history
-    )
+    with inside(path.name):
+        recording = make_recording(
+            table[:, 1], table[:, columns] * scale, station=names, quaternion=quaternion, history=history
+        )
+    return Reading(recording, tuple(_stated(table, header)))
 
 
-def _facts(table: NDArray, header: _Header, name: str) -> list[str]:
-    """Return sentences where frame numbers or rate differ from the header; raise InputError where rows are missing."""
-    stated = whole_number(header.keys.get("Total Exported Frames", ""))
-    if stated not in (None, len(table)):
-        raise InputError(f"the header of {name} states {stated} frames, but it holds {len(table)}: the file may be "
-                         "truncated, so copy or export it again")
-    said = []
+def _numbering(table: NDArray) -> list[str]:
+    """Return a sentence where frame numbers do not increase by one."""
     lost = int((np.diff(table[:, 0]) != 1).sum())
-    if lost:
-        said.append(f"the frame numbers do not increase by one at {lost} frame(s): frames were lost or reordered")
+    said = f"the frame numbers do not increase by one at {lost} frame(s): frames were lost or reordered"
+    return [said] if lost else []
+
+
+def _stated(table: NDArray, header: _Header) -> list[Stated]:
+    """Return the number of frames and the rate that the header states, beside those of the table."""
+    count = whole_number(header.keys.get("Total Exported Frames", ""))
+    frames = [] if count is None else [Stated("frames", "Total Exported Frames", count, len(table))]
+    key = next((k for k in ("Export Frame Rate", "Capture Frame Rate") if header.keys.get(k)), "")
     try:
-        rate = float(header.keys.get("Export Frame Rate") or header.keys.get("Capture Frame Rate") or "nan")
+        rate = float(header.keys.get(key, "nan"))
     except ValueError:
         rate = float("nan")
-    step = float(np.median(np.diff(table[:, 1]))) if len(table) > 1 else float("nan")
-    if abs(step * rate - 1.0) > RATE_TOLERANCE:
-        said.append(f"the header states {rate:g} Hz, but the frames are {step:g} s apart; their times were used")
-    return said
+    return frames + stated_rate("frames", key, rate, table[:, 1])
 
 
 def _other_columns(header: _Header, names: list[str]) -> list[str]:

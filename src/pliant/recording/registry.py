@@ -1,8 +1,8 @@
 """Registry that selects the reader of a file: the built-in formats and those of installed packages.
 
-Another package adds a format by an entry point of the group ``pliant.readers`` that points to a `Reader`.
-
-Another package adds a format by an entry point of the group ``pliant.readers`` that leads to a `Reader`.
+Another package adds a format by an entry point of the group ``pliant.readers`` that points to a `Reader`. What a file
+states about its content is compared with what was read in `read_recording`, for all formats alike; see
+`pliant.recording.stated`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pliant.errors import InputError, clipped
+from pliant.file_kinds import RECORDING, refuse_other
 from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.lost import without_lost
 from pliant.recording.published import PREFIX, published_path
-from pliant.recording.schema import check_recording
+from pliant.recording.schema import append_history, check_recording
+from pliant.recording.stated import Reading, judge_stated
+from pliant.recording.typed_steps import held, without_hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 
 GROUP = "pliant.readers"
 HEAD_BYTES = 65536
+BAG_METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
 
 BUILT_IN = {  # name -> the reader and the endings of its files: only readers of the file's ending are imported
     "deeplabcut": ("pliant.recording.deeplabcut:READER", (".csv", ".h5", ".hdf5")),
@@ -68,7 +72,8 @@ class Reader:
     suffixes : tuple of str
         File name endings in lower case, with the dot.
     read : callable
-        ``read(path, mapping) -> Dataset``; `mapping` is None or a dict of options of this format.
+        ``read(path, mapping)`` returns a recording or, where the format states numbers of samples or rates, a
+        `Reading`; `mapping` is None or a dict of options of this format.
     recognises : callable
         ``recognises(head) -> bool`` from the first 64 KiB; returns True for a file of this format; decides between
         formats that share an ending.
@@ -78,7 +83,7 @@ class Reader:
 
     name: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, Mapping[str, Any] | None], xr.Dataset]
+    read: Callable[[Path, Mapping[str, Any] | None], xr.Dataset | Reading]
     recognises: Callable[[bytes], bool] = lambda _head: True
     needs_mapping: bool = False
 
@@ -103,11 +108,14 @@ def read_recording(
     Parameters
     ----------
     path : str or Path
-        Path of a file, or ``data:NAME/FILE``, a public recording that `pliant data fetch` has downloaded.
+        Path of a file or of the folder of a ROS 2 bag, or ``data:NAME/FILE``, a public recording that `pliant data
+        fetch` has downloaded.
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
-        ``linear`` scales channels of any format, see `pliant.recording.linear`.
+        ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
+        the value of a row until the next, see `pliant.recording.typed_steps`; ``incomplete = true`` reads a file that
+        holds fewer samples than it states.
     format : str, optional
         Name of the format. Default: ``format`` of the mapping, otherwise recognised from the ending and the first
         bytes of the file. A mapping that describes ``stations``, ``points``, ``inputs`` or ``pressure`` by columns
@@ -123,7 +131,8 @@ def read_recording(
     Raises
     ------
     InputError
-        When the file does not exist, has no known format, is damaged, or does not fit the mapping.
+        When the file does not exist, has no known format, is damaged, holds less than it states, or does not fit the
+        mapping.
 
     Examples
     --------
@@ -133,35 +142,70 @@ def read_recording(
     296
     """
     path = published_path(Path(path).as_posix()) if str(path).startswith(PREFIX) else Path(path)
+    _check_exists(path)
+    if mapping is not None and not hasattr(mapping, "items"):
+        raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
+    mapping, format = _without(mapping, "format", format)  # noqa: A001
+    mapping, incomplete = _without(mapping, "incomplete", None)
+    if incomplete not in (None, True, False):
+        raise InputError(f"incomplete in the mapping for {path.name} must be true or false, not {incomplete!r:.60}")
+    head, digest = _head_and_digest(path)
+    mapping, hold = without_hold(mapping, path.name)
+    mapping, lines = without_lines(mapping)
+    reader = _choose(path, head, mapping, format and str(format))
     try:
-        there = path.exists()
+        content = reader.read(path, mapping)
+        reading = content if isinstance(content, Reading) else Reading(content)
+        warnings = judge_stated(reading.stated, path.name, incomplete=bool(incomplete))
+        recording = append_history(reading.recording, *warnings) if warnings else reading.recording
+        recording = scaled(without_lost(recording), lines, path.name)
+        recording = check_recording(held(recording, hold, path.name))
+    except InputError as error:
+        raise InputError(f"{error}{looks_like(head, reader.name)}") from None
+    return recording.assign_attrs(_provenance(recording, path, reader.name, digest))
+
+
+def _check_exists(path: Path) -> None:
+    """Raise InputError where `path` is neither a file nor the folder of a ROS 2 bag."""
+    try:
+        if is_bag_folder(path) or (path.exists() and not path.is_dir()):
+            return
     except OSError as error:  # such as a name too long
         where = clipped(str(path), 200)
         raise InputError(f"cannot read a recording from {where}: {error.strerror or error}") from None
-    if not there or path.is_dir():
-        what = "this is a folder, not a file" if there else "there is no such file"
-        raise InputError(f"cannot read a recording from {path}: {what}")
-    if mapping is not None and not hasattr(mapping, "items"):
-        raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
-    if mapping is not None and "format" in mapping:
-        format = format or str(mapping["format"])  # noqa: A001
-        mapping = {k: v for k, v in mapping.items() if k != "format"} or None
+    what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
+    raise InputError(f"cannot read a recording from {path}: {what}")
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Return whether `path` is the folder of a ROS 2 bag, which holds `BAG_METADATA`."""
+    return path.is_dir() and (path / BAG_METADATA).is_file()
+
+
+def _without(mapping: Mapping[str, Any] | None, key: str, value: Any) -> tuple[Mapping[str, Any] | None, Any]:
+    """Return the options without `key`, and `value` or else that of the option."""
+    if mapping is None or key not in mapping:
+        return mapping, value
+    return {k: v for k, v in mapping.items() if k != key} or None, mapping[key] if value is None else value
+
+
+def _head_and_digest(path: Path) -> tuple[bytes, str]:
+    """Return the first bytes of a file and its checksum; of a folder, those of its first file and of all together."""
+    files = sorted(f for f in path.iterdir() if f.is_file()) if path.is_dir() else [path]
+    files.sort(key=lambda file: file.name == BAG_METADATA)
     try:
-        with regular_file(path, "recording") as file:
+        with regular_file(files[0], "recording") as file:
             head = file.read(HEAD_BYTES)
-            file.seek(0)
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        total = hashlib.sha256()
+        for part in files:
+            with regular_file(part, "recording") as file:
+                digest = hashlib.file_digest(file, "sha256")
+            total.update(digest.digest())
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     if not head:
         raise InputError(f"{path.name} is empty: copy or export it again")
-    mapping, lines = without_lines(mapping)
-    reader = _choose(path, head, mapping, format)
-    try:
-        recording = check_recording(scaled(without_lost(reader.read(path, mapping)), lines, path.name))
-    except InputError as error:
-        raise InputError(f"{error}{looks_like(head, reader.name)}") from None
-    return recording.assign_attrs(_provenance(recording, path, reader.name, digest))
+    return head, total.hexdigest() if path.is_dir() else digest.hexdigest()
 
 
 def _provenance(recording: xr.Dataset, path: Path, name: str, digest: str) -> dict[str, str]:
@@ -194,6 +238,8 @@ def describes_columns(mapping: Mapping[str, Any]) -> bool:
 
 
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
+    if path.is_dir():
+        name = "bag"
     if name is None and mapping is not None and describes_columns(mapping):
         name = "columns"
     if name is not None:
@@ -206,6 +252,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
+        refuse_other(path, RECORDING)
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import warnings
@@ -14,7 +15,7 @@ from pliant.errors import InputError
 from pliant.files import LARGEST_TABLE, content_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -58,11 +59,23 @@ def find_delimiter(line: str, name: str) -> str:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Split a line of a table into cells, without blanks and quotes around them. Where `delimiter` is None, cells are
-    separated by white space.
+    """Split a line of a table into cells, without blanks and quotes around them. A delimiter within quotes belongs to
+    the cell. Where `delimiter` is None, cells are separated by white space.
     """
-    cells = line.split() if delimiter is None else line.split(delimiter)
+    if delimiter is None:
+        cells = line.split()
+    elif '"' in line:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    else:
+        cells = line.split(delimiter)
     return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def count_cells(line: str, delimiter: str | None) -> int:
+    """Return the number of cells in a line of a table; a delimiter within quotes separates none."""
+    if delimiter is None or '"' in line:
+        return len(split_cells(line, delimiter))
+    return line.count(delimiter) + 1
 
 
 def repeated_names(names: Sequence[str]) -> list[str]:
@@ -118,6 +131,23 @@ def holds_number(cell: str) -> bool:
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
+def without_text(rows: list[str], delimiter: str | None, used: Collection[int], width: int) -> list[str]:
+    """Return the rows of a table of `width` columns with "nan" in the columns that hold text and are not in `used`.
+
+    Whether a column holds text is judged by its first `COMPARED_ROWS` cells.
+    """
+    first = [split_cells(row, delimiter) for row in rows[:COMPARED_ROWS] if row.strip()]
+    text = {k for cells in first if len(cells) == width for k, cell in enumerate(cells) if not holds_number(cell)}
+    if not (text := text - set(used)):
+        return rows
+    emptied = []
+    for row in rows:
+        cells = split_cells(row, delimiter)
+        numbers = ["nan" if k in text else cell for k, cell in enumerate(cells)]
+        emptied.append((delimiter or " ").join(numbers) if len(cells) == width else row)
+    return emptied
+
+
 def parse_numbers(lines: Sequence[str], *, name: str, first_line: int, delimiter: str | None, columns: int) -> Array:
     """Parse lines of text as an array (rows, columns); empty cells and markers of missing values become NaN.
 
@@ -149,7 +179,7 @@ def parse_numbers(lines: Sequence[str], *, name: str, first_line: int, delimiter
     if not rows:
         raise InputError(f"{name} holds no rows of numbers: copy or export it again")
     for number, line in rows:
-        count = len(line.split()) if delimiter is None else line.count(delimiter) + 1
+        count = count_cells(line, delimiter)
         if count != columns:
             raise InputError(_wrong_count(name, number, count, columns, delimiter))
     text = "\n".join(line for _, line in rows)
@@ -172,11 +202,14 @@ def parse_numbers(lines: Sequence[str], *, name: str, first_line: int, delimiter
     return np.ascontiguousarray(values)
 
 
-def read_rows(lines: list[str], start: int, delimiter: str | None, name: str, columns: int) -> tuple[Array, list[str]]:
+def read_rows(
+    lines: list[str], start: int, delimiter: str | None, name: str, columns: int, used: Collection[int] | None = None
+) -> tuple[Array, list[str]]:
     """Parse the rows of a text table from ``lines[start]`` on: return their numbers (rows, columns), and the sentences
-    of `judge_end` about the last row.
+    of `judge_end` about the last row. Text is NaN in columns that are not in `used`; None uses all.
     """
     rows, findings = judge_end(lines[start:], delimiter, name)
+    rows = rows if used is None else without_text(rows, delimiter, used, columns)
     return parse_numbers(rows, name=name, first_line=start + 1, delimiter=delimiter, columns=columns), findings
 
 
@@ -199,6 +232,9 @@ def _parse_slowly(rows: Sequence[tuple[int, str]], name: str, delimiter: str | N
                 values.append(np.nan)
                 continue
             text = cell.replace(",", ".") if decimal == "," else cell
+            if cell.startswith(("[", "(", "{")) and delimiter is not None and delimiter in cell:
+                raise InputError(f"line {number}, cell {index + 1} of {name} holds a list in quotes, {cell[:40]!r}: "
+                                 "write one number in each cell")
             if not NUMBER.fullmatch(text):
                 raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}; correct "
                                  "it, or leave the cell empty")

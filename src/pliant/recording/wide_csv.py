@@ -18,15 +18,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import standard_names
+from pliant.recording.columns import changing_columns
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
+from pliant.recording.stated import Reading, Stated
 from pliant.recording.tables import (
     find_delimiter,
     read_rows,
@@ -46,6 +48,14 @@ if TYPE_CHECKING:
 
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
+HELD = frozenset((  # variables and coordinates that a table and its metadata hold
+    "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
+    "pressure_time", "chamber",
+))  # fmt: skip
+OWN = frozenset((  # attributes of a recording that are not kept under `attributes`
+    "schema", "schema_version", "frame", "source", "source_format", "source_sha256", "pressure_reference", "history",
+    "nominal_pressure", "metadata",
+))  # fmt: skip
 STATION_COLUMN = re.compile(r"(x|y|z|qx|qy|qz|qw|angle)_(.+)")
 
 class TableMetadata(FileMapping):
@@ -67,12 +77,13 @@ class TableMetadata(FileMapping):
     source_sha256: str | None = None
     angle_reference: str | None = None
     table_sha256: str | None = None
+    attributes: dict[str, str | int | float] = Field(default={})
 
 
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
-def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
+def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file."""
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
@@ -84,15 +95,12 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Da
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
-    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names))
+    used = [k for k, name in enumerate(names) if is_known(name)]
+    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names), used)
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
-    if "rows" in metadata and metadata["rows"] != len(table):
-        raise InputError(
-            f"the metadata of {path.name} state {metadata['rows']} rows, but it has {len(table)}: it may be "
-            "truncated, so copy it again"
-        )
     columns = dict(zip(names, table.T, strict=True))
-    return _recording(columns, metadata, path.name, findings)
+    stated = [Stated("rows", "its metadata", metadata["rows"], len(table))] if "rows" in metadata else []
+    return Reading(_recording(columns, metadata, path.name, findings), tuple(stated))
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
@@ -101,13 +109,15 @@ def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
     Raises
     ------
     InputError
-        When one table cannot hold the recording: different sample times of shape and pressure, strain, or inputs other
-        than pressure.
+        When one table cannot hold the recording: it has no positions, other sample times of shape and pressure, or a
+        variable beside positions, orientations, angles and pressure, such as strain.
     """
     check_recording(recording)
-    if "position" not in recording or {"strain", "actuation"} & set(recording):
-        raise InputError("a wide CSV holds positions and pressure, not strain or other inputs: write netCDF (.nc) "
-                         "instead")
+    if "position" not in recording:
+        raise InputError("a wide CSV holds positions, and the recording has none: write netCDF (.nc) instead")
+    if strange := [str(name) for name in recording.variables if name not in HELD]:
+        raise InputError(f"a wide CSV cannot hold {shorten(strange)}, only positions, orientations, angles and "
+                         "pressure: write netCDF (.nc) instead")
     columns: dict[str, Any] = {"t": recording["time"].values}
     if "pressure" in recording:
         columns |= _pressure_columns(recording)
@@ -187,10 +197,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     labels = _station_labels(columns)
     history = list(findings)
     pressure, chamber = pressures_of(columns)
-    known = {clock, *(n for n in columns if STATION_COLUMN.fullmatch(n) or pressure_unit(n))}
-    ignored = [n for n in columns if n not in known]
+    ignored = [n for n in columns if not is_known(n)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
+        history += changing_columns({name: columns[name] for name in ignored}, file)
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)
@@ -200,9 +210,11 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
                          "rename them or give a mapping")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
-    if not labels:
-        keep, repeats = without_repeats(time, file)
-        time, pressure, history = time[keep], np.asarray(pressure)[keep], [*history, *repeats]
+    used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)
+    keep, repeats = without_repeats(time, file, used if labels else None)
+    time, history = time[keep], [*history, *repeats]
+    pressure = None if pressure is None else np.asarray(pressure)[keep]
+    arrays |= {name: arrays[name][keep] for name in ("position", "quaternion", "angle") if name in arrays}
     with inside(file):
         return make_recording(
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
@@ -256,6 +268,11 @@ def _stations(
     return arrays, history
 
 
+def is_known(name: str) -> bool:
+    """Return whether the name of a column is that of a time, a coordinate of a station or a pressure."""
+    return name in (*CLOCKS, "p") or bool(STATION_COLUMN.fullmatch(name)) or pressure_unit(name) is not None
+
+
 def pressure_unit(name: str) -> str | None:
     """Return the unit in the name of a pressure column, such as ``p_kpa``; None for any other column."""
     parts = name.split("_")
@@ -285,8 +302,9 @@ def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
              "angle_reference")  # fmt: skip
     kept = {name: metadata[name] for name in names if name in metadata}
     other = {k: v for k, v in metadata.items() if k not in KNOWN_METADATA}
+    kept["attrs"] = {k: v for k, v in metadata.get("attributes", {}).items() if k not in OWN}
     if other:
-        kept["attrs"] = {"metadata": json.dumps(other, ensure_ascii=False)}
+        kept["attrs"]["metadata"] = json.dumps(other, ensure_ascii=False)
     return kept
 
 
@@ -312,8 +330,20 @@ def _written_metadata(recording: xr.Dataset) -> dict[str, Any]:
     for name in ("angle", "quaternion"):
         if name in recording and "reference" in recording[name].attrs:
             metadata["angle_reference"] = recording[name].attrs["reference"]
+    if attributes := {k: as_json(k, v) for k, v in recording.attrs.items() if k not in OWN}:
+        metadata["attributes"] = attributes
     other = recording.attrs.get("metadata")
     return metadata | (json.loads(other) if isinstance(other, str) else {})
+
+
+def as_json(name: str, value: Any) -> str | int | float:
+    """Return the value of the attribute `name` of a recording as JSON holds it; raise InputError if it is neither a
+    text nor a number.
+    """
+    plain = value.item() if isinstance(value, np.generic) else value
+    if not isinstance(plain, str | int | float) or plain != plain:  # noqa: PLR0124  NaN is not itself
+        raise InputError(f"a wide CSV cannot hold the attribute {name}, {shown(value)}: write netCDF (.nc) instead")
+    return plain
 
 
 def _recognises(head: bytes) -> bool:

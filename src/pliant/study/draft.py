@@ -15,6 +15,7 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import standing_stations
+from pliant.recording.typed_steps import held_sentences
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_inputs import (
     LINKS,
@@ -35,7 +36,7 @@ from pliant.study.trial import (
     from_one_side,
     held_out,
     in_space,
-    inspect_with_log,
+    inspect_trial,
     moved,
 )
 
@@ -167,7 +168,7 @@ def inspect_all(
     With `space=None` they are aligned in space if one of them moves in space or is driven by tendons.
     """
     pairs = with_logs([Path(f) for f in files])
-    trials = [inspect_with_log(shape, log, mapping) for shape, log in pairs]
+    trials = [inspect_trial(shape, mapping, log) for shape, log in pairs]
     spatial = any(trial.spatial or trial.tendon_inputs for trial in trials) if space is None else space
     if spatial:
         return [in_space(trial) for trial in trials]
@@ -295,7 +296,7 @@ def fibre(out: Lines, trial: Trial, length: float | None) -> None:
 def alignment(out: Lines, trial: Trial) -> None:
     """Write the [alignment] tables, which transform positions from the tracker's frame to the base frame."""
     if trial.recording.attrs["frame"] == "planar":
-        if not trial.dense:
+        if not trial.dense and trial.recording.sizes["station"] > 1:
             out.table("alignment.options")
             out.put("base", trial.base, "the recording is planar already; this station does not move and is not fitted")
         return
@@ -305,6 +306,10 @@ def alignment(out: Lines, trial: Trial) -> None:
         for name, markers in trial.stations.items():
             out.put(name, markers)
     out.table("alignment.options")
+    if not trial.options:
+        out.ask("origin", "[x, y, z] of the base, m, in the tracker's axes: one tracked station does not show the base")
+        out.ask("tangent", 'direction along the body at rest from its base, in these axes, as "+y" or [0.0, 1.0, 0.0]')
+        return
     out.put("base", trial.options["base"])
     tangent = "base tangent from the first stations" if trial.dense else \
         "from base to tip at rest; or state the body's axis in the tracker frame, e.g. \"+x\" or [1.0, 0.0, 0.0]"
@@ -335,6 +340,8 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
         out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
+        if held_sentences(trial.recording):
+            out.put("pressure_mapping", {"hold": True}, "typed steps, held until the next row; false: linear between")
     if trial.mapping:
         out.put("mapping", trial.mapping)
     if (moving := moving_beside(trial)) is not None:

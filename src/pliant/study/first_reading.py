@@ -11,7 +11,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.recording import read, readers
-from pliant.recording.registry import HEAD_BYTES
+from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.sensing import read_shape
 
 TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
@@ -83,7 +83,7 @@ def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
 
 def holds_pressure_alone(path: Path) -> bool:
     """Return whether a file can be read without a mapping and holds pressure alone."""
-    if path.suffix.lower() not in LOGS:
+    if path.suffix.lower() not in LOGS and not is_bag_folder(path):
         return False
     try:
         return set(read(path)) == {"pressure"}

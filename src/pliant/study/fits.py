@@ -11,28 +11,23 @@ from functools import partial
 
 import numpy as np
 
-from pliant.errors import InputError
 from pliant.failures import Failures, finite
 from pliant.identification import (
-    MORE_STAGES,
-    STAGES,
     Band,
     Experiment,
     FitResult,
-    ModelSelection,
-    Stage,
     bootstrapped,
     fit,
     predict,
     predict_held_out,
     prediction_band,
     residual_noise,
-    select_model,
 )
 from pliant.identification.fit import parameters_from
 from pliant.identification.nested import parents
 from pliant.identification.prediction import predict_body
 from pliant.model import Model
+from pliant.selection import ModelSelection, select_model, terms_for
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
 from pliant.simulation.time_step import nice
 from pliant.study.body import study_model
@@ -108,16 +103,6 @@ def fit_outcome(
     return FitOutcome(name, title, result, records, seconds, tuple(failures))
 
 
-def stages_of(entry: SelectionEntry) -> Sequence[Stage]:
-    """Return the stages that a study's model selection names, or the default stages if it names none. An unknown name
-    raises InputError.
-    """
-    known = {r.name: r for r in (*STAGES, *MORE_STAGES)}
-    if unknown := [n for n in entry.stages if n not in known]:
-        raise InputError(f"[model_selection] names an unknown stage {unknown[0]!r}: choose from {', '.join(known)}")
-    return [known[n] for n in entry.stages] or STAGES
-
-
 def run_model_selection(
     study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
 ) -> ModelSelection | None:
@@ -125,10 +110,11 @@ def run_model_selection(
     entry = study.model_selection
     if entry is None:
         return None
+    train = [experiments[r] for r in entry.train]
     return select_model(
-        [experiments[r] for r in entry.train], [experiments[r] for r in entry.held_out], model,
-        common=parameters_from(entry.common), stages=stages_of(entry), choose_by=entry.choose_by,
-        time_step=study.time_step, weighting=entry.weighting, loss=entry.loss, starts=entry.starts, rng=study.seed,
+        train, model, common=parameters_from(entry.common), minutes=entry.minutes,
+        terms=terms_for(model, train, only=entry.terms, without=entry.without), time_step=study.time_step,
+        weighting=entry.weighting, loss=entry.loss, rng=study.seed,
         progress=lambda line: notify(f"model selection: {line}"),
     )
 
@@ -137,11 +123,9 @@ def selection_fit(
     study: Study, selection: ModelSelection, experiments: Mapping[str, Experiment], notify: Notify,
 ) -> FitOutcome:
     """Return the results of the model that the model selection chose, in the same form as those of a fit."""
-    entry = study.model_selection or SelectionEntry(train=[], starts=1)
-    chosen = selection.chosen_stage
+    entry = study.model_selection or SelectionEntry.model_validate({"train": []})
     return fit_outcome(
-        study, "model_selection", f"Model selection, {chosen.stage.title}", entry, selection.result, chosen.seconds,
-        experiments, notify,
+        study, "model_selection", "Chosen terms", entry, selection.result, selection.seconds, experiments, notify,
     )
 
 

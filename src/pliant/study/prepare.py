@@ -25,9 +25,11 @@ from pliant.preprocessing.quality import quality, standing_stations
 from pliant.preprocessing.repair import leave_out_spikes
 from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
+from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.published import PREFIX
 from pliant.recording.schema import history_of
+from pliant.recording.typed_steps import held_sentences
 from pliant.sensing import read_shape
 from pliant.study.aligned import Aligned, at_common_rest, known_forces, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
@@ -142,13 +144,19 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         stations, body, tip = in_frame(study, name, raw, alignment, normal)
     if not entry.poses and entry.spikes == "leave out" and not study.reduction:
         body = leave_out_spikes(body, stations)
-    lines = [*glitches, *findings, *inputs_in_words(entry, raw, name), *(str(line) for line in looked.findings)]
+    lines = [*glitches, *findings, *held_sentences(raw), *left_out_columns(raw), *inputs_in_words(entry, raw, name)]
+    lines += [str(line) for line in looked.findings]
     if tip:
         lines.append(tip)
     elif body is not raw or alignment.swaps:
         lines += str(body.attrs.get("history", "")).splitlines()[before:]
     doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
     return Aligned(body, tuple(lines), tip, clocks, doubts)
+
+
+def left_out_columns(recording: xr.Dataset) -> list[str]:
+    """Return the sentences of a recording's history on columns of its file that change and are not in its mapping."""
+    return [line for line in str(recording.attrs.get("history", "")).splitlines() if CHANGING in line]
 
 
 def part_of(name: str, recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:

@@ -17,21 +17,24 @@ import xarray as xr
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
-from pliant.identification import Experiment, ModelSelection
+from pliant.identification import Experiment
 from pliant.identification.drives import at_rest
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
+from pliant.selection import ModelSelection
 from pliant.study.aligned import Aligned
+from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
-from pliant.study.fits import run_model_selection, selection_fit, stages_of
+from pliant.study.fits import run_model_selection, selection_fit
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import (
     all_aligned,
     beyond_reach,
+    left_out_columns,
     study_experiment,
     supported_links,
     without,
@@ -89,13 +92,16 @@ def run_study(
         ends, selection = all_fits(study, ready, notify, workers)
         fits, failed = computed(ends)
         fitted = clock.perf_counter()
+        fits = with_baselines(study, fits, ready.experiments, ready.bodies, notify)
+        compared = clock.perf_counter()
         first = fits[0].result
         failures = Failures(fits[0].name, notify)
         results = {"": first, **{fit.name: fit.result for fit in fits}}
         forecasts = run_forecasts(study, ready.experiments, results, failures)
         outcome = StudyOutcome(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
-            forecasts, ready.shape, (), ready.findings, {"prepare_s": prepared - began, "fits_s": fitted - prepared},
+            forecasts, ready.shape, (), ready.findings,
+            {"prepare_s": prepared - began, "fits_s": fitted - prepared, "plain_maps_s": compared - fitted},
             {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
             doubts=(*ready.doubts, *wiring_warnings(wirings),
@@ -165,8 +171,6 @@ class PreparedStudy(NamedTuple):
 
 def prepare_all(study: Study, notify: Notify) -> PreparedStudy:
     """Read and align every recording of the study, and reduce dense shapes to links."""
-    if study.model_selection:
-        stages_of(study.model_selection)  # raises InputError before any work is done
     aligned = all_aligned(study)
     doubts = recording_warnings(aligned)
     for line in doubts:
@@ -197,6 +201,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
             rotation = np.array(alignment_of(recording).rotation)
         if clocks is not None:
             notify(f"{name}: {clocks.message}")
+        for line in left_out_columns(recording):
+            notify(f"{name}: {line}")
         unit, factor = reduced.shown_in
         notify(f"prepared {name}: {reduced.time.size} frames, peak displacement {factor * reduced.travel:.3g} {unit}")
     actuator = with_azimuths(study, experiments, notify)

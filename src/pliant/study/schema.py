@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
+from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
 from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
 from pliant.model.tables import Table
+from pliant.selection.terms import known_term
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.known_force import KnownForce, check_forces
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
@@ -21,6 +23,7 @@ from pliant.sweep.spec import Sweep
 
 Weighting = Literal["travel", "metre", "noise", "decay"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
+TermName = Annotated[str, AfterValidator(known_term)]
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
 
 
@@ -122,18 +125,16 @@ class Fit(StudyEntry):
 
 
 class SelectionEntry(StudyEntry):
-    """Model selection: stages with ever more free parameters, one of which is chosen by its held-out errors, or by its
-    BIC.
-    """
+    """Model selection: the terms of the model are chosen from the training recordings; the others judge the choice."""
 
     train: list[str]
     held_out: list[str] = []
-    choose_by: Literal["held_out", "training"] = "held_out"
-    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free on every stage
-    stages: list[str] = []  # names of `pliant.identification.STAGES`; all when empty
+    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free in every model
+    terms: list[TermName] = []  # names of `pliant.selection.TERMS` that may be added; all when empty
+    without: list[TermName] = []  # names of terms that may not be added
+    minutes: float = Field(5.0, gt=0, le=1e4)  # time limit
     weighting: Weighting = "travel"
     loss: Loss = "linear"
-    starts: int = Field(1, ge=1, le=100)
     bootstrap: int = Replicates
 
 
@@ -212,6 +213,8 @@ def load_study(path: str | Path) -> Study:
     ['pulse_119', 'pulse_180', 'pulse_60', 'step_240']
     """
     path = Path(path)
+    if path.is_file() and kind_of_file(path) not in (MAPPING, SWEEP):  # these have refusals of their own
+        refuse_other(path, STUDY)
     content = read_entries(path, "study")
     refuse_open(content, path)
     refuse_mapping(content, path)

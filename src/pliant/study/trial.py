@@ -25,6 +25,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
+from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import read
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.study.aligned import with_pressure
@@ -38,6 +39,7 @@ RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigi
 LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
+ONE_STATION = "one tracked station does not show where the base is: state origin and tangent"
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
@@ -64,7 +66,7 @@ class Trial:
     assumed : dict
         Mapping entries that were assumed in order to read the file: a camera, or units.
     log : Path or None
-        File of the pressure log, if it is separate. `recording` then holds its pressure, on the log's own clock.
+        File of the pressure log, if it is separate. `recording` then holds its pressure.
     """
 
     path: Path
@@ -170,18 +172,7 @@ class Trial:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def inspect_with_log(path: Path, log: Path | None, mapping: Mapping[str, Any] | None = None) -> Trial:
-    """Read and inspect the file of a recording, with the pressure of a separate log file if one is given."""
-    trial = inspect_trial(path, mapping)
-    if log is None:
-        return trial
-    recording = with_pressure(trial.recording, read(log), trial.name, log.name)
-    joined = quality(recording)
-    checked = replace(trial.quality, pressure_kpa=joined.pressure_kpa, doubts=joined.doubts)
-    return replace(trial, recording=recording, log=log, quality=checked)
-
-
-def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial:
+def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None) -> Trial:
     """Read a file, assess its quality, group its markers and try to align it in the plane.
 
     Parameters
@@ -189,6 +180,8 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
     path : Path
     mapping : dict, optional
         See `pliant.read`.
+    log : Path, optional
+        Separate file with the pressures, which are moved to the clock of the shape as a run of the study moves them.
 
     Raises
     ------
@@ -204,8 +197,14 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
             else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
         )
         raise InputError(f"{path.name} holds {held}")
+    unsynchronised = ""
+    if log is not None:
+        recording, unsynchronised = with_log(recording, log, path.stem)
     assessed = quality(recording)
-    trial = Trial(path, recording := leave_out_glitches(leave_out_frozen(recording)), assessed, kept, assumed=assumed)
+    if unsynchronised:
+        assessed = replace(assessed, doubts={**assessed.doubts, "clock of the log": unsynchronised})
+    recording = leave_out_glitches(leave_out_frozen(recording))
+    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log)
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
@@ -215,8 +214,22 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None) -> Trial
     return trial if trial.capped else with_alignment(trial)
 
 
+def with_log(recording: xr.Dataset, log: Path, name: str) -> tuple[xr.Dataset, str]:
+    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
+    between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
+    """
+    joined = with_pressure(recording, read(log), name, log.name)
+    try:
+        offset = sync(joined, drift=True)
+    except InputError as error:
+        return joined, f"the clock of {log.name} cannot be moved to that of the shape: {error}"
+    return shift_pressure(joined, offset.delay_s, offset.drift), ""
+
+
 def with_alignment(trial: Trial, *, space: bool = False) -> Trial:
     """Return the trial with its recording aligned in the plane or in space, or with the reason why it cannot be."""
+    if not trial.options:
+        return replace(trial, aligned=None, problem=ONE_STATION)
     try:
         with unit_warning_first(trial.quality.doubts):
             return replace(trial, aligned=align(trial.grouped, **trial.options, space=space), problem="")
@@ -272,13 +285,23 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
     return dict(sorted(groups.items(), key=lambda item: "base" not in item[0]))
 
 
+def one_body(names: Sequence[str]) -> dict[str, list[str]]:
+    """Return one group of all markers if their names differ by numbers alone, such as ``Tip - 1``, ``Tip - 2`` and
+    ``Tip - 3``; otherwise an empty dict. At least three markers are needed.
+    """
+    labels = {match[1].strip(" _.:-").lower() if (match := NUMBERED.fullmatch(name)) else name for name in names}
+    label = re.sub(r"[^a-z0-9]+", "_", labels.pop()) or "body"
+    return {label: list(names)} if not labels and len(names) >= 3 else {}
+
+
 def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
     """Return the groups of markers that can sit on one rigid plate, by their names and distances. Every other marker is
-    a station of its own.
+    a station of its own. All markers may be on one plate, if only one rigid body was tracked.
 
     The result is empty if no group has more than one marker.
     """
-    groups = clusters([str(s) for s in recording["station"].values])
+    names = [str(s) for s in recording["station"].values]
+    groups = clusters(names) or one_body(names)
     plates: dict[str, list[str]] = {}
     for name, markers in groups.items():
         plate = len(markers) < DENSE_STATIONS and rigid(recording, markers)
@@ -304,9 +327,11 @@ def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
     """Return arguments for `align` that suit a recording, such as the name of its base: the station named base, else
-    one that does not move, else the first.
+    one that does not move, else the first. Empty for a single station, which does not determine the base.
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
+    if len(names) == 1:
+        return {}
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
     base = (named or ([] if dense else standing) or names)[0]

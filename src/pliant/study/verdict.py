@@ -10,6 +10,7 @@ import numpy as np
 from pliant.failures import NotComputed
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
 from pliant.study.schema import Targets
+from pliant.validation.baseline import better_sentence, plain_map_sentence
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, StudyOutcome
 from pliant.validation.wording import NO_PLACES, metric_label, sized
 
@@ -18,6 +19,7 @@ NOT_DETERMINED = (
     "stiffness along the body, or positions: forces and positions of the model depend on the stated mass and length."
 )
 LONGER = 2.0  # % of the body's length: a larger extension is reported
+STATIONS_LINE = "The line through the stations"
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
 OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
 NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
@@ -34,11 +36,14 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     """Return the sentences of the verdict: for each fit the errors on held-out recordings compared with the targets,
     the training error and notes; then sentences on failures and forecasts.
     """
-    lines = [f"Model selection chose {outcome.model_selection.reason}"] if outcome.model_selection else []
+    lines = [f"Model selection chose {outcome.model_selection.reason}."] if outcome.model_selection else []
     lines += [outcome.wirings.sentence] if outcome.wirings else []
+    lines = [*better_map(outcome.fits[0]), *lines]
     for fit in outcome.fits:
         held = [r for r in fit.records if r.role == "held_out"]
+        lines += better_map(fit) if fit is not outcome.fits[0] else []
         lines += [record_sentence(fit, r, targets) for r in held or fit.records]
+        lines += [f"{fit.title}: {s}" for s in [plain_map_sentence(fit)] if s]
         lines += [n.sentence for n in fit.not_computed]
         followed = [r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train"]
         if held and followed:
@@ -47,10 +52,19 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
             lines.append(f"{fit.title}: {fit.result.status}")
         lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
+    lines += dict.fromkeys(note for fit in outcome.fits if fit.baseline for note in fit.baseline.notes)
     lines += [n.sentence for n in outcome.failed]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
     return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
+
+
+def better_map(fit: FitOutcome) -> list[str]:
+    """Return two sentences where a plain map predicts held-out recordings better than the model: which recordings, and
+    what the model's residual there suggests; empty elsewhere.
+    """
+    sentence = better_sentence(fit)
+    return [f"{fit.title}: {sentence} {fit.baseline.suggestion}"] if fit.baseline and sentence else []
 
 
 def angles_sentences(outcome: StudyOutcome) -> list[str]:
@@ -114,8 +128,8 @@ def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) ->
 
 
 def unlike(m: dict[str, Any]) -> str:
-    """Return sentences on two properties that the error metrics do not show: a motion without oscillation, and a body
-    that lengthens.
+    """Return sentences on two properties that the error metrics do not show: a motion without oscillation, and a line
+    through the stations that lengthens.
     """
     sentences = ""
     measured, modelled = m["frequency_hz"]["measured"], m["frequency_hz"]["modelled"]
@@ -124,16 +138,18 @@ def unlike(m: dict[str, Any]) -> str:
         sentences = f" The body comes to rest without oscillation, {rings}."
     longer = m.get("extension_percent") or 0.0
     if longer > LONGER:
-        sentences += f" The body lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
+        sentences += f" {STATIONS_LINE} lengthens by {m['extension_mm']:.2g} mm ({longer:.1f} %), {by_the_model(m)}."
     return sentences
 
 
 def by_the_model(m: dict[str, Any]) -> str:
-    """Return the end of a sentence on the measured lengthening of the body. It says by how much the model lengthens."""
+    """Return the end of a sentence on the measured lengthening of the line through the stations. It says by how much
+    that of the model lengthens. Stations beside the axis lengthen the line of a body that bends and does not lengthen.
+    """
     longer = m.get("extension_modelled_percent") or 0.0
     if abs(longer) < SAME * m["extension_percent"]:
-        return "the model does not"
-    return f"the model by {longer:.1f} %"
+        return "in the model it does not: the body lengthens, or stations lie beside its axis"
+    return f"in the model by {longer:.1f} %"
 
 
 def ringing(m: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
@@ -198,7 +214,10 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     lost = [m for m in fit.missing if m.role == "held_out"]
     records = [] if lost and not held else held or list(fit.records)
     verdicts = [judged(r.metrics, targets) for r in records]
-    notes = [*fit_warnings(fit, held=bool(held or lost)), *(w for r in records for w in record_warnings(r))]
+    plain = better_sentence(fit)
+    notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
+             *fit_warnings(fit, held=bool(held or lost)),
+             *(w for r in records for w in record_warnings(r))]
     warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
@@ -207,7 +226,9 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     else:
         state = "good" if any(verdicts) else "open"
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
-    sentences = [sentence(records, held=bool(held)) + largest_shortfall(records)] if records else []
+    sentences = [plain] if plain else []
+    model = f"The model of the fit {fit.title}" if len(outcome.fits) > 1 else "The model"
+    sentences += [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
     sentences += [lost_sentence(lost)] if lost else []
     return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
 
@@ -227,8 +248,10 @@ def failure_warnings(outcome: StudyOutcome) -> Iterator[str]:
         yield f"{others} prediction(s) or band(s) of the other fits could not be computed; the full verdict lists them."
 
 
-def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
-    """Return a sentence with the RMS error of the model on the recordings, as a range if there are several."""
+def sentence(model: str, shown: Sequence[RecordOutcome], *, held: bool) -> str:
+    """Return a sentence with the RMS error of the model on the recordings, as a range if there are several. It begins
+    with `model`, which names the fit if there are several.
+    """
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
     many = len(shown) > 1
@@ -236,7 +259,7 @@ def sentence(shown: Sequence[RecordOutcome], *, held: bool) -> str:
     which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
     to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
     size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"The model {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
+    return f"{model} {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:
@@ -301,7 +324,8 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
     longer = m.get("extension_percent") or 0.0
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))
-        yield shorter / LONGER, f"{name}: the body lengthens by {longer:.1f} %, {by_the_model(m)}."
+        line = STATIONS_LINE[0].lower() + STATIONS_LINE[1:]
+        yield shorter / LONGER, f"{name}: {line} lengthens by {longer:.1f} %, {by_the_model(m)}."
 
 
 def ringing_shortfalls(m: dict[str, Any], name: str) -> Iterator[tuple[float, str]]:

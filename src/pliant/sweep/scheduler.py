@@ -75,6 +75,7 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
         return lambda: WorkerProcesses(workers or cores())
     if not scheduler.startswith(("tcp://", "tls://")):
         raise InputError(f"scheduler must be local, processes or tcp://host:port, got {scheduler!r}")
+    show_heavy()  # the command line hides Dask, and a hidden package looks as if it were not installed
     try:
         import distributed  # noqa: F401
     except ImportError:
@@ -85,7 +86,6 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
 @contextmanager
 def dask_executor(address: str) -> Iterator[Any]:
     """Yield an executor on the Dask cluster at `address`, after waiting up to 30 s for its scheduler."""
-    show_heavy()
     from distributed import Client
 
     try:

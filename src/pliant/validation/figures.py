@@ -1,4 +1,6 @@
-"""Figures of measured and modelled motion: thick grey lines or + are measured, thin dark lines are modelled."""
+"""Figures of measured and modelled motion: thick grey lines or + are measured, thin dark lines are modelled, dotted
+lines are predicted by a plain map.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +48,9 @@ MEASURED_POINTS: dict[str, Any] = {
 RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))), ("#0b6b5b", (0, (1, 1))))  # of x, y and z
 MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
 
+BASELINE: dict[str, Any] = {"color": "#7a1f00", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "label": "plain map"}
+ROOM = 0.3  # of the range of measured and modelled values: how far the axis extends for a plain map
+
 
 @contextmanager
 def drawing() -> Iterator[None]:
@@ -69,6 +74,7 @@ def record_figure(record: RecordOutcome) -> Figure:
                 draw_band(ax, record, s, axis)
                 measured(ax, exp.time, factor * exp.compared[:, s, axis])
                 ax.plot(*thin(exp.time, factor * record.modelled[:, s, axis]), **MODELLED)
+                draw_baseline(ax, record, s, axis)
                 ax.set_ylabel(f"{clip(readable(exp.stations[s]), 18)} {names[axis]} ({unit})")
         for axis, ax in enumerate(axes[len(chosen)]):
             draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
@@ -101,6 +107,7 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
             for axis in range(len(names)):
                 measured(column[axis], exp.time, factor * exp.last_station[:, axis])
                 column[axis].plot(*thin(exp.time, factor * record.modelled[:, -1, axis]), **MODELLED)
+                draw_baseline(column[axis], record, len(exp.stations) - 1, axis)
             distance = factor * np.linalg.norm(record.modelled[:, -1] - exp.last_station, axis=-1)
             column[-1].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
             column[-1].set_xlabel("time (s)")
@@ -282,6 +289,16 @@ def draw_band(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
         every = np.unique(np.linspace(0, time.size - 1, 400).astype(int))
         low, high = (band.factor * edge[every, station, axis] for edge in (band.lower, band.upper))
         ax.fill_between(time[every], low, high, label=f"{100 * band.level:g} % band", **BAND)
+
+
+def draw_baseline(ax: Axes, record: RecordOutcome, station: int, axis: int) -> None:
+    """Draw the prediction of the plain map for one station and axis, dotted; far outside the other values it is cut."""
+    if record.baseline is None:
+        return
+    factor, (low, high) = record.experiment.shown_in[1], ax.get_ylim()
+    ax.plot(*thin(record.experiment.time, factor * record.baseline[:, station, axis]), **BASELINE)
+    room, (lowest, highest) = ROOM * (high - low), ax.get_ylim()
+    ax.set_ylim(max(lowest, low - room), min(highest, high + room))
 
 
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:

@@ -21,6 +21,8 @@ Array = np.ndarray
 END_S = 0.2  # s at the end of the pulse or of the recording that count as steady state
 LONGEST = 0.02  # fraction of the frames that counts as longest or shortest
 FEWEST = 5  # frames
+AT_REST, LEAVES = 0.1, 0.8  # of the peak of an input: below it is at rest; below it has left its plateau
+ONE_STEP = 0.5  # of the plateau's duration: a longer rise to it is more than one step
 NAMES = ("extension_mm", "extension_percent")
 MODELLED = ("extension_modelled_mm", "extension_modelled_percent")
 SETTLED_S = 0.2  # s at the end of the motion, whose median is the steady error
@@ -162,14 +164,12 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
     if late.sum() >= 16 and not exp.poses:
         direction = np.linalg.svd(p[late] - p[late].mean(axis=0), full_matrices=False)[2][0]
         ring = ring_down(t[late], p[late] @ direction)
-    on = on_window(exp, t)
+    on, rise = on_window(exp, t), first_plateau(exp, t)
     end_s = np.ceil(END_S * ring.frequency) / ring.frequency if ring else END_S  # whole periods average the ringing out
     steady = overshoot = None
     if on is not None and on.any():
-        end = t[on][-1]
-        steady = float(np.median(u[on & (t > end - end_s)]))
-        first = on & (t < t[on][0] + 0.5 * (end - t[on][0]))
-        overshoot = 100 * (float(u[first].max()) / steady - 1.0) if steady > 0 and first.any() else None
+        steady = float(np.median(u[on & (t > t[on][-1] - end_s)]))
+        overshoot = None if rise is None else overshoot_of(t[rise], u[rise], end_s)
     elif exp.excitation == "release":
         steady = float(np.median(u[t > t[-1] - end_s]))
     return {
@@ -178,6 +178,37 @@ def response(exp: Experiment, path: Array) -> dict[str, float | None]:
         "overshoot_percent": overshoot if overshoot is not None and overshoot > 0 else None,
         f"steady_state_{unit}": factor * steady if steady is not None else None,
     }
+
+
+def overshoot_of(t: Array, u: Array, end_s: float) -> float | None:
+    """Return by how much [%] the displacement u (P,) in the first half of a plateau at times t (P,) [s] exceeds its
+    median in the last `end_s` [s]; None if that is 0 or the plateau is too short.
+    """
+    steady, first = float(np.median(u[t > t[-1] - end_s])), t < t[0] + 0.5 * (t[-1] - t[0])
+    return 100 * (float(u[first].max()) / steady - 1.0) if steady > 0 and first.any() else None
+
+
+def first_plateau(exp: Experiment, t: Array) -> Array | None:
+    """Return a boolean for each of the times `t` [s], True on the first plateau of the pressure, if the pressure rises
+    to it from rest in one step while no other input changes; None otherwise.
+
+    An overshoot is a trait of such a step alone: a body that climbs through several levels shows none.
+    """
+    on = on_window(exp, t)
+    if on is None or not on.any() or exp.pressure is None:
+        return on
+    level = exp.pressure(t) / exp.peak
+    start = int(np.argmax(on))
+    low = np.flatnonzero(level[:start] < AT_REST)
+    left = np.flatnonzero(level[start:] < LEAVES)
+    run = on & (np.arange(t.size) < (start + left[0] if left.size else t.size))
+    duration = t[run][-1] - t[start]
+    if not low.size or t[start] - t[low[-1]] > ONE_STEP * max(duration, float(np.median(np.diff(t)))):
+        return None
+    others = [trace(t) / peak(trace.pressure) for trace in exp.traces.values() if trace.pressure.any()]
+    settled = run & (t >= t[start] + AT_REST * duration)
+    steady = all(abs(v[low[-1]]) < AT_REST and np.ptp(v[settled]) < 2 * AT_REST for v in others)
+    return run if steady else None
 
 
 def on_window(exp: Experiment, t: Array) -> Array | None:

@@ -147,6 +147,31 @@ class FitEntry(MetricsEntry):
     covariance: CovarianceEntry | None
 
 
+class BaselineEntry(MetricsEntry):
+    """A plain map, fitted to the training recordings of a fit: a polynomial of the inputs and of their lags."""
+
+    title: str
+    degree: int = Field(description="of the polynomial; 0 is the mean of the training frames, where no input moves")
+    lags_s: list[float] = Field(description="time constants of the first-order lags, s; none or two")
+    ridge: float
+    held_at_edge: bool = Field(
+        description="whether inputs beyond the training inputs count as on their edge; else the polynomial goes on")
+    inputs: list[str] = Field(description="inputs and known loads; an empty name is the only input")
+    coefficients: int = Field(description="number of coefficients of all coordinates")
+    frames: int = Field(description="number of training frames used, after thinning")
+    unit: Literal["mm", "deg"] = Field(description="unit of the two errors below")
+    left_out_error: float | None = Field(
+        description="RMS error on left-out training data, by which the map was chosen; null for a single frame")
+    training_error: float
+    notes: list[str] = Field(description="inputs that never move, or always together")
+    records: dict[str, Record | AngleRecord] = Field(description="errors of the map, in the measures of the model's")
+    outside_percent: dict[str, float] = Field(description="% of frames beyond the range of the training inputs")
+    better: list[str] = Field(description="held-out recordings that the map predicts better than the model")
+    explained: dict[str, float] = Field(
+        description="fraction of the model's squared residual there that each kind of regressor explains")
+    suggestion: str = Field(description="what that residual suggests")
+
+
 class HeadlineEntry(MetricsEntry):
     """The short verdict on the study."""
 
@@ -155,28 +180,37 @@ class HeadlineEntry(MetricsEntry):
     warnings: list[str]
 
 
-class StageEntry(MetricsEntry):
-    """One stage of a model selection."""
+class TrialEntry(MetricsEntry):
+    """A term that was tried in one step of the model selection."""
 
+    name: str
     title: str
-    stands_on: str = Field(description="the stage from which it starts")
+    screened: float | None = Field(description="cost that the screen predicts")
+    cost: float | None = Field(description="cost of the fit, if the term was fitted")
+    left_out: float | None = Field(description="sum of squared residuals of left-out parts, if the term was fitted")
+    reason: str = Field(description="why it was taken or not")
+
+
+class StepEntry(MetricsEntry):
+    """A model on the way of the model selection."""
+
+    name: str = Field(description="term that joined the model; after a minus sign, one that left it")
+    title: str
     free: list[str]
-    train_percent: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
-    held_out_percent: dict[str, float] = Field(description="RMSE of held-out recordings, % of peak displacement")
-    bic: float | None
-    fit_s: float
-    step_ns: float | None = Field(description="computation time of one simulated step, ns")
-    reason: str = Field(description="why it could not be fitted, or why it was not chosen")
-    not_determined: str = Field("", description="the parameters that the recordings do not determine, in words")
-    as_given: list[str] = Field([], description="parameters kept at the given model's values, since undetermined")
+    cost: float = Field(description="half the sum of squared residuals of the training recordings")
+    train: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")
+    left_out: dict[str, float] = Field(
+        description="RMSE of their parts, each predicted from the other parts, % of peak displacement")
+    tried: list[TrialEntry] = Field(description="terms that were tried next")
 
 
 class SelectionTable(MetricsEntry):
-    """The model selection: models with more and more free parameters."""
+    """The model selection: the terms of the model, chosen from the training recordings alone."""
 
-    chosen: str
+    terms: list[str]
     reason: str
-    stages: dict[str, StageEntry]
+    seconds: float = Field(description="wall time, s")
+    steps: list[StepEntry]
 
 
 class WiringResult(MetricsEntry):
@@ -228,6 +262,7 @@ class MetricsFile(MetricsEntry):
         description="every recording, under the first fit that computes it")
     parameters: dict[str, Value] = Field(description="parameters of the first fit, whose model is model.json")
     fits: dict[str, FitEntry]
+    baseline: dict[str, BaselineEntry] = Field({}, description="plain map of each fit, by the name of the fit")
     model_selection: SelectionTable | None
     wiring: WiringTable | None = Field(None, description="comparison of wirings, if the study has one")
     order: OrderTable | None = Field(description="selection of the number of links, for dense shapes")
@@ -236,5 +271,5 @@ class MetricsFile(MetricsEntry):
     findings: dict[str, list[str]] = Field(description="findings from reading and aligning, by recording")
     clocks: dict[str, ClockEntry]
     not_computed: list[Failure] = Field([], description="whole fits and forecasts that could not be computed, and why")
-    timing: dict[str, float] = Field(description="computation times, s: prepare_s, fits_s, total_s")
+    timing: dict[str, float] = Field(description="computation times, s: prepare_s, fits_s, plain_maps_s, total_s")
     provenance: dict[str, str] = Field(description="version of pliant, and the source of each recording")

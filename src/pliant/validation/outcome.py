@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -11,13 +11,14 @@ import xarray as xr
 
 from pliant.display import Card, Shown
 from pliant.failures import NotComputed
-from pliant.identification import Band, Experiment, FitResult, ModelSelection
+from pliant.identification import Band, Experiment, FitResult
 from pliant.identification.fit import parameter_dict
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.preprocessing.lag_model import body_course, pressure_course
 from pliant.preprocessing.sync import Delay
 from pliant.reduction import LinkPlacement, OrderResult
+from pliant.selection import ModelSelection
 
 Array = np.ndarray
 Role = Literal["train", "held_out", "forecast"]
@@ -36,6 +37,7 @@ class RecordOutcome:
     band: Band | None = None  # prediction band, of a held-out recording
     body: Array | None = None  # (T, n + 2, 2) m, modelled base, first joint and link tips
     inputs: Mapping[str, str] = field(default_factory=dict)  # inputs of the model: name and SI unit; empty: pressures
+    baseline: Array | None = None  # as `modelled`, predicted by the plain map of the fit
 
     def unit_of(self, name: str) -> str:
         """Return the SI unit of the model's input with this name, or of its first input for the empty name."""
@@ -48,6 +50,48 @@ class RecordOutcome:
 
 
 @dataclass(frozen=True)
+class Baseline:
+    """A plain map fitted to a fit's training recordings, and its errors on every recording; see `plain_map`."""
+
+    title: str
+    degree: int
+    time_constants: tuple[float, ...]  # s
+    ridge: float
+    held: bool  # at the edge of the training inputs
+    inputs: tuple[str, ...]
+    coefficients: int
+    frames: int
+    unit: str  # of the errors: mm or deg
+    left_out_error: float | None  # None for a single training frame
+    training_error: float
+    notes: tuple[str, ...]
+    records: dict[str, dict[str, Any]]  # metrics by recording, as of a model
+    outside: dict[str, float]  # % of each recording's frames beyond the range of the training inputs
+    better: tuple[str, ...] = ()  # held-out recordings that it predicts better than the model
+    explained: dict[str, float] = field(default_factory=dict)  # fraction of the model's residual there
+    suggestion: str = ""  # what that residual suggests
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plain map and its errors as plain values, for metrics.json."""
+        content = {f.name: getattr(self, f.name) for f in fields(self)}
+        content = {k: list(v) if isinstance(v, tuple) else v for k, v in content.items()}
+        content["lags_s"], content["outside_percent"] = content.pop("time_constants"), content.pop("outside")
+        content["held_at_edge"] = content.pop("held")
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any] | None) -> Baseline | None:
+        """Return the plain map from the result of `to_dict`; None if `content` is None."""
+        if content is None:
+            return None
+        named = {**content, "time_constants": content["lags_s"], "outside": content["outside_percent"],
+                 "held": content["held_at_edge"]}
+        values: dict[str, Any] = {f.name: named[f.name] for f in fields(cls)}
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        return cls(**values)
+
+
+@dataclass(frozen=True)
 class FitOutcome:
     """The results of one fit of the study: its parameters and its predictions of each recording."""
 
@@ -57,6 +101,7 @@ class FitOutcome:
     records: tuple[RecordOutcome, ...]
     seconds: float
     not_computed: tuple[NotComputed, ...] = ()  # recordings, bands, ... of this fit
+    baseline: Baseline | None = None  # a plain map fitted to the same training recordings
 
     @property
     def missing(self) -> tuple[NotComputed, ...]:
@@ -241,13 +286,19 @@ class StudyOutcome(Shown):
     def card(self) -> Card:
         """Return the headline, and a table with the errors of every recording under each fit, for display."""
         rows, unit = [], "deg" if self.turns else "mm"
+        mapped = any(f.baseline for f in self.fits)
         for f in self.fits:
             for r in f.records:
                 found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
                 numbers = ["" if v is None else f"{v:.3g}" for v in found]
+                if mapped:
+                    plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
+                    numbers.append("" if plain is None else f"{plain:.3g}")
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
-            rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", "", ""] for m in f.missing]
+            empty = [""] * (2 + mapped)
+            rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", *empty] for m in f.missing]
         head = ["record", "fit", "role", f"RMSE {unit}", "% of travel", f"largest {unit}"]
+        head += [f"plain map {unit}"] if mapped else []
         sentences = (self.headline.sentence, *self.headline.warnings) if self.headline else self.verdict
         return Card(self.title, sentences, head, rows)
 
@@ -268,6 +319,7 @@ class StudyOutcome(Shown):
             "records": records,
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
             "fits": {f.name: f.to_dict() for f in self.fits},
+            "baseline": {f.name: f.baseline.to_dict() for f in self.fits if f.baseline},
             "model_selection": self.model_selection.to_dict() if self.model_selection else None,
             "wiring": self.wirings.to_dict() if self.wirings else None,
             "order": self.shape.order.to_dict() if self.shape else None,
@@ -320,6 +372,7 @@ def turned_record(record: RecordOutcome) -> RecordOutcome:
         record, experiment=record.experiment.turned(), modelled=mirrored(record.modelled),
         band=None if record.band is None else turned_band(record.band),
         body=None if record.body is None else mirrored(record.body),
+        baseline=None if record.baseline is None else mirrored(record.baseline),
     )
 
 

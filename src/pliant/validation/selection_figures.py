@@ -1,4 +1,4 @@
-"""Figures of how a model was chosen: curvature of the body, error by number of links, stages of a model selection."""
+"""Figures of how a model was chosen: curvature of the body, error by number of links, steps of a model selection."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification import ModelSelection
-from pliant.plotting import NARROW, WIDTH, curvature_fan, error_by_order, order_bars, side_by_side, snapshots
+from pliant.plotting import curvature_fan, error_by_order, new_figure, order_bars, side_by_side, snapshots
 from pliant.reduction import spline_shape
+from pliant.selection import ModelSelection
 from pliant.validation.curves import instants
 from pliant.validation.figures import drawing
 from pliant.validation.outcome import Shape
-from pliant.validation.wording import clip, digits
+from pliant.validation.wording import clip
 
 Array = np.ndarray
+DARK = "#0b2f6b"
 
 
 def order_figure(shape: Shape) -> Any:
@@ -75,44 +76,22 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
 
 
 def selection_figure(selection: ModelSelection) -> Any:
-    """Draw the errors of every stage on training and held-out recordings; on a wide page also the computation times."""
-    fitted = [s for s in selection.stages if s.result]
-    rows = np.arange(len(fitted))
-    narrow = WIDTH.get() < NARROW
-    with drawing():
-        height = 0.9 + 0.32 * len(fitted)
-        figure, axes = side_by_side(1 if narrow else 3, (1,) if narrow else (2, 1, 1), height, sharey=True)
-        axes = np.atleast_1d(axes)
-        draw_errors(axes[0], selection, rows)
-        for ax, (cost, what) in zip(axes[1:], (
-            ([s.seconds for s in fitted], "time of the fits (s)"), ([s.step_ns for s in fitted], "simulated step (ns)"),
-        ), strict=False):
-            bars = ax.barh(rows, cost, height=0.5, color="0.75", edgecolor="black", linewidth=0.5)
-            ax.bar_label(bars, [digits(c, 2) for c in cost], padding=2, fontsize=6.5)
-            ax.set(xlabel=what, xlim=(0, 1.3 * max(cost)))
-            ax.grid(visible=False, axis="y")
-    return figure
-
-
-def draw_errors(ax: Any, selection: ModelSelection, at: np.ndarray) -> None:
-    """Draw the mean error of every stage as a marker and that of each recording as a dash, and shade the
-    chosen stage.
+    """Draw the errors of the training recordings and of their left-out parts against the number of free parameters, for
+    each model on the way of a model selection. Terms that were fitted and not taken are open marks.
     """
-    fitted = [s for s in selection.stages if s.result]
-    for label, colour, marker, errors in (
-        ("training", "0.55", "o", [s.train for s in fitted]),
-        ("held out", "#0b2f6b", "s", [s.held_out for s in fitted]),
-    ):
-        if not any(errors):
-            continue
-        rows = [list(e.values()) if e else [np.nan] for e in errors]
-        ax.plot([np.mean(row) for row in rows], at, color=colour, marker=marker, linestyle="-", markersize=4,
-                label=label)
-        for k, row in enumerate(rows if max(map(len, rows)) > 1 else ()):
-            ax.plot(row, [k] * len(row), color=colour, marker="|", linestyle="", markersize=8)
-    (chosen,) = (k for k, s in enumerate(fitted) if s.stage.name == selection.chosen)
-    ax.axhspan(chosen - 0.4, chosen + 0.4, color="0.88", zorder=0, label="chosen")
-    ax.set_yticks(at, [clip(s.stage.title, 26) for s in fitted])
-    ax.invert_yaxis()
-    ax.set(xlabel="error (% of peak displacement)", xlim=(0, None))
-    ax.legend()
+    steps = selection.steps
+    with drawing():
+        figure, ax = new_figure(1, 1, height=2.9)
+        free = [len(s.free) for s in steps]
+        ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
+        ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
+        for k, step in enumerate(steps):
+            name = clip(step.title, 30)
+            ax.annotate(f"+ {name}" if step.joins else name,
+                        (free[k], step.left_out_percent), xytext=(5, 4), textcoords="offset points", fontsize=6.5)
+        ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
+                linestyle="", label="chosen")
+        ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
+               xlim=(min(free) - 0.5, max(free) + 0.35 * (max(free) - min(free)) + 2.0))
+        ax.legend()
+    return figure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +14,17 @@ import xarray as xr
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.files import content_of, whole
-from pliant.identification import Band, Experiment, FitResult, ModelSelection, Parameter
-from pliant.identification.stage_fit import StageResult
-from pliant.identification.stages import Stage
+from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
+from pliant.selection import ModelSelection
 from pliant.simulation import Trace
 from pliant.units import input_words
 from pliant.validation.outcome import (
+    Baseline,
     Clocks,
     FitOutcome,
     Forecast,
@@ -130,6 +130,7 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     units = next(r.units for r in rows if r)
     held, listed = f"modelled_{names_of_inputs(units)[0]}", of_inputs(units)["units"]
     stack(held, ("time", "input"), listed, [r.pressure if r else None for r in rows])
+    stack("baseline", SPACE, unit, [r.baseline if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
         stack(f"band_{part}", SPACE, unit, [getattr(r.band, part) if r and r.band else None for r in rows])
@@ -237,7 +238,9 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
         for name, recording in groups.items()
         if name.startswith("/recording_")
     }
-    fits = tuple(fit_of(i, name, entry, recordings) for i, (name, entry) in enumerate(metrics["fits"].items()))
+    plain = metrics.get("baseline", {})
+    fits = tuple(replace(fit_of(i, name, entry, recordings), baseline=Baseline.from_dict(plain.get(name)))
+                 for i, (name, entry) in enumerate(metrics["fits"].items()))
     forecasts = tuple(
         forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
     )
@@ -247,7 +250,7 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
     return StudyOutcome(
         metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
         tuple(metrics["verdict"]), {k: tuple(v) for k, v in metrics["findings"].items()}, metrics["timing"],
-        metrics["provenance"], selection_of(metrics["model_selection"], fits[0].result), headline,
+        metrics["provenance"], selection_of(metrics["model_selection"], fits), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
         run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
     )
@@ -288,10 +291,11 @@ def fit_of(
         exp, recording = recordings[record]
         under_fit = recording.isel(fit=i)
         metrics = {key: value for key, value in numbers.items() if key not in ("role", "not_computed")}
-        body = under_fit["body"].values if "body" in under_fit and under_fit["body"].notnull().any() else None
+        body, baseline = (under_fit[k].values if k in under_fit and under_fit[k].notnull().any() else None
+                          for k in ("body", "baseline"))
         records.append(RecordOutcome(record, numbers["role"], exp, under_fit["modelled"].values,
                                      modelled_inputs(under_fit), metrics, band_of(under_fit, exp), body,
-                                     dict(zip(actuation.names, actuation.units, strict=True))))
+                                     dict(zip(actuation.names, actuation.units, strict=True)), baseline))
     return FitOutcome(name, entry["title"], result, tuple(records), entry["timing"]["fit_s"], failures_of(entry))
 
 
@@ -349,23 +353,12 @@ def shape_of(groups: Groups) -> Shape | None:
                  str(body.attrs["tip_status"]))
 
 
-def selection_of(content: dict[str, Any] | None, result: FitResult) -> ModelSelection | None:
-    """Return the model selection stored in metrics.json, with what its table and its figure show; None if there is
-    none.
-
-    The fit results of single stages are not stored; `result` stands for each.
-    """
+def selection_of(content: dict[str, Any] | None, fits: Sequence[FitOutcome]) -> ModelSelection | None:
+    """Return the model selection stored in metrics.json; None if there is none."""
     if content is None:
         return None
-    stages = [
-        StageResult(
-            Stage(name, r["title"]), None if r["step_ns"] is None else result, tuple(r["free"]), r["train_percent"],
-            r["held_out_percent"], r["fit_s"], float("nan") if r["step_ns"] is None else r["step_ns"], r["stands_on"],
-            bic=r["bic"], reason=r["reason"], open=r.get("not_determined", ""), given=tuple(r.get("as_given", ())),
-        )
-        for name, r in content["stages"].items()
-    ]
-    return ModelSelection(tuple(stages), content["chosen"], content["reason"])
+    (result,) = (fit.result for fit in fits if fit.name == "model_selection")
+    return ModelSelection.from_dict(content, result)
 
 
 def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.camera import opencv
+from pliant.video.decoder import Film
 
 Array = np.ndarray
 FEWEST = 8  # least number of frames
@@ -26,7 +25,8 @@ STEADY = 0.02  # relative change of brightness that noise and a moving body expl
 class Reel:
     """A video file: its size [pixels], frame rate [Hz] and stated number of frames.
 
-    With a `reference`, the median frame on a coarse grid, every frame is adjusted to the brightness of the reference.
+    A helper process decodes it. With a `reference`, the median frame on a coarse grid, every frame is adjusted to the
+    brightness of the reference.
     """
 
     path: Path
@@ -35,6 +35,12 @@ class Reel:
     rate: float
     count: int
     reference: Array | None = None  # (h, w, 3)
+    source: Film | None = field(default=None, compare=False, repr=False, kw_only=True)
+
+    @property
+    def decoder(self) -> Film:
+        """Helper process that decodes the film."""
+        return self.source or Film(self.path)
 
     @property
     def coarse(self) -> int:
@@ -65,33 +71,22 @@ class Reel:
         """Yield the time [s] and the picture of each frame of the video: (H, W, 3), H by W pixels in blue, green, red
         (uint8).
         """
-        with _opened(self.path) as (cv2, film):
-            while True:
-                whole, picture = film.read()
-                if not whole:
-                    return
-                yield 1e-3 * film.get(cv2.CAP_PROP_POS_MSEC), self.even(picture)
+        for time, picture in self.decoder.frames():
+            yield time, self.even(picture)
 
     def sampled(self, count: int, width: int) -> Array:
         """Return at most `count` frames, spread evenly over the video and scaled to `width` pixels, as an array (K, h,
         w, 3) of K pictures (uint8).
         """
-        with _opened(self.path) as (cv2, film):
-            size = (width, max(1, round(self.height * width / self.width)))
-            pictures = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self._some(cv2, film, count)]
-        return np.array(pictures)
+        cv2 = opencv("a video")
+        size = (width, max(1, round(self.height * width / self.width)))
+        return np.array([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in self.pictures(count)])
 
     def pictures(self, count: int) -> Iterator[Array]:
         """Yield at most `count` frames at full size, spread evenly over the video."""
-        with _opened(self.path) as (cv2, film):
-            yield from self._some(cv2, film, count)
-
-    def _some(self, cv2: Any, film: Any, count: int) -> Iterator[Array]:
-        for frame in np.unique(np.linspace(0, self.count - 1, count).astype(int)).tolist():
-            film.set(cv2.CAP_PROP_POS_FRAMES, frame)
-            whole, picture = film.read()
-            if whole:
-                yield self.even(picture)
+        numbers = np.unique(np.linspace(0, self.count - 1, count).astype(int)).tolist()
+        for _, picture in self.decoder.frames(numbers):
+            yield self.even(picture)
 
 
 def open_reel(path: Path) -> Reel:
@@ -105,24 +100,13 @@ def open_reel(path: Path) -> Reel:
     if not path.is_file():
         raise InputError(f"cannot read a video from {path}: "
                          f"{'this is a folder, not a file' if path.is_dir() else 'there is no such file'}")
-    with _opened(path) as (cv2, film):
-        whole, picture = film.read()
-        rate, count = float(film.get(cv2.CAP_PROP_FPS)), int(film.get(cv2.CAP_PROP_FRAME_COUNT))
-    if not whole or not rate > 0:
-        raise InputError(f"OpenCV cannot read {path.name} as a video; it may be damaged: convert it to MP4")
+    opencv("a video")
+    film = Film(path)
+    facts = film.facts()
+    count = facts["count"]
     if count < FEWEST:
         raise InputError(f"{path.name} has {count} frames, but tracking needs {FEWEST} or more: use a longer video")
-    return Reel(path, picture.shape[1], picture.shape[0], rate, count)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    cv2 = opencv("a video")
-    film = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    try:
-        yield cv2, film
-    finally:
-        film.release()
+    return Reel(path, facts["width"], facts["height"], facts["rate"], count, source=film)
 
 
 def even_exposure(reel: Reel) -> tuple[Reel, list[str]]:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
+from pliant.video.container import judge_film
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import ENDINGS, overlay
 from pliant.video.reel import Reel, even_exposure, open_reel
@@ -51,6 +52,8 @@ class Tracking:
         Part of the picture in which dots are searched.
     stations : int
         Number of points of a silhouette at equal spacing along the body, base and tip included.
+    incomplete : bool
+        Whether to track a film of which frames are lost, such as a truncated file; by default it is refused.
     overlays : tuple of Path
         Files to write that show the shape over the frames: one sheet with some frames (.png), or a video (.mp4).
     """
@@ -61,6 +64,7 @@ class Tracking:
     count: int | None = None
     region: tuple[float, float, float, float] | None = None
     stations: int = STATIONS
+    incomplete: bool = False
     overlays: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
@@ -69,6 +73,8 @@ class Tracking:
             raise InputError(f"method must be one of {', '.join(get_args(Method))}, not {self.method!r}")
         if not 4 <= self.stations <= 200:
             raise InputError(f"stations must be between 4 and 200, not {self.stations}")
+        if not isinstance(self.incomplete, bool):
+            raise InputError(f"incomplete must be true or false, not {self.incomplete!r:.60}")
         if self.method != "dots" and (self.count is not None or self.region is not None):
             raise InputError("count and region apply to dots only: remove them, or set method to dots")
         if strange := [p.name for p in self.overlays if p.suffix.lower() not in ENDINGS]:
@@ -137,6 +143,8 @@ def track_video(
             before = sparse
             if progress is not None:
                 progress(min(1.0, len(times) / reel.count))
+        if reel.source is not None:
+            findings = [*findings, *judge_film(path, reel.count, len(times), incomplete=how.incomplete)]
     recording = _recording(reel, camera, how, names, _Seen(np.array(times), _stacked(points, reel), np.array(change)))
     return append_history(recording, *findings) if findings else recording
 

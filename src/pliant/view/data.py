@@ -24,6 +24,7 @@ MOST_FRAMES = 4000  # limit for a plot of the dense shape
 PROFILES, PLACES = 60, 120  # curvature profiles, and positions along each
 LEVELS = 65_000  # number of integer levels for an array's range; -32768 marks missing values
 GAP = -32_768
+ROOM = 0.3  # of the range of measured and modelled values: beyond, the plain map is not drawn
 
 
 def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
@@ -60,6 +61,7 @@ def thinning(outcome: StudyOutcome) -> int:
         for r in fit.records:
             each = r.experiment.compared[0].size
             numbers += len(r.modelled) * (2 * each + (2 * each if r.band is not None else 0)
+                                          + (0 if r.baseline is None else each)
                                           + (0 if r.body is None else r.body[0].size))
     return max(1, int(np.ceil(numbers / MOST_NUMBERS)))
 
@@ -115,6 +117,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         [np.zeros((exp.time.size, 1, exp.compared.shape[2])), record.modelled], axis=1)
     return {
         "role": record.role, "position": pack.add(factor * record.modelled[::every]),
+        "plain": None if record.baseline is None else pack.add(factor * visible(record)[::every]),
         "body": pack.add(1e3 * body[::every]), "pressure": pack.add(scales * record.pressure[::every]),
         "band": [pack.add(factor * edge[::every]) for edge in (record.band.lower, record.band.upper)]
         if record.band is not None else None,
@@ -122,6 +125,16 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         "lag": clock(lag[0], pack), "correlation": pack.add(np.stack(correlation, axis=1)),
         "white": float(1.96 / np.sqrt(max(count, 1))),
     }
+
+
+def visible(record: RecordOutcome) -> Array:
+    """Return the prediction (T, S, d) of the plain map, NaN where it is so far from measured and modelled values that
+    it would set the scale of the plot.
+    """
+    shown = np.concatenate([record.experiment.compared, record.modelled])
+    low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
+    room, baseline = ROOM * (high - low), np.asarray(record.baseline)
+    return np.where((baseline >= low - room) & (baseline <= high + room), baseline, np.nan)
 
 
 def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import write_text
-from pliant.identification import ModelSelection
+from pliant.selection import ModelSelection
 from pliant.validation.draw import moves_torque
 from pliant.validation.metrics import definitions
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, Shape, StudyOutcome
@@ -33,6 +33,7 @@ from pliant.view.rows import (
     not_shown,
     order_rows,
     parameter_row,
+    plain_maps,
     points_text,
     record_row,
     selection_rows,
@@ -116,15 +117,13 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
         "no_places": NO_PLACES if turns else "",
         "worst_record": worst_record(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {
-            "held_out": [row for f in outcome.fits for row in (
-                *(record_row(f, r) for r in f.records if r.role == "held_out"),
-                *(missing_row(f, m) for m in f.missing if m.role == "held_out"))],
-            "train": [record_row(f, r) for f, r in main if r.role == "train"] + [
-                missing_row(f, m) for f in outcome.fits for m in f.missing if m.role == "train"],
+            role: [row for f in outcome.fits for row in (
+                *(record_row(f, r) for r in f.records if r.role == role),
+                *(missing_row(f, m) for m in f.missing if m.role == role))] for role in ("held_out", "train")
         },
-        "details": [detail_row(f, r) for f, r in main], "detail_columns": DETAILS,
+        "details": [detail_row(f, r) for f in outcome.fits for r in f.records], "detail_columns": DETAILS,
         "seen": {r.name: points_text(r) for _, r in main},
-        "several": len(outcome.fits) > 1,
+        "several": len(outcome.fits) > 1, "plain_maps": plain_maps(outcome.fits),
         "fits": fit_table(outcome.fits, list(outcome.findings)),
         "band_json": script_json({
             f"{k}:{r.name}": band_sentence(f, r) for k, f in enumerate(outcome.fits) for r in f.records
@@ -173,7 +172,7 @@ def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
 
 
 def selection_block(selection: ModelSelection) -> dict[str, Any]:
-    """Return the stages of a model selection, and the reason for the chosen one."""
+    """Return the steps of a model selection, and the reason for the choice."""
     return {"reason": selection.reason, "rows": selection_rows(selection)}
 
 

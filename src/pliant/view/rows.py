@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,13 @@ from pliant.errors import InputError, PliantError
 from pliant.failures import NotComputed
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
-from pliant.identification.stepwise import ModelSelection
 from pliant.model import Model
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.selection import ModelSelection
 from pliant.simulation import modes
 from pliant.units import KIND_OF
-from pliant.validation.outcome import FitOutcome, RecordOutcome, Shape, StudyOutcome
+from pliant.validation.baseline import better_sentence
+from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
 WIDE = 1.959964  # standard errors to each side of a 95 % interval
@@ -53,6 +54,7 @@ def record_row(fit: FitOutcome, record: RecordOutcome) -> dict[str, Any]:
     off = 100 * (modelled / measured - 1) if measured and modelled else None
     return {
         "name": record.name, "fit": fit.title, "missing": "",
+        "plain": digits(sized(fit.baseline.records.get(record.name, {}), "rmse")[0] if fit.baseline else None),
         "notes": [*(n.sentence for n in fit.not_computed if n.record == record.name), *edge_notes(m)],
         "single": {k: digits(m.get(k)) for k in columns(SINGLE, turns=record.experiment.without_positions)},
         "pairs": {k: [digits(pairs[k].get(who)) for who in ("measured", "modelled")] for k in pairs},
@@ -109,7 +111,38 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
         missing = {m.record: m.sentence for m in f.missing}
         rows.append({"fit": f, "k": k, "cells": [cells.get(n) for n in names], "free": free,
                      "missing": [missing.get(n, "") for n in names]})
-    return {"names": [(n, role[n]) for n in names], "rows": rows}
+    plain = [plain_row(f.baseline, names, role) for f in fits if f.baseline]
+    return {"names": [(n, role[n]) for n in names], "rows": rows,
+            "plain": [row for k, row in enumerate(plain) if row not in plain[:k]]}
+
+
+def plain_row(baseline: Baseline, names: Sequence[str], role: Mapping[str, str]) -> dict[str, Any]:
+    """Return the row of a plain map in the table of fits: its error for each of the recordings `names`."""
+    cells = [(role[n], digits(m["rmse_percent_of_travel"]), digits(sized(m, "rmse")[0]))
+             if (m := baseline.records.get(n)) else None for n in names]
+    return {"title": baseline.title, "cells": cells, "coefficients": baseline.coefficients}
+
+
+def plain_maps(fits: Sequence[FitOutcome]) -> list[dict[str, Any]]:
+    """Return the title of each plain map, the fits with which it shares its training recordings, and sentences on it
+    and on the records that it predicts better than their models.
+    """
+    shown: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for f in (f for f in fits if f.baseline):
+        b: Any = f.baseline
+        key = (b.title, b.training_error, b.left_out_error)
+        error = "" if b.left_out_error is None else f"{digits(b.left_out_error)} {b.unit} on left-out training data, "
+        first = (f"RMS error {error}{digits(b.training_error)} {b.unit} in training; {b.coefficients} coefficients, "
+                 f"ridge {b.ridge:g}, {b.frames} training frames. Beyond the range of the training inputs it "
+                 f"{'holds its value at their edge' if b.held else 'extrapolates'}.")
+        entry = shown.setdefault(key, {"title": b.title, "fits": [], "lines": [first, *b.notes]})
+        entry["fits"].append(f.title)
+        entry["lines"] += [" ".join((f"{f.title}:", s, b.suggestion)).strip() for s in [better_sentence(f)] if s]
+        if b.explained:
+            parts = ", ".join(f"{name} {100 * value:.0f} %" for name, value in b.explained.items())
+            entry["lines"].append(f"{f.title}: fractions of the model's squared residual there, by what explains them "
+                                  f"(they overlap): {parts}.")
+    return [{**entry, "fits": ", ".join(entry["fits"])} for entry in shown.values()]
 
 
 def parameter_row(p: Parameter) -> dict[str, str]:
@@ -221,25 +254,18 @@ def plausible(m: Model) -> list[tuple[str, str]]:
 
 
 def selection_rows(selection: ModelSelection) -> list[dict[str, Any]]:
-    """Return the texts of the rows in the table of a model selection, one for each stage."""
-    titles = {s.stage.name: s.stage.title for s in selection.stages}
-    freed = {s.stage.name: set(s.freed) for s in selection.stages}
-    rows, before = [], ""
-    most = max(sum(e.values()) / len(e) for s in selection.stages for e in (s.train, s.held_out) if e)
-    for s in selection.stages:
-        means = [sum(e.values()) / len(e) if e else None for e in (s.train, s.held_out)]
-        errors = [digits(m) for m in means]
-        shares = [f"{100 * (m or 0.0) / most:.0f}%" for m in means]
-        added = [n for n in s.freed if n not in freed.get(s.stands_on, ())]
+    """Return the texts of the rows in the table of a model selection, one for each step."""
+    rows, free = [], set[str]()
+    most = max(max(s.train_percent, s.left_out_percent) for s in selection.steps)
+    for step in selection.steps:
         rows.append({
-            "title": s.stage.title, "chosen": s.stage.name == selection.chosen, "reason": s.reason,
-            "fitted": s.result is not None,
-            "stands_on": titles[s.stands_on] if s.result and s.stands_on not in ("", before) else "",
-            "adds": ", ".join(added) or "nothing", "free": str(len(s.freed)), "train": errors[0],
-            "train_share": shares[0], "held_share": shares[1],
-            "held_out": errors[1], "bic": digits(s.bic, 4), "fit": digits(s.seconds), "step": digits(s.step_ns),
+            "title": step.title, "chosen": step is selection.steps[-1], "free": str(len(step.free)),
+            "train": digits(step.train_percent), "train_share": f"{100 * step.train_percent / most:.0f}%",
+            "left_out": digits(step.left_out_percent), "left_share": f"{100 * step.left_out_percent / most:.0f}%",
+            "adds": ", ".join(n for n in step.free if n not in free) or "nothing",
+            "tried": [{"title": t.title, "reason": t.reason} for t in step.tried if t.cost is not None],
         })
-        before = s.stage.name
+        free = set(step.free)
     return rows
 
 

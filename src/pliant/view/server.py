@@ -204,7 +204,7 @@ class Server:
         self.address = f"http://{host}/{token}/"
         try:
             page = application(content, token, host)
-        except BaseException:
+        except BaseException:  # such as the log of a loop that is not there
             self.socket.close()
             raise
         config = uvicorn.Config(page, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1,

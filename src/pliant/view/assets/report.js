@@ -22,7 +22,7 @@
     const seen = data.records[name], made = data.fits[k].records[name];
     return {
       k, name, ...seen, role: made.role, t: Array.from(open(seen.time).flat), measured: open(seen.position),
-      modelled: open(made.position), chain: open(made.body), valve: open(made.pressure),
+      modelled: open(made.position), chain: open(made.body), valve: open(made.pressure), plain: open(made.plain),
       traces: seen.inputs.map((p) => ({ name: p.name, value: open(p.value) })),
       band: made.band?.map(open), share: made.level, lag: Array.from(open(made.lag).flat), correlation: open(made.correlation),
       white: made.white, grown: seen.grown && [open(seen.grown), open(data.fits[k].grown[name])], stationsOn: now?.name === name ? now.stationsOn : new Set(seen.shown),
@@ -81,6 +81,10 @@
     for (const s of on) {
       out.push({ label: `${r.stations[s]} modelled`, values: column(r.modelled, width * s + c), width: 1.6,
         colour: tone(r, s), tag: r.stations[s] });
+    }
+    for (const s of r.plain ? on : []) {
+      out.push({ label: `${r.stations[s]} plain map`, values: column(r.plain, width * s + c), width: 1.5,
+        colour: () => paint("accent"), dash: [1.5, 3] });
     }
     return { series: out, bands };
   }

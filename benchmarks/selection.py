@@ -1,0 +1,82 @@
+"""Choose the terms of models from training recordings, and print their errors on recordings not used in the choice.
+
+    python benchmarks/selection.py bodies [names]  # virtual actuators, default a b c 901 902 903 904
+    python benchmarks/selection.py arm             # the silicone arm, each pressure level left out
+
+Virtual actuators are trained on pulses of 60 and 180 kPa, and predict the pulse of 119 kPa and the step to 240 kPa. The
+recordings of the silicone arm come by `pliant data fetch`; its hand-made fits have the terms of
+examples/pneumatic_arm_pulses.toml, which were chosen with all levels in view.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from pliant.recording.netcdf import write_netcdf
+from pliant.study import Study, demo_study, load_study, run_study
+from pliant.study.schema import SelectionEntry
+from pliant.testbed import family_member, generate
+from pliant.validation.outcome import StudyOutcome
+
+ARM = Path(__file__).parents[1] / "examples" / "pneumatic_arm_pulses.toml"
+LEVELS = {"p100": ["p200", "p300", "p400"], "p200": ["p100", "p300"], "p300": ["p100", "p200", "p400"],
+          "p400": ["p100", "p200", "p300"]}  # fmt: skip
+PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
+
+
+def chosen(study: Study, train: list[str], held_out: list[str], common: dict[str, Any], **kept: Any) -> StudyOutcome:
+    """Return the results of a study in which only a model selection is left, and the fits in `kept`."""
+    entry = SelectionEntry.model_validate({"train": train, "held_out": held_out, "common": common, "minutes": 30})
+    return run_study(study.model_copy(update={"model_selection": entry, "forecasts": {}, "wiring": None, **kept}))
+
+
+def virtual(name: str, folder: Path) -> Study:
+    """Return the demo's study with new recordings of another virtual actuator."""
+    study, recordings, changes = load_study(demo_study()), {}, dict[str, Any]()
+    who = family_member(int(name)) if name.isdigit() else name
+    for record, entry in study.recordings.items():
+        write_netcdf(generate(record, who, seed=1).recording, folder / f"{record}.nc")
+        recordings[record] = entry.model_copy(update={"file": f"{record}.nc"})
+    if not isinstance(who, str):
+        known = who.known()
+        changes["actuator"] = study.actuator.model_copy(update={
+            "length": known["body_length"], "mass": known["body_mass"], "tip_mass": known["tip_mass"]})
+        changes["fibre"] = study.fibre.model_copy(update={
+            "body_length": known["body_length"], "cap_curvature": who.body.cap_curvature,
+            "cap_length": who.body.cap_length, "gauge_length": known["gauge_length"]})
+    return study.model_copy(update={"folder": str(folder), "recordings": recordings, **changes})
+
+
+def show(name: str, outcome: StudyOutcome, began: float) -> None:
+    """Print the chosen terms, and the errors of every fit on the held-out recordings."""
+    assert outcome.model_selection is not None
+    print(f"{name}: {', '.join(outcome.model_selection.terms) or 'no term'}; {time.process_time() - began:.0f} s CPU")
+    for fit in outcome.fits:
+        for r in (r for r in fit.records if r.role == "held_out"):
+            m = r.metrics
+            band = f", {m['within_band_percent']:.0f} % within its band" if r.band is not None else ""
+            print(f"  {fit.title[:40]:40} {r.name:10} {m['rmse_percent_of_travel']:6.2f} % of the peak displacement, "
+                  f"{m['rmse_percent_of_length']:5.2f} % of length{band}", flush=True)
+
+
+def main(what: str, names: list[str]) -> None:
+    """Choose models for the virtual actuators, or for the silicone arm."""
+    for name in names or ["a", "b", "c", "901", "902", "903", "904"] if what == "bodies" else ():
+        began = time.process_time()
+        with tempfile.TemporaryDirectory() as folder:
+            study = virtual(name, Path(folder))
+            linear = {"linear": study.fits["linear"]}
+            show(name, chosen(study, ["pulse_60", "pulse_180"], ["pulse_119", "step_240"], {}, fits=linear), began)
+    hand = {"p100": "together_below", "p200": "together_between", "p300": "together_within", "p400": "together_beyond"}
+    for held_out, train in LEVELS.items() if what == "arm" else ():
+        began, study = time.process_time(), load_study(ARM)
+        fits = {hand[held_out]: study.fits[hand[held_out]]}
+        show(held_out, chosen(study, train, [held_out], PLACES, fits=fits), began)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "bodies", sys.argv[2:])

@@ -1,0 +1,63 @@
+"""What decides: the error of each part of the training recordings as predicted from the other parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.identification.problem import Problem
+from pliant.identification.residuals import correlated_frames
+from pliant.selection.fitted import FittedModel
+from pliant.shapes import Float
+
+Array = np.ndarray
+RECORDINGS = 4  # from this number on, whole recordings are left out, else blocks of each
+MOST_BLOCKS, FEWEST_BLOCKS = 8, 4  # of each recording
+CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of the residual
+STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
+
+
+def groups_of(fit: FittedModel) -> Float[Array, " N"]:
+    """Return for each residual the number of the part of the recordings to which it belongs.
+
+    The parts are whole recordings if there are at least `RECORDINGS`. Otherwise they are blocks of each recording, at
+    most eight and at least four, as long as three correlation times of the residual where the recording allows.
+    """
+    problem = fit.problem
+    if len(problem.observed) >= RECORDINGS:
+        counts = [o.count for o in problem.observed]
+        return np.repeat(np.arange(len(counts)), counts)
+    groups, first = [], 0
+    for o, part in problem.parted(fit.residual):
+        frames = np.unique(o.rows).size
+        blocks = int(np.clip(frames / (CORRELATION_TIMES * correlated_frames(o, part)), FEWEST_BLOCKS, MOST_BLOCKS))
+        edges = np.linspace(o.exp.time[0], o.exp.time[-1], blocks + 1)[1:-1]
+        groups.append(first + np.searchsorted(edges, o.exp.time[o.rows]))
+        first += blocks
+    return np.concatenate(groups)
+
+
+def left_out(fit: FittedModel, groups: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Return the residuals (N,) of each group as predicted by the parameters that fit the other groups best.
+
+    The optimum without a group follows from one linear step: d = (H - J_k^T J_k)^-1 J_k^T r_k for the residuals r_k and
+    derivatives J_k of the group, with H of all recordings and priors (the infinitesimal jackknife: Giordano et al.,
+    AISTATS 2019; exact for a linear model). The step is held by a weak prior, whose standard deviation is the typical
+    size of each parameter: along combinations that the rest does not determine, a linear step would go astray.
+    """
+    r = fit.residual
+    noise = float(r @ r) / effective_numbers(fit.problem, r)
+    H = fit.information + noise * np.eye(fit.x.size)  # parameters are in units of their typical size
+    size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    predicted = r.copy()
+    for group in np.unique(groups):
+        mine = groups == group
+        J = fit.jacobian[mine] / size
+        rest = H / np.outer(size, size) - J.T @ J
+        moves = np.linalg.lstsq(rest, J.T @ r[mine], rcond=STIFFEST)[0]
+        predicted[mine] += J @ moves
+    return predicted
+
+
+def effective_numbers(problem: Problem, residual: Array) -> float:
+    """Return the effective number of independent residuals, of correlated ones (N,)."""
+    return float(sum(part.size / correlated_frames(o, part) for o, part in problem.parted(residual)))

@@ -1,0 +1,242 @@
+"""The terms that a search may add to a model: each with its parameters, and the values at which it has no effect."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.identification.chamber_parameters import has_effect, prefixes
+from pliant.identification.experiment import Experiment
+from pliant.identification.parameters import Parameter
+from pliant.identification.torque_start import grown, highest_level
+from pliant.mechanics import mechanics_of
+from pliant.model import Chamber, Extension, Model, Tendon
+
+NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
+GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
+TERMS = {  # the names of all terms, and what they add
+    "joints": "stiffness of each joint",
+    "softening": "springs that soften or stiffen, within a bound",
+    "cubic": "springs that stiffen with the square of the bend",
+    "directions": "another stiffness about y, in space",
+    "creep": "creep",
+    "creep_2": "a second creep branch",
+    "slip": "internal friction",
+    "torque_2": "curvature of the torque law",
+    "torque_3": "odd cubic torque law",
+    "swell": "a late part of the torque",
+    "wall": "a hyperelastic wall",
+    "bounded_wall": "a bound of the wall's stretch",
+    "lag": "lag of the input",
+    "vent": "a limited rate of the falling pressure",
+    "settle": "late settling of the input",
+    "clock": "offset of the input's clock",
+    "base": "error of the base tangent",
+    "lengthening": "a body that lengthens",
+}
+
+
+class Term(NamedTuple):
+    """A term that a search may add to a model.
+
+    Attributes
+    ----------
+    name, title : str
+        The name is one of `TERMS`, for a term of one chamber with the chamber's name and a dot before it.
+    adds : tuple of Parameter
+        The parameters of the term. Their values are the start of a fit.
+    null : mapping
+        Values (SI) at which the term has no effect, by parameter; the derivatives are taken there. Parameters without
+        an entry keep the value of `grid` or of `adds`. Of a term that replaces a parameter: factors on its value.
+        Empty for a law that has no derivative where it has no effect, such as a limited rate: it is tried as it is.
+    grid : tuple of mappings
+        Values of the parameters that have no effect of their own there, such as times: each is tried.
+    replaces : tuple of str
+        Parameters that the term's parameters replace.
+    group : str
+        Alternatives have the same group: a model has one of them at most.
+    needs : str
+        Name of a term without which this one has no meaning.
+    extension : Extension or None
+        Segment that the model needs for this term, so that its body lengthens.
+    """
+
+    name: str
+    title: str
+    adds: tuple[Parameter, ...]
+    null: Mapping[str, float]
+    grid: tuple[Mapping[str, float], ...] = ({},)
+    replaces: tuple[str, ...] = ()
+    group: str = ""
+    needs: str = ""
+    extension: Extension | None = None
+
+    def model(self, model: Model) -> Model:
+        """Return the model, with the segment that lengthens if the term needs one."""
+        return model if self.extension is None else model.with_(extensions=(self.extension,))
+
+    def at_null(self, row: Mapping[str, float], values: Mapping[str, float]) -> list[Parameter]:
+        """Return the term's parameters where it has no effect on a model with the parameter `values` (SI), for one row
+        of the grid. Those with an entry in `null` are free, the others are held.
+        """
+        factor = values[self.replaces[0]] if self.replaces else 1.0
+        null = {name: factor * value for name, value in self.null.items()}
+        return [p.with_(value=null.get(p.name, row.get(p.name, p.value)), free=p.name in null) for p in self.adds]
+
+    def begun(self, row: Mapping[str, float], values: Mapping[str, float]) -> list[Parameter]:
+        """Return the term's parameters as the start of a fit: at the `values` (SI) that a screen proposes, else at one
+        row of the grid, else at their own.
+        """
+        now = {**{p.name: p.value for p in self.adds}, **row, **values}
+        return [p if (v := now[p.name]) is None else p.with_(value=float(np.clip(v, p.lower, p.upper)))
+                for p in self.adds]
+
+
+def term(name: str, owner: str, adds: Sequence[Parameter], null: Mapping[str, float], **options: Any) -> Term:
+    """Return a term of the model, or of the chamber `owner`, with the title of `TERMS`."""
+    title = TERMS[name] + (f" of {owner.rstrip('.')}" if owner else "")
+    return Term(owner + name, title, tuple(adds), null, **options)
+
+
+def held(name: str, value: float) -> Parameter:
+    """Return a parameter that is held constant (SI)."""
+    return Parameter(name, value, free=False)
+
+
+def known_term(name: str) -> str:
+    """Return the name of a term. The name of a chamber before its dot is not checked.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no term.
+    """
+    if name.rpartition(".")[2] not in TERMS:
+        raise ValueError(f"is no term: {name!r}; choose from {', '.join(TERMS)}")
+    return name
+
+
+def terms_for(
+    model: Model, experiments: Sequence[Experiment], *, only: Sequence[str] = (), without: Sequence[str] = (),
+) -> tuple[Term, ...]:
+    """Return the terms that may be added to a model for these recordings, in plane or space, for chambers and tendons.
+
+    Parameters
+    ----------
+    model : Model
+        The model with which a search begins: its chambers, tendons, segments and space decide which terms exist.
+    experiments : sequence of Experiment
+        Training recordings.
+    only, without : sequences of str
+        Names of `TERMS`: the only terms to return (default: all), and terms to leave out. The name of a chamber's term,
+        such as "torque_2", means all chambers, "left.torque_2" one of them.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    try:
+        for name in (*only, *without):
+            known_term(name)
+    except ValueError as error:
+        raise InputError(f"a name {error}") from None
+
+    def named(one: Term, names: Sequence[str]) -> bool:
+        return one.name in names or one.name.rpartition(".")[2] in names
+
+    every = (*springs(model), *relaxation(), *inputs(model, experiments), *places(model, experiments),
+             *lengthening(model, experiments))  # fmt: skip
+    return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
+
+
+def springs(model: Model) -> Iterator[Term]:
+    """Yield the terms of the joints' springs. Laws that lose all stiffness at a large bend are not among them."""
+    bound = held("stiffening_bound", 0.75)
+    yield term("softening", "", [Parameter("stiffening", 0.0), bound], {"stiffening": 0.0})
+    yield term("cubic", "", [Parameter("cubic_stiffening", 0.05, lower=0.0)], {"cubic_stiffening": 0.0})
+    if model.n > 1:
+        names = [f"stiffness_{i + 1}" for i in range(model.n)]
+        ratio = model.stiffness / model.stiffness.mean()
+        yield term("joints", "", [Parameter(n, shrink=0.3) for n in names],
+                   {n: float(r) for n, r in zip(names, ratio, strict=True)}, replaces=("stiffness",))
+    if model.space is not None:
+        yield term("directions", "", [Parameter("stiffness_ratio", 1.0)],
+                   {"stiffness_ratio": model.space.stiffness_ratio})
+
+
+def relaxation() -> Iterator[Term]:
+    """Yield creep of the joints, with one branch and a second one, and friction."""
+    yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
+    yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
+    yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
+
+
+def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:
+    """Return a term of a fraction `share` without effect at 0, and an inner time or angle that is tried on a grid."""
+    return term(name, owner, [Parameter(share, 0.1), Parameter(inner, grid[0])], {share: NO_SHARE},
+                grid=tuple({inner: v} for v in grid), **options)
+
+
+def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
+    """Yield the terms of the inputs: torque laws of chambers, lags of valves, offset of the clock."""
+    driven = [e for e in experiments if e.excitation != "release"]
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True) if driven else ():
+        if not isinstance(chamber, Tendon):
+            yield from torque_laws(start, chamber, highest_level(driven))
+    if all(e.poses for e in driven):
+        return
+    slow = [start for start, c in zip(prefixes(model), model.chambers, strict=True) if has_effect("valve_rise_time", c)]
+    for start in dict.fromkeys(["", *slow] if slow else []):  # a common lag, and one of each chamber
+        names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
+        yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
+    if slow:
+        if any(p.excitation == "pulse" for p in driven):
+            yield term("vent", "", [Parameter("valve_fall_rate", 1e5)], {},
+                       grid=tuple({"valve_fall_rate": v} for v in (3e4, 1e5, 1e6)))
+        yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
+    if any(e.excitation == "trace" for e in driven):
+        yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
+
+
+def torque_laws(start: str, chamber: Chamber, highest: float) -> Iterator[Term]:
+    """Yield the terms of one pressure chamber's torque law, for recordings up to the pressure `highest` [Pa]; `start`
+    is the prefix of its parameters.
+    """
+    group = f"{start}torque"
+    if chamber.torque.size < 2 or not chamber.torque[1:].any():
+        for name in ("torque_2", "torque_3"):
+            yield term(name, start, [Parameter(start + name, 0.0)], {start + name: 0.0}, group=group)
+        limit, time = f"{start}inflation_limit", f"{start}inflation_time"
+        yield term("wall", start, [Parameter(limit, 2.0 * highest), Parameter(time, 0.05)], {}, group=group,
+                   grid=tuple({limit: f * highest, time: t} for f in (1.5, 4.0) for t in (0.02, 0.2)))
+        yield term("bounded_wall", start, [Parameter(f"{start}inflation_jm", 20.0)], {}, needs=f"{start}wall",
+                   grid=tuple({f"{start}inflation_jm": v} for v in (20.0, 60.0)))
+    yield branch("swell", start, f"{start}swell_share", f"{start}swell_time", (0.1, 0.5, 2.0), needs=f"{start}torque_2")
+
+
+def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
+    """Yield the error of the base tangent, for recordings of positions."""
+    if all(e.without_positions for e in experiments):
+        return
+    now = {"base_angle": model.base_angle}
+    if model.space is not None:
+        now = dict(zip(("base_tilt_x", "base_tilt_y"), model.space.base_tilt[:2].tolist(), strict=True))
+    yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
+
+
+def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
+    """Yield a segment that lengthens under pressure, for a body of constant length in space, or in a plane if its
+    stations move apart by 1 %.
+    """
+    gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
+             if not isinstance(c, Tendon)]  # fmt: skip
+    apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
+    if mechanics_of(model).lengthens or not gains or not (model.space is not None or apart > GROWN):
+        return
+    yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
+                                   held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
+               extension=Extension(1000.0, 10.0))  # fmt: skip

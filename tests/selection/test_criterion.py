@@ -1,0 +1,110 @@
+"""Screens and left-out errors of linear problems, against explicit fits; of small chains, against refits."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.identification import Experiment
+from pliant.selection.criterion import FEWEST_BLOCKS, MOST_BLOCKS, RECORDINGS, groups_of, left_out
+from pliant.selection.fitted import FittedModel, percent_of
+from pliant.selection.screen import explained, within
+
+SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
+
+
+def linear(rng: np.random.Generator, frames: int = 60, free: int = 4) -> tuple[Any, np.ndarray, np.ndarray]:
+    """A linear least-squares problem y = A x at its optimum."""
+    A, y = rng.normal(size=(frames, free)) / SMALL, rng.normal(size=frames)
+    x = np.linalg.lstsq(A, y, rcond=None)[0]
+    part = SimpleNamespace(seen=np.ones((frames, 1, 1), bool))
+    problem = SimpleNamespace(parted=lambda r: [(part, r)], size=0.0, all_known=(np.zeros((0, free)), np.zeros(0)),
+                              free=[SimpleNamespace(name=f"p{k}") for k in range(free)])  # fmt: skip
+    return FittedModel(problem, x, A @ x - y, A), A, y
+
+
+def test_left_out_parts_are_predicted_as_by_a_fit_without_them(rng):
+    fit, A, y = linear(rng)
+    groups = np.repeat(np.arange(6), 10)
+    predicted = left_out(fit, groups)
+    for group in range(6):
+        mine = groups == group
+        x = np.linalg.lstsq(A[~mine], y[~mine], rcond=None)[0]
+        np.testing.assert_allclose(predicted[mine], A[mine] @ x - y[mine], atol=1e-5)
+
+
+def test_a_prior_counts_when_a_part_is_left_out(rng):
+    fit, A, y = linear(rng)
+    rows = np.eye(4)[:1] * 3.0 / SMALL
+    whole, aim = np.vstack([A, rows]), np.append(y, 0.6)
+    x = np.linalg.lstsq(whole, aim, rcond=None)[0]
+    fit.problem.size, fit.problem.all_known = 1.0, (rows, np.array([0.6]))
+    held = FittedModel(fit.problem, x, A @ x - y, A)
+    mine = np.arange(60) < 20
+    rest = np.append(~mine, True)
+    without = np.linalg.lstsq(whole[rest], aim[rest], rcond=None)[0]
+    predicted = left_out(held, mine.astype(int))
+    np.testing.assert_allclose(predicted[mine], A[mine] @ without - y[mine], atol=1e-5)
+
+
+def test_a_screen_predicts_the_cost_of_a_linear_fit_with_further_columns(rng):
+    fit, A, y = linear(rng)
+    more = rng.normal(size=(60, 2))
+    both = np.column_stack([A, more])
+    x = np.linalg.lstsq(both, y, rcond=None)[0]
+    cost, moves = explained(fit, (), more)
+    assert cost == pytest.approx(0.5 * np.sum((both @ x - y) ** 2), rel=1e-10)
+    np.testing.assert_allclose(moves, x[4:], rtol=1e-8)
+    fewer = np.column_stack([A[:, 1:], more])
+    end = np.linalg.lstsq(fewer, y - A[:, 0] * fit.x[0], rcond=None)[0]
+    cost, moves = explained(fit, ("p0",), more)
+    assert cost == pytest.approx(0.5 * np.sum((fewer @ end + A[:, 0] * fit.x[0] - y) ** 2), rel=1e-10)
+
+
+@pytest.mark.parametrize(("lower", "upper", "begin", "end", "part"), [
+    (-np.inf, np.inf, 0.0, 5.0, 1.0), (0.0, 1.0, 0.5, 2.5, 0.25), (0.0, 1.0, 0.0, -1.0, 0.0),
+    (1e-9, np.inf, 1.0, 13.0, 1 / 6), (1e-9, np.inf, 1.0, -1.0, 1 / 3),
+])  # fmt: skip
+def test_a_proposal_stays_within_bounds(lower, upper, begin, end, part):
+    assert within(SimpleNamespace(lower=lower, upper=upper), begin, end) == pytest.approx(part)
+
+
+def observed(name: str, frames: int) -> Any:
+    exp = SimpleNamespace(name=name, time=np.arange(frames) / 10.0, stations=("tip",), without_positions=False,
+                          travel=0.05)  # fmt: skip
+    rows = np.repeat(np.arange(frames), 2)
+    channel = np.tile([0, 1], frames)
+    return SimpleNamespace(exp=exp, rows=rows, station=0 * rows, channel=channel, count=rows.size, planar=True,
+                           flat_weight=np.full(rows.size, 20.0), seen=np.ones((frames, 1, 2), bool))  # fmt: skip
+
+
+@pytest.mark.parametrize("recordings", [1, RECORDINGS - 1, RECORDINGS])
+def test_few_recordings_are_left_out_by_blocks_and_several_whole(rng, recordings):
+    parts = [observed(f"r{k}", 80) for k in range(recordings)]
+    slow = np.repeat(np.sin(np.arange(80) / 5.0), 2)
+    residual = np.tile(slow, recordings) + 0.01 * rng.normal(size=160 * recordings)
+    problem = SimpleNamespace(observed=parts, parted=lambda r: list(zip(parts, np.split(r, recordings), strict=True)))
+    groups = groups_of(FittedModel(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
+    each = groups.reshape(recordings, 160)
+    if recordings >= RECORDINGS:
+        assert (each == np.arange(recordings)[:, None]).all()
+        return
+    for row in each:
+        assert FEWEST_BLOCKS <= np.unique(row).size <= MOST_BLOCKS
+        assert (np.diff(row) >= 0).all()
+    assert np.unique(groups).size == sum(np.unique(row).size for row in each)
+
+
+def test_percent_of_is_the_distance_in_parts_of_the_peak():
+    part = observed("r", 10)
+    residual = np.tile([3.0, 4.0], 10) * 20.0 * 0.05 / 100  # 3 and 4 % of the peak displacement
+    assert percent_of(part, residual) == pytest.approx(5.0)
+
+
+def test_experiments_have_what_the_criterion_reads():
+    path = np.random.default_rng(3).normal(size=(30, 1, 2))
+    exp = Experiment("x", np.arange(30) / 10, path, ("tip",), "step", level=1e4)
+    assert (exp.travel > 0, exp.without_positions, exp.stations) == (True, False, ("tip",))

@@ -1,0 +1,90 @@
+"""The search on data of a known structure, on a rod that is no chain, and on recordings that show nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.errors import FitError, InputError
+from pliant.identification import Experiment, Parameter, fit
+from pliant.model import Memory, Model, Station, chain_model
+from pliant.selection import select_model, terms_for
+from pliant.simulation import Trace, simulate
+
+TIMES = np.arange(0.0, 2.0, 0.02)
+NOISE = 2e-5  # m
+
+
+def chain(**changes) -> Model:
+    return chain_model(length=0.12, mass=0.03, links=2, stiffness=0.5, damping=3e-3, torque=[6e-7],
+                       stations=(Station("tip", 1, 0.06),)).with_(**changes)  # fmt: skip
+
+
+def seen(model: Model, name: str, level: float, seed: int) -> Experiment:
+    trace = Trace([0.1, 0.13, 1.0, 1.03], [0.0, level, level, 0.0])
+    path = simulate(model, trace, times=TIMES, time_step=5e-4)["station_position"].values
+    path = path + NOISE * np.random.default_rng(seed).normal(size=path.shape)
+    return Experiment(name, TIMES, path, ("tip",), "trace", trace)
+
+
+def two(model: Model, seed: int = 1) -> list[Experiment]:
+    return [seen(model, "low", 5e4, seed), seen(model, "high", 1e5, seed + 100)]
+
+
+GIVEN = chain(torque=np.zeros(1), stiffness=0.4)
+FEW = ("creep", "softening", "slip", "torque_2", "lag", "clock")
+
+
+def test_nothing_is_added_to_a_linear_chain_and_the_search_says_why():
+    told: list[str] = []
+    found = select_model(two(chain()), GIVEN, terms=terms_for(GIVEN, two(chain()), only=["softening", "torque_2"]),
+                         progress=told.append)
+    assert found.terms == ()
+    assert found.result.converged
+    assert found.result.values["stiffness"] == pytest.approx(0.5, rel=0.01)
+    (step,) = found.steps
+    assert {t.name for t in step.tried} == {"softening", "torque_2"}
+    assert all(t.reason for t in step.tried)
+    assert len(told) == 1
+
+
+@pytest.mark.slow
+def test_creep_is_found_with_its_time_among_other_terms():
+    creeping = chain(memory=Memory(creep_share=(0.2,), creep_time=(0.5,)))
+    found = select_model(two(creeping), GIVEN, terms=terms_for(GIVEN, two(creeping), only=FEW))
+    assert found.terms == ("creep",)
+    assert found.result.values["creep_share_1"] == pytest.approx(0.2, rel=0.05)
+    assert found.result.values["creep_time_1"] == pytest.approx(0.5, rel=0.05)
+    assert found.steps[-1].left_out_percent < 0.2 * found.steps[0].left_out_percent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_terms_that_are_not_there_are_not_added(seed):
+    soft = chain(stiffening=np.full(2, -0.4), stiffening_bound=np.full(2, 0.75))
+    found = select_model(two(soft, seed), GIVEN, terms=terms_for(GIVEN, two(soft, seed), only=FEW))
+    assert found.terms == ("softening",)
+
+
+def test_one_recording_is_enough():
+    found = select_model(two(chain())[:1], GIVEN, terms=terms_for(GIVEN, two(chain()), only=["torque_2"]))
+    assert found.terms == ()
+    assert list(found.steps[0].left_out) == ["low"]
+
+
+def test_common_parameters_replace_those_of_the_beginning():
+    found = select_model(two(chain()), GIVEN, common=[Parameter("stiffness", 0.5, free=False), "tip.along"], terms=[])
+    assert set(found.steps[0].free) == {"damping", "torque_1", "tip.along"}
+    alone = fit(two(chain()), GIVEN, [Parameter("stiffness", 0.5, free=False), "damping", "torque_1", "tip.along"])
+    assert found.result.values["damping"] == pytest.approx(alone.values["damping"], rel=1e-4)
+
+
+def test_bad_input_is_refused():
+    still = Experiment("still", TIMES, np.zeros((TIMES.size, 1, 2)) + 1e-6 * TIMES[:, None, None], ("tip",), "trace",
+                       Trace([0.0, 2.0], [0.0, 0.0]))
+    with pytest.raises((FitError, InputError), match=r"torque_1|pressure|show"):
+        select_model([still], GIVEN)
+    with pytest.raises(InputError, match="minutes"):
+        select_model(two(chain()), GIVEN, minutes=0.0)
+    with pytest.raises(TypeError, match="stages"):
+        select_model(two(chain()), GIVEN, stages=[])
